@@ -89,7 +89,10 @@ def convert(
         return
     if destination.suffix == PAIRS and layout is None:
         if options != ConvertOptions():
-            raise ConfigError(f"'{destination}' contains lossless pairs for a target: omit the options for bags")
+            raise ConfigError(
+                f"'{destination}' is a file of lossless pairs for a target board: omit the options that apply "
+                "only to bags"
+            )
         _convert_pairs(source, destination, remap, config, overwrite=overwrite)
         return
     opened, _ = open_as(source, remap, config)

@@ -75,7 +75,7 @@ def output_folder(
     """
     place = path.resolve()
     if any(place in (item.resolve(), *item.resolve().parents) for item in inputs):
-        raise OutputError(f"cannot write '{path}': it contains an input of this command")
+        raise OutputError(f"cannot write '{path}': it is or contains an input of this command; choose another name")
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         yield path
         return
@@ -83,7 +83,10 @@ def output_folder(
     if not overwrite:
         raise OutputError(f"cannot write '{path}': {what} exists; remove it, choose another name or give --overwrite")
     if path.is_dir() and not all(item.name in DATA_SET_NAMES or item.suffix in BAG_SUFFIXES for item in path.iterdir()):
-        raise OutputError(f"cannot write '{path}': {what} exists and contains more than a data set or a bag; remove it")
+        raise OutputError(
+            f"cannot write '{path}': the folder has files that belong to neither a data set nor a bag, so that "
+            "--overwrite does not replace it; choose another name"
+        )
     if not resumable:
         with atomic_path(path, any_folder=True) as temporary:
             yield temporary

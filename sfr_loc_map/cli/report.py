@@ -111,7 +111,10 @@ def report(
             _compare_suites(results, output, json_path)
             return
         if json_path is not None:
-            raise ConfigError(f"'--json {json_path}': trajectories are drawn: sfr score EST TRUTH --json gives figures")
+            raise ConfigError(
+                f"'--json {json_path}' requires scores, but trajectories were given: omit it, or compute figures with "
+                "sfr score EST TRUTH --json"
+            )
         config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
         _draw(results, truth, config, output)
         return
@@ -131,7 +134,10 @@ def report(
     scores = each_by_its_limits(read)
     if is_test:
         if output is not None:
-            raise ConfigError(f"'-o {output}' is the page: omit it beside '--test-report', '--junit', '--control'")
+            raise ConfigError(
+                f"'-o {output}' writes the comparison page, which is not written with --test-report, --junit or "
+                "--control: omit -o"
+            )
         common = common_verdict(scores)
         _write_test_report(scores, test_report, (title, number, issue), junit, common.text, evidence or ())
         if control is not None:
@@ -273,7 +279,9 @@ def _draw(paths: list[Path], truth: Path | None, config: AlignedErrorConfig, pag
 
     for path in paths:
         if path.suffix == ".json":
-            raise ConfigError(f"'{path}' is a score beside other results: give scores alone, or trajectories alone")
+            raise ConfigError(
+                f"'{path}' is a score, but other arguments are trajectories: give only scores or only trajectories"
+            )
     if page is None or page.suffix not in HTML_SUFFIXES:
         raise ConfigError("trajectories are drawn on a page: give -o PAGE.html")
     poses, true_poses = load_trajectories(paths, truth)

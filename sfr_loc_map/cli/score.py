@@ -270,7 +270,10 @@ def _measured_on(inputs: ScoreInputs, target: str | None, timing: Path | None, r
     if timing is not None:
         inputs = replace(inputs, target=timing, target_about=None, target_name=target or "")
     if run is not None and inputs.target is None:
-        raise ConfigError("'--target-run' names the run of the target's times: give --target and --target-timing")
+        raise ConfigError(
+            "'--target-run' states the run to which the times of --target-timing belong: give --target and "
+            "--target-timing, too"
+        )
     return replace(inputs, target_run=run)
 
 
@@ -346,7 +349,8 @@ def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *
             say(diagnosis.found.sentence)
             if diagnosis.found.setting:
                 say(f"sfr score ... --convention {diagnosis.found.setting} corrects it")
-        raise FailedVerdictError(f"estimate and truth contradict each other by convention: {diagnosis.found.mismatch}")
+        advice = f": score again with --convention {diagnosis.found.setting}" if diagnosis.found.setting else ""
+        raise FailedVerdictError(f"estimate and truth use different conventions ({diagnosis.found.mismatch}){advice}")
     if diagnosis.disagreement is None:
         not_judged(
             [f"'{inputs.estimate}' and '{inputs.truth}' have fewer than {MIN_POSES} stamps in common"], lenient=lenient

@@ -83,7 +83,7 @@ def simulate(
         try:
             count = run(config, place, workers, lambda done, total: bar.update(task, completed=done, total=total))
         except KeyboardInterrupt:
-            text = f"interrupted: the images so far stay in '{place}'; the same command continues"
+            text = f"interrupted: the finished images are in '{place}'; repeat the command to render the others"
             raise InterruptedRunError(text) from None
     say(f"{count} pairs: {out}", err=True)
     propose(

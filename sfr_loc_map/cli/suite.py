@@ -181,7 +181,9 @@ def search(
         say(one_line(f"skipped: {result.named(point)}: {reason}"), err=True)
     say(f"report: {store.folder / 'search.html'}", err=True)
     if result.found.fails:
-        raise FailedVerdictError(f"the worst case is {result.case.ratio:.3g} times the limit: {store.folder / CASE}")
+        raise FailedVerdictError(
+            f"the worst case is {result.case.ratio:.3g} times the limit; its scenario is in '{store.folder / CASE}'"
+        )
 
 
 @app.command(epilog=examples("sfr suite report runs/today --json summary.json"))
@@ -236,7 +238,11 @@ def plan(
             raise ConfigError(problem)
         counts = [count_without_runs(terms)]
     elif given:
-        raise ConfigError(f"'--{next(iter(given))}' and a suite: the limits of the suite define it; omit one of them")
+        raise ConfigError(
+            f"'--{next(iter(given))}' cannot be given with a suite, because the limits of the suite define it: "
+            "omit the "
+            "option or the suite"
+        )
     else:
         store = _open_store(folder)
         counts = list(drive_counts(summarise(store).drives, store.limits))

@@ -85,7 +85,7 @@ class Trajectory(Shown):
     def pose(self, index: int) -> Transform:
         """Return `T_ds_rb` of one pose; GeometryError if the attitude is unknown."""
         if not self.quats_xyzw[index].any():
-            raise GeometryError("the truth has only positions, no poses: start at the identity")
+            raise GeometryError("the truth has only positions, no attitudes: use --start identity")
         return Transform.from_quat(self.positions[index], self.quats_xyzw[index])
 
     @classmethod

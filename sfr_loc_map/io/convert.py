@@ -97,7 +97,10 @@ def _writer(path: Path, source: Source, options: ConvertOptions) -> AbstractCont
     if storage is not None:
         raise OutputError(f"'{path.name}' is the name of a bag: '--to {layout}' writes a folder")
     if replace(options, layout=None) != EXACT:
-        raise OutputError(f"'{path.name}' is a data set folder, which is exact: JPEG, zstd and grid apply only to bags")
+        raise OutputError(
+            f"'{path.name}' is a data set folder, which is always lossless: omit the options for JPEG, zstd and the "
+            "grid of the truth, which apply only to bags"
+        )
     if layout is Layout.KITTI:
         return KittiWriter(path)
     if layout is Layout.EUROC:

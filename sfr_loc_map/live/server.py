@@ -84,9 +84,12 @@ class LiveConfig:
         """Raise a ConfigError if a required token is missing, or if the token is too short."""
         token = self.token
         if not token and not _is_loopback(self.host):
-            raise ConfigError(f"'{self.host}' accepts other hosts: give --token, {MIN_TOKEN_LETTERS} letters or more")
+            raise ConfigError(
+                f"other hosts can open the page at '{self.host}': give --token with at least {MIN_TOKEN_LETTERS} "
+                "characters"
+            )
         if token and (len(token) < MIN_TOKEN_LETTERS or not token.isascii() or not token.isprintable()):
-            raise ConfigError(f"--token must have at least {MIN_TOKEN_LETTERS} printable ASCII letters")
+            raise ConfigError(f"--token must have at least {MIN_TOKEN_LETTERS} printable ASCII characters")
 
 
 class LiveServer:

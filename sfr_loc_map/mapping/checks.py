@@ -73,8 +73,9 @@ def check_matches(pair: StereoPair, disparity_map: DisparityMap, disparity_count
     fraction = disparity_map.measured_textured_fraction
     if fraction < MIN_MEASURED_FRACTION:
         raise MappingError(
-            f"images of stamp {pair.stamp_ns} do not match: {100 * fraction:.0f} % of the textured pixels are "
-            f"measured, {100 * MIN_MEASURED_FRACTION:.0f} % are required; {_likely_cause(pair, disparity_count)}"
+            f"images of stamp {pair.stamp_ns} do not match: only {100 * fraction:.0f} % of the textured pixels "
+            f"could be matched, {100 * MIN_MEASURED_FRACTION:.0f} % are required; "
+            f"{_likely_cause(pair, disparity_count)}"
         )
 
 

@@ -283,5 +283,8 @@ def aligned_error_config(align: str | None, settings: Mapping[str, object]) -> A
     """Return the settings of APE and RPE, None without an alignment; a value of None selects the default."""
     given = {name: value for name, value in settings.items() if value is not None}
     if align is None and given:
-        raise ConfigError(f"{', '.join(given)}: only for APE and RPE: select the alignment none, origin, se3 or sim3")
+        raise ConfigError(
+            "settings of APE and RPE require an alignment: select none, origin, se3 or sim3, or omit "
+            f"{', '.join(given)}"
+        )
     return None if align is None else build(AlignedErrorConfig, {"align": align, **given}, origin="options")

@@ -496,7 +496,11 @@ def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Trans
     frames = associate(estimates.trajectory, truth, AssociationConfig())[0]
     known = np.flatnonzero(~estimates.lost[frames.estimate_rows])
     if not len(known):
-        raise MetricsError("no pose has a true pose to align the world frame with: check the stamps, or set world=ds")
+        raise MetricsError(
+            "no estimated pose has a true pose at its stamp, so that the world frame cannot be aligned: check "
+            "the stamps, "
+            "or set world=ds"
+        )
     first = int(known[0])
     true = Transform.from_quat(frames.true_position[first], frames.true_attitude[first])
     return true @ Transform.from_quat(frames.position[first], frames.attitude[first]).inverse()

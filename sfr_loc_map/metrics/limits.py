@@ -152,7 +152,7 @@ class Limit(Record, frozen=True, kw_only=True):
         if self.name not in PLACES[self.section]:
             raise ValueError(f"'{self.name}' is not a limit of the part '{self.section}'")
         if self.condition is not None and Condition.parse(self.condition).setting != self.condition:
-            raise ValueError(f"'{self.condition}' is not a condition in the form of a score")
+            raise ValueError(f"'{self.condition}' is not a condition as scores write it, such as distance=5")
 
     @property
     def limited(self) -> Limited:

@@ -247,9 +247,10 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
 
         plots = {plot.name: plot for _, plots in score_plots(self) for plot in plots}
         chosen = next(iter(plots), None) if name is None else name
+        if not plots:
+            raise ConfigError("this score has no plots")
         if chosen not in plots:
-            available = ", ".join(plots) or "none"
-            raise ConfigError(f"this score has no plot '{name or 'at all'}': available plots are {available}")
+            raise ConfigError(f"this score has no plot '{chosen}': give one of {', '.join(plots)}")
         return to_figure(plots[chosen])
 
     def __repr__(self) -> str:

@@ -39,7 +39,10 @@ class ReportFile:
             if path.is_file():
                 os.replace(path, _before(path))
         except OSError as error:
-            raise OutputError(f"cannot keep '{path}' of the previous run: {error.strerror}") from error
+            raise OutputError(
+                f"cannot rename the report '{path}' of the previous run: {error.strerror}; move it or choose "
+                "another name"
+            ) from error
 
     def save(self, text: str) -> Path:
         """Replace the report atomically; return its path."""

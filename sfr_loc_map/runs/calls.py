@@ -397,8 +397,8 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
     if wrong.any():
         number = int(np.argmax(wrong))
         raise InputError(
-            f"statistics '{path}' line {number + 2}: {name} is {values[number]:g}: "
-            f"{low:g} to {MAX_NUMBER:g}, or an empty field if not measured"
+            f"statistics '{path}' line {number + 2}: {name} is {values[number]:g}, but must be "
+            f"{low:g} to {MAX_NUMBER:g}, or empty if not measured"
         )
     return values
 

@@ -88,8 +88,7 @@ def check_dems(files: Sequence[Path]) -> None:
     """Raise ConfigError or MissingExtraError if elevation models with these names cannot be written."""
     for file in files:
         if file.suffix not in SUFFIXES:
-            names = ", ".join(f"*{suffix}" for suffix in SUFFIXES)
-            raise ConfigError(f"'--dem {file}': give a file {names}")
+            raise ConfigError(f"'--dem {file}': the name must end in {', '.join(SUFFIXES)}")
     if any(file.suffix in geotiff.SUFFIXES for file in files):
         geotiff.load_rasterio()
 

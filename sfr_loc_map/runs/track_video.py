@@ -33,7 +33,11 @@ def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
         code = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
         writer = cv2.VideoWriter(str(temporary), code, FRAMES_PER_SECOND, (rig.width, rig.height + STRIP))
         if not writer.isOpened():
-            raise OutputError(f"cannot write '{path}': this OpenCV has no encoder {CODECS[path.suffix]}")
+            other = next(suffix for suffix in CODECS if suffix != path.suffix)
+            raise OutputError(
+                f"cannot write '{path}': this OpenCV has no encoder {CODECS[path.suffix]}; choose a name that ends in "
+                f"{other}, or install the wheel opencv-python"
+            )
         count = 0
 
         def add(pair: StereoPair, estimate: PoseEstimate) -> None:

@@ -82,7 +82,10 @@ def limits_not_seen(score: Score, origin: str) -> str | None:
     limits = load_limits(path)
     given = (rules.limits, rules.minimum_count, rules.minimum_independent)
     if given != (limits.limits, limits.minimum_count, limits.minimum_independent):
-        raise InputError(f"{origin} contradicts itself: its limits differ from those in its limits file '{file.path}'")
+        raise InputError(
+            f"{origin} contradicts itself: its limits differ from those in its limits file '{file.path}'; score "
+            "the estimate again"
+        )
     return None
 
 

@@ -64,7 +64,7 @@ def run_suite(
             write_summary(summary, store)
     if interrupted:
         done = f"{summary.counts['done']} of {summary.tasks} tasks are done and reported"
-        raise InterruptedRunError(f"interrupted: {done}; the same command continues")
+        raise InterruptedRunError(f"interrupted: {done}; repeat the command to run the others")
     return summary
 
 

@@ -155,7 +155,7 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("convert", "{source}", "{out}/f", "--jpeg-quality", "90"), "JPEG.*to bags"),
         (("simulate", "{out}/f", "--from={source}", "--fault", "dropped:share=1,start=0"), "the faults drop all pairs"),
         (("score", "{out}/c.ply", "{tum}", "--align", "se3"), "omit it for a cloud"),
-        (("map", "{source}", "-o", "{out}/c.ply", "--dem", "x.jpg"), r"'--dem x.jpg': give a file \*.npz"),
+        (("map", "{source}", "-o", "{out}/c.ply", "--dem", "x.jpg"), r"'--dem x.jpg': the name must end in .npz"),
         (("report", "{tum}", "-o", "{out}/p.svg"), "html"),
         (("plot", "{tum}", "-o", "{out}/p.html"), "'sfr plot' was removed: use sfr report"),
         (("doctor", "{source}"), "use sfr info"),

@@ -145,7 +145,7 @@ def test_a_convention_mismatch_judges_nothing_and_is_a_finding_of_the_doctor(
     assert "Not judged: the estimate looks wrong" in page.read_text()
     found = sfr("score", estimate, truth, "--diagnose")
     assert found.code == ExitCode.FAILED
-    assert "contradict each other by convention" in found.err
+    assert "estimate and truth use different conventions" in found.err
     assert "the estimate looks wrong" in found.out
 
 

@@ -87,12 +87,12 @@ def test_a_folder_that_holds_something_else_stays(sfr: Sfr, made_once: MadeOnce,
     (place / "notes.txt").write_text("precious")
     result = sfr("convert", source, place, "--overwrite")
     assert result.code == 2
-    assert "contains more than a data set or a bag; remove it" in result.err
+    assert "files that belong to neither a data set nor a bag" in result.err
     assert (place / "notes.txt").read_text() == "precious"
     for destination in (place, place / "loc"):
         within = sfr("convert", place / "loc", destination, "--overwrite")
         assert within.code == 2
-        assert "it contains an input of this command" in within.err
+        assert "it is or contains an input of this command; choose another name" in within.err
 
 
 def test_no_input_is_overwritten(sfr: Sfr, made_once: MadeOnce, out: Path) -> None:

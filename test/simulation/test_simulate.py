@@ -112,7 +112,7 @@ def test_ctrl_c_ends_a_run_at_once_and_says_how_to_continue(tmp_path: Path) -> N
         workers = workers_at_work(process.pid, end)
         process.send_signal(signal.SIGINT)
         assert process.wait(30) == 130  # 0.2 s where nothing else runs
-        assert "the same command continues" in process.stderr.read().decode().splitlines()[-1]
+        assert "repeat the command to render the others" in process.stderr.read().decode().splitlines()[-1]
     assert not any(worker.is_running() for worker in workers)
 
 

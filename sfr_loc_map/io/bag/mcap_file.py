@@ -19,6 +19,7 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.metadata import ReaderMetadata, parse_qos
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import expansion_limit, parse_yaml
 from sfr_loc_map.io.bag.encoding import cdr_of_ros1, is_ros1, readable
 from sfr_loc_map.io.bag.files import MCAP_MAGIC, is_unfinished
@@ -283,7 +284,9 @@ def _scanned(file: BinaryIO, start: int, end: int, *, is_cut_off: bool) -> _Cont
             break
         if opcode == MESSAGE:
             if size < MESSAGE_HEAD.size:
-                raise ReaderError(f"the message at byte {offset} has {size} bytes")
+                raise ReaderError(
+                    f"the message at byte {offset} has {size} bytes, at least {MESSAGE_HEAD.size} are required"
+                )
             channel, _, time_ns, _ = MESSAGE_HEAD.unpack(_exactly(file, MESSAGE_HEAD.size))
             contents.count(channel, time_ns)
             place = begin + MESSAGE_HEAD.size
@@ -414,7 +417,7 @@ def _chunk_content(file: BinaryIO, offset: int) -> bytes:
 
 
 def _check_overlaps(chunks: Collection[Chunk]) -> None:
-    """Raise ReaderError if chunks that overlap in time, and so are held at the same time, are too large in total."""
+    """Raise InputError if chunks that overlap in time, and so are held at the same time, are too large in total."""
     edges = [(chunk.start_ns, chunk.size) for chunk in chunks]
     edges += [(chunk.end_ns, -chunk.size) for chunk in chunks]
     limit = max([2 * expansion_limit(0), *(chunk.size for chunk in chunks)])
@@ -422,7 +425,10 @@ def _check_overlaps(chunks: Collection[Chunk]) -> None:
     for _, size in sorted(edges):
         at_once += size
         if at_once > limit:
-            raise ReaderError(f"chunks that overlap in time exceed {limit} bytes in total")
+            raise InputError(
+                f"chunks that overlap in time need more than {limit} bytes of memory: sort the messages of the bag by "
+                "time, or record with smaller chunks"
+            )
 
 
 def _qos(metadata: bytes) -> list[Any]:

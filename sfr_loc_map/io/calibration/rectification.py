@@ -125,9 +125,11 @@ class StereoRectifier:
             )
             if fraction < MIN_VALID or not is_centred:
                 raise InputError(
-                    f"{name}/{side}: its R and P show raw pixels in {100.0 * fraction:.3g} % of the rectified image "
+                    f"{name}/{side}: with its R and P the raw image covers {100.0 * fraction:.3g} % of the "
+                    "rectified image "
                     f"(focal length {camera.p[0]:g} px, principal point ({camera.p[2]:g}, {camera.p[6]:g}) of "
-                    f"{camera.size[0]} x {camera.size[1]}): calibrate the pair, or give a calibration with other R, P"
+                    f"{camera.size[0]} x {camera.size[1]}): calibrate the pair again, or give a calibration "
+                    "whose R and P fit the images"
                 )
 
     def rectify(self, left: GreyImage, right: GreyImage) -> tuple[GreyImage, GreyImage]:

@@ -276,7 +276,7 @@ def _length(data: bytes, position: int, item: _Property) -> int:
         raise ValueError("its data is truncated within a list")
     length = int(np.frombuffer(data, item.length_kind, 1, position)[0])
     if not 0 <= length <= len(data):
-        raise ValueError(f"a list '{item.name}' has {length} values, which exceeds the file")
+        raise ValueError(f"a list '{item.name}' declares {length} values, more than the file can contain")
     return length
 
 

@@ -114,8 +114,8 @@ class _BagPairs:
         for topic in self._topics:
             if len(stamps[topic.name]) > 1 and not any(stamps[topic.name]):
                 raise InputError(
-                    f"bag '{self._bag.path}', '{topic.bag_name}': all stamps of the headers are 0: set sync.stamps to "
-                    "record in sfr.yaml to use the times of recording"
+                    f"bag '{self._bag.path}', '{topic.bag_name}': all header stamps are 0: set 'sync.stamps: record' "
+                    "in sfr.yaml, which uses the recording times"
                 )
             check_order(stamps[topic.name], f"bag '{self._bag.path}', '{topic.bag_name}'", strict=True)
         left, right = (stamps[self._sides[at].name] for at in (0, -1))
@@ -145,8 +145,8 @@ class _BagPairs:
                 stamp = next(order, None)
             if len(waiting) > LOOK_AHEAD:
                 raise InputError(
-                    f"bag '{self._bag.path}': messages of {self._rig_name} stamp {stamp} are more than {LOOK_AHEAD} "
-                    f"pairs apart; sort the bag by time"
+                    f"bag '{self._bag.path}': the messages of the {self._rig_name} pair of stamp {stamp} are more than "
+                    f"{LOOK_AHEAD} pairs apart in the bag; sort the bag by time"
                 )
 
     def _pair(self, stamp_ns: int, raw: Mapping[str, bytes], depth: SampleDepth) -> StereoPair:
@@ -169,7 +169,11 @@ class _BagPairs:
         if axis is None:
             return [image]
         if image.shape[axis] % 2:
-            raise InputError(f"bag '{self._bag.path}': images {image.shape} cannot be halved as {self._layout}")
+            raise InputError(
+                f"bag '{self._bag.path}': joint images ({self._layout}) of {image.shape[1]} x {image.shape[0]} "
+                "px cannot be "
+                "divided into equal halves: correct the layout or the images"
+            )
         return [np.ascontiguousarray(half) for half in np.split(image, 2, axis)]
 
 

@@ -52,7 +52,9 @@ class FolderNavSequence(ImageFiles):
         depth = self.sample_depth()
         for entry in self.entries:
             if entry.T_lm_navsb is None:
-                raise InputError(f"pair of stamp {entry.stamp_ns} has no pose in LM")
+                raise InputError(
+                    f"the pair of stamp {entry.stamp_ns} has no pose in LM: add the pose of this pair to pairs.csv"
+                )
             truth = None if entry.truth is None else _load_point_image(entry.truth, self.rig)
             yield PosedStereoPair(read_pair(entry, self.rig, depth), entry.T_lm_navsb, truth)
 

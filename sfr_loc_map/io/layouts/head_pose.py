@@ -20,7 +20,7 @@ from sfr_loc_map.io.source_config import FramesConfig
 from sfr_loc_map.io.tables.text_table import check_order
 from sfr_loc_map.message_types import JOINTS
 
-RECORD = "record it from before the first pair until after the last pair, at 1 Hz or more"
+RECORDING = "from before the first pair until after the last pair, at 1 Hz or more"
 
 
 def head_poses(
@@ -57,7 +57,8 @@ def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, 
         if rig is None or rig.text != whole_rig.text:
             by = "unknown" if rig is None else f"from {rig.text}"
             raise InputError(
-                f"{where}: the pose of the cameras is from {whole_rig.text} on /tf, but at stamp {stamp} {by}: {RECORD}"
+                f"{where}: the pose of the cameras is from {whole_rig.text} on /tf, but it is {by} at stamp "
+                f"{stamp}: record /tf {RECORDING}"
             )
     return [rig.T_rb_sb for rig in rigs if rig is not None]
 
@@ -80,7 +81,7 @@ def _by_joints(bag: Bag, camera_frame: str, stamps_ns: IntArray, config: FramesC
         known, values = (np.array(column) for column in zip(*angles[found[0]], strict=True))
         check_order(known, f"{where}, joint '{found[0]}'", strict=False)
         for stamp in stamps_ns[~covered(known, stamps_ns)]:
-            raise InputError(f"{where}: joint '{found[0]}' at stamp {stamp} is unknown: {RECORD}")
+            raise InputError(f"{where}: joint '{found[0]}' at stamp {stamp} is unknown: record it {RECORDING}")
         turns.append(np.interp(stamps_ns - known[0], known - known[0], np.unwrap(values)))
     place, turn = config.head_to_navsb_m, config.head_to_navsb_quat_xyzw
     if not any((*place, *turn)):

@@ -96,7 +96,7 @@ def seconds_text(stamp_ns: int) -> str:
 def parse_count(text: str) -> int:
     """Return a count in a header."""
     if not _COUNT.fullmatch(text):
-        raise ValueError(f"'{text[:40]}' is not a number of points, bytes or values")
+        raise ValueError(f"'{text[:40]}' is not a count: a whole number is required")
     return int(text)
 
 

@@ -215,7 +215,11 @@ def _stamps_of_frames(path: Path, numbers: IntArray, count: int) -> tuple[IntArr
     is_numbered = len(numbers) > 0 and int(numbers[-1]) + 1 != len(numbers)
     stamps_ns = read_times(times, None if is_numbered else count)
     if is_numbered and int(numbers.max()) >= len(stamps_ns):
-        raise InputError(f"'{times}' has {len(stamps_ns)} times, but a pose has frame {int(numbers.max())}")
+        raise InputError(
+            f"'{times}' has {len(stamps_ns)} times, but '{path}' has a pose of image {int(numbers.max())}: give "
+            "the times "
+            "of all images"
+        )
     return stamps_ns[numbers], str(times), False
 
 

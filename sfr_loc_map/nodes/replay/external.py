@@ -255,7 +255,11 @@ class ExternalMapper(ExternalNode):
         if self._in_lm:
             return points
         if stamp_ns not in self._poses:
-            raise InputError("no pair has the stamp of the cloud, so that its points cannot be transformed to LM")
+            raise InputError(
+                f"no pair has the stamp {stamp_ns} of the cloud, so that its points cannot be transformed to LM: "
+                "publish the "
+                "cloud with the stamp of its pair"
+            )
         return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
 
     def keep(self, message: PointCloud2, points: FloatArray) -> None:

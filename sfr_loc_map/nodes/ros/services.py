@@ -27,7 +27,7 @@ def call_service(
     client = node.create_client(kind, name)
     try:
         if not wait(client.service_is_ready, found_s):
-            raise NodeError(f"no node offers {name}: is it running?")
+            raise NodeError(f"service {name} is not available: start the node that offers it")
         future = client.call_async(request)
         if not wait(future.done, answer_s):
             raise NodeError(f"{name} did not answer within {answer_s:g} s")

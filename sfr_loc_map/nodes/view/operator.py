@@ -59,7 +59,7 @@ class NodeOperator:
             if not answer.success:
                 raise NodeError(f"{node}: {answer.message}")
             return f"{node}: {answer.message}"
-        raise InputError(f"'{node}' has no '{action}'")
+        raise InputError(f"node '{node}' does not offer the action '{action}'")
 
     def close(self) -> None:
         """Cancel pending calls, so that their threads end before the node is destroyed."""
@@ -72,5 +72,5 @@ class NodeOperator:
         deadline = time.monotonic() + seconds
         while not (is_met := condition()) and time.monotonic() < deadline:
             if self._closed.wait(POLL_S):
-                raise NodeError("the page has ended")
+                raise NodeError("the live page was closed before the call was completed")
         return is_met

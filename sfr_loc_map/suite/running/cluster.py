@@ -164,7 +164,8 @@ class SuiteWorkers:
         reason = self._reason(list(workers))
         if waited_s > self._wait_s:
             raise InputError(
-                f"{reason}: no worker joined in {self._wait_s:g} s; results so far are kept, the same command continues"
+                f"{reason}: no worker joined in {self._wait_s:g} s; finished results are kept; repeat the "
+                "command to run the others"
             )
         if waited_s > SAY_AFTER_S and reason != self._reported:
             self._reported = reason

@@ -103,7 +103,9 @@ def _replay(job: Job, path: Path, scratch: Path) -> Score:
         convert(faulty(open_source(path), _faults(job), job.fault_seed), scratch / "faulty")
         path = scratch / "faulty"
     if any(name.rpartition(".")[2] in METHOD_KEYS for name in job.parameters):
-        raise ConfigError("'method' of a configuration is for the tasks localise and map: a replay runs our nodes")
+        raise ConfigError(
+            "a replay always runs the suite's own nodes: omit 'method' in the configuration, or omit replay in 'tasks'"
+        )
     out = scratch / "replay"
     command = [sys.executable, "-P", "-m", "sfr_loc_map", "replay", str(path), "--out", str(out), "--start", job.start]
     if job.parameters:

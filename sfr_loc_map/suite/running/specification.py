@@ -119,7 +119,9 @@ def load_specification(path: Path) -> SuiteSpecification:
     if not sources:
         raise InputError(refusals[0].reason)
     if budget and (limits or lists["perturb"] or lists["tasks"] not in ([], ["localise"])):
-        raise ConfigError(f"{path}: a suite with 'budget' localises drives and has no 'limits' and no 'perturb'")
+        raise ConfigError(
+            f"{path}: 'budget' cannot be combined with 'limits' or 'perturb', and requires 'tasks: [localise]'"
+        )
     named = [Condition.parse(str(text)).setting for text in lists["conditions"] or ["distance=5"]]
     parsed = parse_limits(limits, f"{path}: limits") if limits else None
     named += () if parsed is None else parsed.conditions

@@ -95,8 +95,9 @@ def _error_source(name: str, value: object, origin: str) -> ErrorSource:
     keys = set(value) if isinstance(value, Mapping) else set()
     if not isinstance(value, Mapping) or keys not in ({"without"}, {"fault"}, {"fault", "sigma"}):
         raise ConfigError(
-            f"{origin} needs either 'without', the settings that disable it, or 'fault', and 'sigma' if the amount "
-            "is random"
+            f"{origin}: give either 'without' (the settings that switch this error off), or 'fault' (with "
+            "'sigma' if the "
+            "amount is random)"
         )
     if "without" in value:
         return ErrorSource(name, without=_settings(value["without"], origin))
@@ -107,7 +108,9 @@ def _error_source(name: str, value: object, origin: str) -> ErrorSource:
     is_positive = isinstance(sigma, int | float) and not isinstance(sigma, bool) and 0.0 < sigma < np.inf
     if not is_positive or not (info.is_signed or info.neutral):
         raise ConfigError(
-            f"{origin}: 'sigma' must be a positive number, and the amount of the fault must be a factor or signed"
+            f"{origin}: 'sigma' must be a positive number, and is allowed only for faults whose amount is a "
+            "factor or can be "
+            "negative"
         )
     return ErrorSource(name, fault=text, sigma=float(sigma))
 

@@ -173,7 +173,8 @@ def _check_host(store: Store, jobs: Sequence[Job]) -> None:
         if _is_open(store, job):
             failure = store.failure(job.key)
             raise InputError(
-                f"{failure.label}: {failure.cause}: {one_line(failure.message)}; the same command continues the search"
+                f"{failure.label}: {failure.cause}: {one_line(failure.message)}; repeat the command to continue "
+                "the search"
             )
 
 

@@ -160,7 +160,7 @@ def _parameter(name: str, value: object, base: Mapping[str, object], origin: str
         if set(value) != {"fault", "range"}:
             raise ConfigError(f"{origin} requires 'fault: KIND' and 'range: [LOW, HIGH]' of its amount")
         if not re.fullmatch(r"[\w .-]+", name):
-            raise ConfigError(f"{origin}: the name of a fault must be of letters, digits, spaces, points and dashes")
+            raise ConfigError(f"{origin}: the name may have only letters, digits, spaces, '_', '.' and '-'")
         low, high = _bounds(value["range"], origin)
         fault = str(value["fault"])
         kind: FaultKind = parse_fault(fault).kind

@@ -64,7 +64,7 @@ def test_a_rectification_that_shows_nothing_is_refused() -> None:
         roi = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
         rest = {"distortion_model": "plumb_bob", "roi": roi, "binning_x": 0, "binning_y": 0}
         infos.append(SimpleNamespace(width=200, height=160, **fields, **rest))
-    with pytest.raises(InputError, match="show raw pixels in 0 %"):
+    with pytest.raises(InputError, match="the raw image covers 0 % of the rectified image"):
         rectified_rig(infos, "loc")
 
 

@@ -133,7 +133,7 @@ REFUSED: dict[str, tuple[Callable[[], Recording], FramesConfig, str]] = {
     "after the frames": (
         lambda: frames_at(0, 400),
         PLACE,
-        "base_link to pancam_left_optical on /tf, but at stamp .* unk",
+        "base_link to pancam_left_optical on /tf, but it is unknown at stamp",
     ),
     "frames of another rover": (
         lambda: frames_at(0, 900),
