@@ -279,9 +279,16 @@ def at_place(row: Figure, place: Place) -> Figure:
 
 
 def stage_of(figure: str) -> str | None:
-    """Return NAME for a figure `stage_NAME_s`, the time of a stage of a call; None for other figures."""
+    """Return NAME for a figure `stage_NAME_s`, the time of a stage of a call; None for other figures.
+
+    The name is in quotes if a part of a row has another meaning by this name, such as `target` or `first call`.
+    """
     found = re.fullmatch(r"stage_(.+)_s", figure)
-    return None if found is None else found[1]
+    if found is None:
+        return None
+    name = found[1]
+    is_reserved = name in (FIRST, AFTER_FIRST) or RowPart.of(name) != RowPart(name)
+    return f"'{name}'" if is_reserved else name
 
 
 def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:

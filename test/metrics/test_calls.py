@@ -16,6 +16,7 @@ from sfr_loc_map.metrics.calls import (
     completeness_rows,
     score_calls,
     score_target,
+    stage_of,
     with_external,
 )
 from sfr_loc_map.metrics.catalogue import CALLS, MEMORY
@@ -23,6 +24,7 @@ from sfr_loc_map.metrics.completeness import calls_completeness
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore
+from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
 
 SIZE = 200 * 1024 * 1024
@@ -100,6 +102,15 @@ def test_localisation_mapping_and_fusion_are_told_apart() -> None:
     assert zeros.number("peak", part="localisation") == 5
     assert empty.number("peak", part="localisation") is None, "a peak of no bytes was not measured"
     assert unknown.calls.memory_method == METHOD_UNAVAILABLE
+
+
+@pytest.mark.parametrize("name", ["target", "target memory", "stated fusion", "localisation", "first call"])
+def test_a_stage_is_no_call_on_the_target_whatever_its_name(name: str) -> None:
+    """Names of stages come from files and nodes of users; a limit of the target must not find them."""
+    stage = stage_of(f"stage_{name}_s")
+    assert stage == f"'{name}'"
+    assert RowPart.of(stage) == RowPart(stage)
+    assert stage_of("stage_align_s") == "align"
 
 
 def test_a_stage_is_over_the_calls_that_had_it() -> None:
