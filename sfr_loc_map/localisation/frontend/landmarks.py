@@ -124,16 +124,14 @@ class Landmarks:
     def subset(self, kept: Mask) -> Landmarks:
         """Return the landmarks for which a mask `(M,)` is True."""
         rows = np.flatnonzero(kept)
-        planes = self.planes
-        estimates = self.estimates
-        hosts = planes.hosts.take(rows)
-        inverse_depth = planes.inverse_depth[rows]
-        rays = estimates.rays.take(rows, axis=0)
+        planes = self.planes.take(rows)
+        rays = self.estimates.rays.take(rows, axis=0)
+        covariance = self.estimates.covariance.take(rows, axis=0)
         return Landmarks(
             rows=self.rows[rows],
             host=self.host[rows],
-            planes=LocalPlanes(hosts, planes.uv.take(rows, axis=0), inverse_depth, planes.slopes.take(rows, axis=0)),
-            estimates=LandmarkEstimates(hosts, rays, inverse_depth, estimates.covariance.take(rows, axis=0)),
+            planes=planes,
+            estimates=LandmarkEstimates(planes.hosts, rays, planes.inverse_depth, covariance),
             patches=Patches(self.patches.hosted, self.patches.rows[rows]),
             last_seen=self.last_seen.take(rows, axis=0),
         )

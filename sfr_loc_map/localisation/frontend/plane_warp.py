@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
@@ -26,6 +27,11 @@ class LocalPlanes(NamedTuple):
     uv: FloatArray  #: `(N, 2)` host pixels.
     inverse_depth: FloatArray  #: `(N,)` at the host pixels, 1/m.
     slopes: FloatArray  #: `(N, 2)` derivatives of the inverse depth along u and v, 1/m per pixel.
+
+    def take(self, rows: NDArray[np.intp]) -> LocalPlanes:
+        """Return the planes of some rows."""
+        uv = self.uv.take(rows, axis=0)
+        return LocalPlanes(self.hosts.take(rows), uv, self.inverse_depth[rows], self.slopes.take(rows, axis=0))
 
 
 class LocalWarp(NamedTuple):

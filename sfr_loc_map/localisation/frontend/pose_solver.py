@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
@@ -50,12 +51,22 @@ class LandmarkEstimates(NamedTuple):
     inverse_depth: FloatArray  #: `(N,)` 1/m.
     covariance: FloatArray  #: `(N, 3, 3)` of host pixel and inverse depth, px and 1/m.
 
+    def take(self, rows: NDArray[np.intp]) -> LandmarkEstimates:
+        """Return the landmarks of some rows."""
+        rays = self.rays.take(rows, axis=0)
+        covariance = self.covariance.take(rows, axis=0)
+        return LandmarkEstimates(self.hosts.take(rows), rays, self.inverse_depth[rows], covariance)
+
 
 class StereoObservations(NamedTuple):
     """Observations of N landmarks in one pair."""
 
     uv: FloatArray  #: `(N, 4)` u, v left, u, v right, pixels; NaN where not observed.
     variance: FloatArray  #: `(N, 2, 3)` uu, uv, vv in the left and the right image, px^2.
+
+    def take(self, rows: NDArray[np.intp]) -> StereoObservations:
+        """Return the observations of some rows."""
+        return StereoObservations(self.uv.take(rows, axis=0), self.variance.take(rows, axis=0))
 
 
 class PoseSolution(NamedTuple):

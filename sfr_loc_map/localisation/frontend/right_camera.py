@@ -106,12 +106,7 @@ def _in_both_images(
     count = len(observations.uv)
     chosen = np.arange(0, count, max(1, count // ENOUGH_LANDMARKS))
     in_both = chosen[np.isfinite(observations.uv[chosen, 0] + observations.uv[chosen, 2])]
-    hosts = landmarks.hosts.take(in_both)
-    rays = landmarks.rays.take(in_both, axis=0)
-    covariance = landmarks.covariance.take(in_both, axis=0)
-    of_chosen = LandmarkEstimates(hosts, rays, landmarks.inverse_depth[in_both], covariance)
-    uv = observations.uv.take(in_both, axis=0)
-    return of_chosen, StereoObservations(uv, observations.variance.take(in_both, axis=0))
+    return landmarks.take(in_both), observations.take(in_both)
 
 
 def _step_equations(
