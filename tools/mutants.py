@@ -367,6 +367,8 @@ MUTATIONS = (
     # repeated poses, copies of true poses
     Mutation("metrics/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
     Mutation("metrics/copies.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),
+    Mutation("metrics/copies.py", "DRIFT_SHARE = 0.02", "DRIFT_SHARE = 0.01"),
+    Mutation("metrics/copies.py", "DRIFT_SHARE = 0.02", "DRIFT_SHARE = 0.03"),
     Mutation("metrics/copies.py", "EXACT_SHARE = 1e-5", "EXACT_SHARE = 1e-4"),
     Mutation("metrics/copies.py", "EXACT_SHARE = 1e-5", "EXACT_SHARE = 1e-6"),
     Mutation("metrics/copies.py", "ROUNDED_IN_A_ROW = 50", "ROUNDED_IN_A_ROW = 51"),

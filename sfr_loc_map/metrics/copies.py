@@ -15,12 +15,16 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.association import Frames
 from sfr_loc_map.metrics.completeness import share_of, share_rows
 from sfr_loc_map.metrics.table import Figure, figure_row
 
 NOISES = 5.0  #: Multiple of the scatter of the truth above which a true displacement is a motion.
 MOVING_SHARE = 0.1  #: Fraction of the typical or largest motion above which the rover moves.
+DRIFT_SHARE = 0.02
+"""Fraction of the typical true speed up to which a displacement is a drift of the tracking, not a motion. A stationary
+rover with a zero-velocity update repeats its pose while the truth drifts, for instance by 3 mm in 90 s."""
 EXACT_SHARE = 1e-5  #: Relative error of a step that no odometry reaches: 10 um per metre.
 RESOLUTIONS_M = (1e-3, 1e-4, 1e-5, 1e-6)  #: Resolutions of the positions of a file that are recognised, m.
 FINE_M = 1e-6  #: Resolution up to which rounding is smaller than the error of any estimate, m.
@@ -59,7 +63,8 @@ def repeats_pose(frames: Frames) -> Mask:
     """Return which poses `(F,)` equal the previous pose although the rover has moved since that pose first occurred.
 
     The motion must exceed the smallest step and half of the median step of the estimate, because the resolution of a
-    file and a slow start also repeat poses. The motion must also exceed `NOISES` times the scatter of the truth.
+    file and a slow start also repeat poses. The motion must also exceed `NOISES` times the scatter of the truth, and
+    the drift of the truth at `DRIFT_SHARE` of the typical speed.
     """
     count = len(frames.stamps_ns)
     is_same = np.zeros(count, np.bool_)
@@ -73,7 +78,18 @@ def repeats_pose(frames: Frames) -> Mask:
     least_m = NOISES * scatter_m(frames.true_position)
     if len(own_m):
         least_m = max(least_m, float(own_m.min()), 0.5 * float(np.median(own_m)))
-    return np.asarray(is_same & (moved_m > least_m))
+    since_s = (frames.stamps_ns - frames.stamps_ns[new]) / NS_PER_S
+    drift_m = DRIFT_SHARE * typical_speed(frames) * since_s
+    return np.asarray(is_same & (moved_m > np.maximum(least_m, drift_m)))
+
+
+def typical_speed(frames: Frames) -> float:
+    """Return the median true speed of the moving rover, m/s; 0 if the rover does not move."""
+    is_moving = moving_steps(frames.true_position)[1:]
+    steps_m = np.linalg.norm(np.diff(frames.true_position, axis=0), axis=1)
+    periods_s = np.diff(frames.stamps_ns) / NS_PER_S
+    speeds = steps_m[is_moving] / periods_s[is_moving]
+    return float(np.median(speeds)) if len(speeds) else 0.0
 
 
 def moving_steps(true_pos: FloatArray) -> Mask:

@@ -214,8 +214,10 @@ def united(parts: Sequence[CallStats]) -> CallStats:
     return CallStats(concatenated([part.calls for part in parts]), covariance, steps)
 
 
-def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) -> CallStats:
-    """Return one or more calls as columns."""
+def stats_of(
+    records: Sequence[CallRecord], method: MethodRecord | None = None, estimate: Trajectory | None = None
+) -> CallStats:
+    """Return one or more calls as columns, with the positions that the estimate of the same run has at their stamps."""
 
     def numbers(values: Iterable[float | None]) -> FloatArray:
         return np.array([np.nan if value is None else value for value in values], np.float64)
@@ -239,9 +241,18 @@ def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) 
     findings = findings_of([record.finding for record in records], calls.stamps_ns.tolist())
     taken = [numbers(record.statistics.get(name) for record in records) for name in TAKEN]
     about = (method, findings, _processes(taken, calls))
+    positions = None
+    if estimate is not None and len(estimate):
+        given = _positions_of(estimate)
+        positions = np.array([given.get(record.stamp_ns, [np.nan] * len(POSITION_NAMES)) for record in records])
     if all(item is None for item in (*covariances, *steps)):
-        return CallStats(calls, None, None, *about)
-    return CallStats(calls, rows(covariances, len(COVARIANCE_NAMES)), rows(steps, STEP_SIZE), *about)
+        return CallStats(calls, None, None, *about, positions)
+    return CallStats(calls, rows(covariances, len(COVARIANCE_NAMES)), rows(steps, STEP_SIZE), *about, positions)
+
+
+def _positions_of(estimate: Trajectory) -> dict[int, list[float]]:
+    """Return the positions of an estimate by stamp."""
+    return dict(zip(estimate.stamps_ns.tolist(), estimate.positions.tolist(), strict=True))
 
 
 def _processes(taken: Sequence[FloatArray], calls: Calls) -> ProcessUsage | None:
@@ -298,8 +309,7 @@ def save_stats(
 
     With an estimate each row has the estimated position.
     """
-    stamps_ns, positions = ([], []) if estimate is None else (estimate.stamps_ns.tolist(), estimate.positions.tolist())
-    given = dict(zip(stamps_ns, positions, strict=True))
+    given = {} if estimate is None else _positions_of(estimate)
     named: tuple[str, ...] = ()
     if method is not None:
         named = (method.name, *(getattr(method, field) or "" for field in METHOD_FIELDS))

@@ -42,7 +42,7 @@ def score_replay(
     `settings` are the settings of localiser and mapper that differ from the defaults. They are added to the settings of
     the score. The files that `save_replay` has written, the file of the limits and the command are for provenance.
     """
-    stats = [stats_of(result.records)] if result.records else []
+    stats = [stats_of(result.records, estimate=result.estimate)] if result.records else []
     inputs = ScoreInputs(limits=limits_file, command=command)
     how = AS_IT_IS if source.configuration is None else source_config(source.path, source.configuration)
     in_memory: dict[str, str] = {}

@@ -61,6 +61,17 @@ def test_a_pose_that_is_repeated_is_told_from_a_stop_a_slow_start_and_the_resolu
     assert repeats_pose(frames(stands, TRUE)).sum() == COUNT - 1
 
 
+def test_a_stop_with_a_drifting_truth_repeats_no_pose() -> None:
+    """4 cm/s at 10 Hz, and a stop of 10 s with a zero-velocity update while the tracking drifts by 0.6 mm/s."""
+    drives = 0.004 * np.arange(50)
+    after = drives[-1] + 0.004 * np.arange(1, 51)
+    drifts_m_s = np.array([0.0006, 0.001])
+    for drift_m_s, repeated in zip(drifts_m_s, (False, True), strict=True):
+        drift = np.concatenate((np.zeros(50), 0.1 * drift_m_s * np.arange(100), np.full(50, 10.0 * drift_m_s)))
+        estimate = np.concatenate((drives, np.full(100, drives[-1]), after))
+        assert repeats_pose(frames(along_x(estimate), along_x(estimate + drift))).any() == repeated
+
+
 def test_the_scatter_of_a_truth_is_that_of_its_noise() -> None:
     assert scatter_m(TRUE) == pytest.approx(0.0, abs=1e-12)
     assert scatter_m(TRUE[:2]) == 0.0

@@ -153,6 +153,20 @@ def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_pat
     assert any("the truth has 3 poses for 12 images" in text for text in score.warnings)
 
 
+def test_the_calls_of_a_replay_belong_to_its_estimate(tmp_path: Path) -> None:
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
+    truth, files = source.loc.ground_truth, ReplayFiles(tmp_path / "run")
+    estimate = Trajectory(truth.stamps_ns, 0.999 * truth.positions, truth.quats_xyzw)
+    calls = [CallRecord(int(stamp), 0.1, "tracking") for stamp in truth.stamps_ns]
+    result, config = CollectedRun(estimate, None, calls, ()), score_config(["frames=2"], {})
+    files.folder.mkdir()
+    save_replay(result, files)
+    score = score_replay(source, result, config, None, files=files)
+    assert not [text for text in score.warnings if "have no positions" in text]
+    inputs = replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,))
+    assert score.warnings == score_files(inputs, config).warnings
+
+
 @pytest.mark.parametrize("state", [None, "", "tracking"])
 def test_the_states_of_an_external_node_that_reports_none_are_unknown(tmp_path: Path, state: str | None) -> None:
     source = open_source(write_folder(tmp_path / "source", 12, 0))
