@@ -14,7 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "traceability.md"
 REPOSITORY = "../"
-NOT_SOFTWARE, PARTLY = "no software", ", not all of it"
+NOT_SOFTWARE, PARTLY = "no software", " (part of the clause is not tested)"
 
 
 @dataclass(frozen=True)
@@ -298,8 +298,8 @@ def page() -> str:
         "",
         *_wrapped(
             'Each numbered clause of "Clarification of performance metrics for SFR Breadboarding": what it asks, where '
-            "it is implemented, how it is read and why, which tests verify it and what of it none shows, and where the "
-            "report shows it. The page is made by "
+            "it is implemented, how it is read and why, which tests verify it and which part no test covers, and where "
+            "the report shows it. The page is made by "
             "`docs/_ext/traceability.py` (`make traceability`) from the markers of the tests; a test keeps it true."
         ),
         "",
