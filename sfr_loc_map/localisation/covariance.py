@@ -141,7 +141,7 @@ def pose_covariance(
     variance_px2 = sources.disparity_px**2 + calibration.yaw_sigma_px**2 + unsettled_px**2
     disparity = np.zeros((6, 6))
     disparity[:3, :3] = variance_px2 * np.outer(bias, bias) + np.outer(uncorrected, uncorrected)
-    # attitude error by an uncorrected yaw, which bends the path, and by the drift of the right camera
+    # attitude errors from an uncorrected yaw, which bends the path, and from the drift of the right camera
     bent_px = sources.bent_attitude_ratio * np.hypot(calibration.yaw_sigma_px, calibration.yaw.target_px)
     attitude_px = np.hypot(bent_px, sources.followed_attitude_ratio * calibration.followed_px)
     attitude = np.zeros((6, 6))

@@ -51,9 +51,9 @@ MIN_AGREEMENT = 0.3
 motion among many outliers is missed. If smaller, chance agreement of outliers counts as a motion and degrades good
 pairs."""
 CONVINCING = 0.6
-"""Fraction of the landmarks searched for from which the other motion is accepted without further tests. Chosen by
-hand above one half: the majority agrees. If smaller, slow motions near the main motion are accepted. If larger, more
-motions must also differ in their image motion."""
+"""Minimum fraction of the landmarks searched for that the other motion must explain to be accepted without further
+tests. Chosen by hand above one half: the majority agrees. If smaller, slow motions near the main motion are accepted.
+If larger, more motions must also differ in their image motion."""
 MIN_DIFFERENCE_PX = 1.0
 """Minimum image motion, px, between the poses of two different motions. Chosen by hand: ten times the usual residual of
 an inlier (0.1 px), because two estimates of one motion differ slightly. If larger, slow objects are missed."""
@@ -74,8 +74,8 @@ EXPECTED_WEIGHT = 1.5
 beside an object is attributed to the object. If smaller, an object with 1.5 times the landmarks of the ground outweighs
 it."""
 EXPECTED_RATIO = 0.5
-"""Maximum image motion from the expected pose to a motion that continues the previous motion, as a ratio to that
-from the expected pose to the other motion. If the two are equally far, neither continues the previous motion."""
+"""Maximum image motion from the expected pose to a motion that continues the previous motion, as a ratio to the image
+motion from the expected pose to the other motion. If the two are equally far, neither continues the previous motion."""
 MIN_COVERED = 0.5  #: Minimum fraction of the cells in doubt that inliers must cover: the majority.
 CLEAR_RATIO = 1.4
 """Minimum ratio of the weights, or of the numbers of inliers, for one of two solutions to be clearly better. Chosen by

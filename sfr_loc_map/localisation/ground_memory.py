@@ -53,15 +53,15 @@ MAX_TRANSFERS = 10
 a longer sequence has another cause. If larger, an object that covers much of the image prevents keyframes for longer.
 If smaller, a longer fault counts as two motions."""
 MIN_UNEXPLAINED = 0.12
-"""Excess of the fraction of unexplained landmarks over the typical fraction, from which a motion is unusual. Chosen by
+"""Minimum excess of the fraction of unexplained landmarks over the typical fraction for an unusual motion. Chosen by
 hand. If larger, small objects and stale parts bias the pose without a report. If smaller, clean pairs with many
 outliers are degraded."""
 AFTER_TRANSFER = 0.5  #: Factor on `MIN_UNEXPLAINED` after a partial transfer: the next pair may be affected, too.
 MOSTLY_STALE = 0.5  #: Fraction of stale rows from which all rows of the next images may be stale.
 MAX_MOVING = MIN_UNEXPLAINED
-"""Fraction of cells that are excluded because they move, from which a pair does not confirm the ground's motion. It is
-equal to `MIN_UNEXPLAINED`, because landmarks of these cells would be unexplained. If larger, doubt ends while
-a large object is in view. If smaller, doubt lasts while a small object is in view."""
+"""A pair with at least this fraction of cells excluded as moving does not confirm the ground's motion. It is equal to
+`MIN_UNEXPLAINED`, because landmarks of these cells would be unexplained. If larger, doubt ends while a large object is
+in view. If smaller, doubt lasts while a small object is in view."""
 MAX_UNEXPLAINED = 0.47
 """Fraction of unexplained landmarks from which a motion is always unusual. Chosen by hand, slightly below the half from
 which the majority does not follow the motion. If smaller, pairs with large objects are ambiguous more often."""

@@ -30,8 +30,8 @@ SLACK: Final = MotionSize(1.0, 1.0)
 maximum speed and turn rate, these values correspond to errors of the stamps of 20 ms and 170 ms. If larger, wrong
 poses near the last pose are accepted."""
 MAX_ADJUSTMENT: Final = MotionSize(1.0, 1.0)
-"""Displacement of the newest pose by a bundle adjustment, m and rad, above which the adjustment has diverged. Chosen by
-hand, far above the usual displacement of millimetres, or of centimetres with a correction of the yaw."""
+"""A bundle adjustment has diverged if it displaces the newest pose by more than this, m and rad. Chosen by hand, far
+above the usual displacement of millimetres, or of centimetres with a correction of the yaw."""
 
 MIN_CONTRAST: Final = 1.0
 """Minimum standard deviation of the grey levels of a textured image at full resolution. Rounding to whole grey levels
@@ -40,12 +40,12 @@ MIN_STEREO_FRACTION: Final = 0.3
 """Fraction of inliers observed in both images up to which a pair is one-sided. Landmarks are triangulated from both
 images, so that both images of a good pair show most landmarks."""
 MAX_SHEAR: Final = 7.0
-"""Squared shear of the rows over its variance, per degree of freedom, above which the rows were exposed at different
-times. The ratio is at most 6.4 on clean drives and 7 to 250 for a shear of 1 px, so that some shears of 1 px are not
+"""Maximum ratio of the squared shear of the rows to its variance, per degree of freedom, for rows exposed at one time.
+The ratio is at most 6.4 on clean drives and 7 to 250 for a shear of 1 px, so that some shears of 1 px are not
 reported."""
 MAX_MEAN_SHEAR: Final = 1.4
-"""Mean of this ratio above which the rows were exposed at different times. The mean is at most 1.3 on clean drives and
-2 to 5 for a shear of 0.3 px."""
+"""Maximum mean of this ratio for rows exposed at one time. The mean is at most 1.3 on clean drives and 2 to 5 for a
+shear of 0.3 px."""
 FIRST_SHEAR_GAIN: Final = 0.2
 """Initial gain g of the running mean. Each pair changes the gain to g / (1 + g), so that the initial mean has the
 weight of five pairs."""

@@ -43,7 +43,7 @@ class History(NamedTuple):
         """Return the pose at a stamp, and the time between the returned pose and the stamp, s.
 
         The stamp must not be later than the last pose. The pose is interpolated between two pairs if the earlier pose
-        was not lost, and the errors are those of the later pair. Otherwise the nearest pose is returned.
+        was known, and the errors are those of the later pair. Otherwise the nearest pose is returned.
         """
         after = bisect_left(self.poses, stamp_ns, key=lambda pose: pose.stamp_ns)
         later = self.poses[after]

@@ -32,8 +32,9 @@ KEYFRAME_FLOW = 0.05
 """Median optical flow since the last keyframe that triggers a new keyframe, as a fraction of the image width. A value
 of 0.08 changes the errors by a few percent (measurements/localiser_trials.md)."""
 KEYFRAME_INLIER_RATIO = 0.65
-"""Ratio of inliers to the landmarks of the last keyframe below which a new keyframe is made. Chosen by hand. If larger,
-more pairs become keyframes, and the errors of keyframes accumulate. If smaller, tracking is lost more easily."""
+"""Minimum ratio of inliers to the landmarks of the last keyframe; a new keyframe is made if it is smaller. Chosen by
+hand. If larger, more pairs become keyframes, and the errors of keyframes accumulate. If smaller, tracking is lost more
+easily."""
 ADJUSTMENT_ITERATIONS = 2
 """Gauss-Newton iterations per keyframe; the next keyframe continues from the result. With one iteration, the
 attitude error was 5 % and 12 % larger on two drives (measurements/localiser_trials.md, "Landmarks eliminated by

@@ -30,10 +30,10 @@ class LocatedCovariance(NamedTuple):
 
 
 class DisparityBias(NamedTuple):
-    """Position errors `(3,)` by disparity errors, integrated along the path."""
+    """Position errors `(3,)` that disparity errors cause, integrated along the path."""
 
     total: FloatArray  #: Position error per pixel of a constant disparity error, m/px.
-    corrected: FloatArray  #: Position change by the yaw correction that was applied at each step, m.
+    corrected: FloatArray  #: Position change that the yaw correction at each step causes, m.
 
 
 class DirectedError(MotionSize):

@@ -34,16 +34,16 @@ from sfr_loc_map.geometry.stereo import StereoPair
 
 ROW_STEPS: Final = (16, 1)  #: Row steps of the comparison: all rows are compared if every 16th is not decisive.
 MAX_NOISE: Final = 12.0
-"""Standard deviation of the difference of two images, grey levels, above which the scene moved. Chosen by hand: 11.3
-grey levels is the difference of two exposures with a noise of 8 grey levels. If larger, more pairs require the full
-test. If smaller, noisy frozen images count as new."""
+"""Maximum standard deviation of the difference of two images of the same view, grey levels. Chosen by hand: 11.3 grey
+levels is the difference of two exposures with a noise of 8 grey levels. If larger, more pairs require the full test. If
+smaller, noisy frozen images count as new."""
 NOISE_MARGIN: Final = 1.1
 """Factor on the maximum variance in the first test, which only saves time. The second test does not use this factor.
 Chosen by hand above 1, because images are rounded. If larger, more pairs require the second test."""
 MAX_NEIGHBOUR_CORRELATION: Final = 0.2
-"""Correlation of the differences of neighbouring pixels above which the scene moved: 0 for noise, nearly 1 for moved
-texture. Chosen by hand. If larger, blurred motion counts as noise. If smaller, slightly correlated noise hides a frozen
-image."""
+"""Maximum correlation of the differences of neighbouring pixels if the scene did not move: 0 for noise, nearly 1 for
+moved texture. Chosen by hand. If larger, blurred motion counts as noise. If smaller, slightly correlated noise hides a
+frozen image."""
 EXPOSED: Final = (8, 247)
 """Grey levels between which noise is not clipped. Chosen by hand: eight grey levels from either end. In a wider
 range, clipped noise biases the slope. A narrower range contains fewer pixels."""

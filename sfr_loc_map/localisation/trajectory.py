@@ -304,7 +304,7 @@ def _unobserved_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> Fl
 
 
 def _of_left(path: PathState, covariance: FloatArray, model: RoverModel) -> FloatArray:
-    """Return the covariance of the left camera in the world from that of RB in RB at the last known pose."""
+    """Return a covariance of RB, in RB at the last known pose, as that of the left camera in the world."""
     R_world_left = path.last.T_world_left.rotation
     R_world_rb = R_world_left @ model.T_rb_left.rotation.T
     return model.covariance_of_left(covariance, R_world_frame=R_world_rb, R_world_left=R_world_left)
