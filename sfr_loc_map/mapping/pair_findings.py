@@ -16,13 +16,13 @@ from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
 from sfr_loc_map.mapping.findings import Findings
 
 LOW_MEASURED_FRACTION = 2.0 * MIN_MEASURED_FRACTION
-"""Fraction of measured pixels among the textured pixels below which a warning is issued. Chosen by hand."""
+"""Minimum fraction of the textured pixels that must be measured, or a warning is issued. Chosen by hand."""
 MIN_VERTICAL_WARNING_PX = 0.3
 """Lower bound of the vertical disparity that causes a warning, pixels: the residual distortion of a typical
 calibration."""
 VERTICAL_WARNING_FACTOR = 3.0
-"""Ratio of vertical disparity to configured residual distortion above which a warning is issued: three standard
-deviations."""
+"""A warning is issued if the ratio of the vertical disparity to the configured residual distortion exceeds this: three
+standard deviations."""
 MAX_GAIN = 1.15
 """Gain, or inverse gain, above which a warning is issued: a fifth of a stop of exposure. The gain is compensated, so
 that the warning concerns the cameras and not the map. Chosen by hand."""

@@ -270,7 +270,7 @@ def _own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatArray32:
 def _is_contradicted(disparity: np.float32, surfaces: RightSurfaces, y: int, x: int) -> bool:
     """Return whether the corresponding pixel is outside the right image or belongs to another surface.
 
-    A disparity of NaN, which is that of a direction without a surface, is contradicted.
+    A disparity of NaN (no surface in that direction) is contradicted.
     A farther surface contradicts the hypothesis, too. In `surfaces.occlusion_mask` it does not, because a measured
     pixel may hide a farther surface, but a hypothesis is not measured. The last column counts as outside, because the
     matching cost interpolates to the right of the corresponding point.

@@ -20,15 +20,15 @@ from sfr_loc_map.mapping.filters import box_mean, local_variance
 from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 MAX_CHI2_PER_DOF = F(4.0)
-"""Mean squared normalised residual of a window above which a match is suspicious: twice the standard deviation of the
-noise."""
+"""A match is suspicious if the mean squared normalised residual of a window around it exceeds this: twice the standard
+deviation of the noise."""
 CHI2_WINDOW = 5  #: Side of that window, pixels: 25 residuals of noise exceed the threshold with p < 1e-6.
 MAX_CHI2 = F(36.0)
 """Squared residuals are clipped to this value, (6 sigma)^2; unknown residuals have this value. Chosen by hand: with a
 larger value, a few outliers dominate the mean over a window."""
 MAX_CONTRAST_RATIO = F(0.7)
-"""Ratio of the mean squared residual to the variance of the left image above which a suspicious match is invalid.
-Uncorrelated images have a ratio of 2. A threshold of 1.2 changes the density by 0.001 or less
+"""A suspicious match is invalid if the ratio of its mean squared residual to the variance of the left image exceeds
+this. Uncorrelated images have a ratio of 2. A threshold of 1.2 changes the density by 0.001 or less
 (measurements/mapper_trials.md)."""
 MAX_CHANGE_PX = 1.5
 """A change of the disparity by the refinement is always accepted up to this limit, pixels. With a larger limit, more

@@ -49,11 +49,11 @@ SAME_SAMPLE_PX = F(0.02)
 moves points by less."""
 AGREEMENT_STRIDE = 4  #: The agreement of poses is measured on every fourth point, which is enough for medians.
 MAX_RANGE_RATIO = 1.8
-"""Ratio of measured to expected range differences above which poses disagree. Correct poses have a ratio of 1 or less
-(docs/mapping.md)."""
+"""Poses disagree if the ratio of measured to expected range differences exceeds this. Correct poses have a ratio of 1
+or less (docs/mapping.md)."""
 MAX_GREY_RATIO = 0.45
-"""Ratio of grey level differences to those at an offset of `SHIFT_PX` above which poses disagree. Correct poses have a
-ratio of 0.1 to 0.3, and poses with an error of 0.3 deg have 0.45 (docs/mapping.md)."""
+"""Poses disagree if the ratio of grey level differences to those at an offset of `SHIFT_PX` exceeds this. Correct poses
+have a ratio of 0.1 to 0.3, and poses with an error of 0.3 deg have 0.45 (docs/mapping.md)."""
 
 
 class FusedViews(NamedTuple):
