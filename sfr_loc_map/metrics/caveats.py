@@ -15,7 +15,7 @@ NOT_COMPARED = "its limits were not compared"  #: End of a warning that limits w
 JUDGED_ELSEWHERE = "judged in another of the scores"  #: End of a warning that names omitted limits.
 NOT_BOUND = "it is not verified that they belong to the run of the estimate"
 """End of a warning that calls have only their stamps in common with the estimate."""
-MAX_EXCESS = 0.05  #: Fraction of the true path that is noise above which a warning is given.
+MAX_EXCESS = 0.05  #: Maximum fraction of the true path that is noise without a warning.
 
 
 def truth_caveats(about: TruthRecord) -> Iterator[str]:

@@ -25,10 +25,10 @@ from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.table import Figure, figure_row
 
 MISSING_SHARE = 0.01  #: Missing fraction above which an estimate is reported as incomplete without limits.
-GAP_PERIODS = 5  #: Number of median periods between neighbouring poses above which there is a gap.
+GAP_PERIODS = 5  #: A gap is a time of more than this number of median periods between neighbouring poses.
 IMAGE_PERIOD_SHARE = 0.4  #: Maximum difference to the stamp of the image, in median periods; files round stamps.
-SPARSER = 1.5  #: Ratio of the median periods of truth and images above which the truth is sparser than the images.
-DOUBLED_SHARE = 0.1  #: Fraction of repeated stamps with another position above which a file contains two runs.
+SPARSER = 1.5  #: The truth is sparser than the images if the ratio of their median periods exceeds this.
+DOUBLED_SHARE = 0.1  #: A file contains two runs if the fraction of repeated stamps with another position exceeds this.
 
 
 class Gaps(NamedTuple):

@@ -20,8 +20,8 @@ from sfr_loc_map.metrics.association import Frames
 from sfr_loc_map.metrics.completeness import share_of, share_rows
 from sfr_loc_map.metrics.table import Figure, figure_row
 
-NOISES = 5.0  #: Multiple of the scatter of the truth above which a true displacement is a motion.
-MOVING_SHARE = 0.1  #: Fraction of the typical or largest motion above which the rover moves.
+NOISES = 5.0  #: A true displacement is a motion if it exceeds this multiple of the scatter of the truth.
+MOVING_SHARE = 0.1  #: The rover moves if its motion exceeds this fraction of the typical or largest motion.
 DRIFT_SHARE = 0.02
 """Fraction of the typical true speed up to which a displacement is a drift of the tracking, not a motion. A stationary
 rover with a zero-velocity update repeats its pose while the truth drifts, for instance by 3 mm in 90 s."""

@@ -36,7 +36,7 @@ from sfr_loc_map.metrics.table import Figure, figure_row
 EXACT = 1e-9  #: Relative tolerance of a recomputed statistic.
 DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 """Rounding of the errors of sub-trajectories and of map points in the data of the plots, m."""
-SIGMAS = 5.0  #: Standard deviations of a sampled fraction beyond which a quantile contradicts the sample.
+SIGMAS = 5.0  #: A quantile contradicts the sample if a sampled fraction deviates by more standard deviations than this.
 PAIR = "pair "  #: Prefix of the part of a row that is about one mapping pair.
 CORRELATED = 10.0  #: Number of correlated values that are equivalent to one independent value.
 COUNTED = (

@@ -28,7 +28,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 THREE_SIGMA = 0.9973  #: Fraction of normal errors on one axis that are within 3 sigma (ECSS-E-ST-60-10C).
 CONFIDENCE = 0.9  #: Default confidence for this fraction; requires 852 drives without a failure.
 DRAWS = 1 << 15  #: Number of samples from which factors and confidences are computed.
-NORMALS = 1 << 15  #: Number of errors from which the radius that contains a fraction of them is computed.
+NORMALS = 1 << 15  #: Number of sampled errors for the radius that contains a fraction of all errors.
 MIN_TESTED = 200
 """Minimum number of values for a test of normality. With fewer values the test often accepts errors with heavy tails,
 whose bound is then far too small. Of samples of Student's t with three degrees of freedom, the test accepts one in two

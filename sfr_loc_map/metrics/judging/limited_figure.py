@@ -35,7 +35,7 @@ class LimitedFigure(NamedTuple):
     row: Figure | None = None
     place: int | None = None  #: Index of the row in the table of figures.
     independent: float | None = None  #: Number of independent values.
-    truth_error: float = 0.0  #: Largest change of the number by the error of the truth.
+    truth_error: float = 0.0  #: Largest change of the number that the error of the truth can cause.
 
 
 def figure_of(limit: Limit, score: Score, reading: Rebase | None = None) -> LimitedFigure:
@@ -71,7 +71,7 @@ def limited_row(limit: Limit, score: Score, part: RowPart | None) -> Figure | No
 
 
 def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> float:
-    """Return the largest change of a limited number by the error of the truth at both ends of a sub-trajectory.
+    """Return the largest change of a limited number that errors of the truth at both ends of a sub-trajectory cause.
 
     The reading `pose` rotates the estimate by the true attitude at the start, whose error also moves the end.
     """
