@@ -29,14 +29,14 @@ VIDEO = {
 }
 """Message types of video (H.264, H.265, Theora), which is not supported."""
 FEW_LOST = 0.01  # fraction of images lost in transport above which there is a warning
-PAIRED = 0.5  # fraction of stamps with a partner below which no useful result is possible
-COMPLETE = 0.9  # fraction of stamps with a partner below which there is a warning
+PAIRED = 0.5  # minimum fraction of stamps with a partner for a useful result
+COMPLETE = 0.9  # minimum fraction of stamps with a partner without a warning
 EDGE = 0.1  # fraction of the observed time at each end that is ignored: partners may be outside
 CORNERS = 80
 PATCH_PX = 6  # half the side of a patch, px
 MIN_NCC = 0.85  # minimum normalised cross-correlation of a match
 MIN_MATCHES = 10  # minimum number of matches on the wrong side for a finding
-SWAPPED_RATIO = 4.0  # ratio of matches on the wrong side to correct matches above which images are swapped
+SWAPPED_RATIO = 4.0  # maximum ratio of matches on the wrong side to correct matches unless images are swapped
 
 
 Findings = Iterator[Finding]

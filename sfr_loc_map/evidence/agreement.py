@@ -56,7 +56,7 @@ class Windows(NamedTuple):
     position_m: FloatArray  #: `(n, 3)`
     attitude_deg: FloatArray  #: `(n,)`
     squares: FloatArray  #: `(m,)` of sub-trajectories that share no frame.
-    lengths_m: FloatArray  #: `(n, 2)` straight distances by both runs.
+    lengths_m: FloatArray  #: `(n, 2)` straight-line distances of both runs.
     apart: int  #: Sub-trajectories that share no frame.
     lost: int  #: Frames at which one of the runs was lost.
 
@@ -68,7 +68,7 @@ class Agreement:
     name: str
     condition: str | None  #: Condition of the sub-trajectories; None for paths between visits of a place.
     windows: Windows
-    probability: float | None  #: Probability of squares this large for consistent covariances; None for too few.
+    probability: float | None  #: Probability of squares this large for consistent covariances; None for too few squares.
 
 
 def compare(first: Run, other: Run, condition: Condition) -> Agreement:
@@ -156,7 +156,7 @@ def growth(start: StepSums, end: StepSums, position: FloatArray) -> FloatArray |
 def growth_of_other(
     other: Run, sums: dict[int, StepSums], rows: IntArray, frames: Frames, start: int, end: int
 ) -> FloatArray | None:
-    """Return `growth` of the other run, in the axes of that run.
+    """Return the result of `growth` for the other run, in the axes of the other run.
 
     A backward run gives the covariance of the start given the end. The error of the end given the start is the
     negative of this error, propagated over the displacement.

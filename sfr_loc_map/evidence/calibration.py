@@ -128,7 +128,7 @@ def corrected_drive(drive: PairsInMemory, offsets: Sequence[CameraOffset]) -> Pa
 
 
 def cost_row(offsets: Sequence[CameraOffset], agreement: Agreement) -> Figure:
-    """Return the change of the positions by the correction of the offsets, from the comparison of both runs."""
+    """Return how the correction of the offsets changes the positions, from the comparison of both runs."""
     moved = formulas.statistics(agreement.windows.position_m)
     part = " and ".join(offset.angle for offset in offsets)
     return figure_row("calibration_cost", agreement.condition, part, n=moved.n, value=moved.rmse)

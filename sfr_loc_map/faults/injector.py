@@ -130,7 +130,7 @@ class FaultInjector:
 
 
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:
-    """Return for each pair `(count,)` the first pair of its burst, or -1; bursts are drawn up to the share of pairs."""
+    """Return for each pair `(count,)` the first pair of its burst, or -1; bursts are drawn up to the share."""
     starts = np.full(count, UNAFFECTED)
     if fault.kind is FaultKind.START:
         starts[: max(round(fault.amount), 0)] = 0

@@ -37,7 +37,7 @@ COLUMNS = ("xyz", "sigma", "intensity", "u", "v", "pair")  #: Arrays of a `Point
 class PointCloud(Shown):
     """Points in LM, each with its pixel and stereo pair; one row per point.
 
-    `fused` is True if several pairs were fused to one surface, and False if the cloud keeps the points of each pair.
+    `fused` is True if several pairs were fused into one surface, and False if the cloud keeps the points of each pair.
     `fused` and the stamps of the pairs are None if unknown.
     """
 

@@ -114,7 +114,7 @@ class Transform:
 
 
 def propagation(displacement: FloatArray) -> FloatArray:
-    """Return the Jacobian F `(6, 6)` of the error of a rigidly attached pose by the error of a pose, in ROS order.
+    """Return the Jacobian F `(6, 6)`, in ROS order, from the error of a pose to that of a rigidly attached pose.
 
     A rotation error w about the axes of the fixed frame moves a pose at the displacement d by `w x d`.
     """

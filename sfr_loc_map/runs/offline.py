@@ -42,7 +42,7 @@ from sfr_loc_map.signals import stopping
 
 MAX_START_GAP_NS = NS_PER_S  #: Longest gap of the truth in which the start pose is interpolated, ns.
 DEFAULT_STEP_S = 0.1
-MANY = 0.05  #: Fraction of lost or degraded pairs from which there is a warning.
+MANY = 0.05  #: Minimum fraction of lost or degraded pairs for a warning.
 Progress = Callable[[int], None]
 
 

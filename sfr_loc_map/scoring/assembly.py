@@ -20,7 +20,7 @@ from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import CallsResult, DriveResult, MapResult
 
 OUTSIDE_SHARE, OUTSIDE_S = 0.5, 0.2
-"""Processor time outside the calls of a method above which a warning is issued: fraction of the total, and s."""
+"""Maximum processor time outside the calls of a method without a warning: fraction of the total, and s."""
 
 
 def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:

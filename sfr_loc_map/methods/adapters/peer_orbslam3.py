@@ -1,4 +1,4 @@
-"""ORB-SLAM3 (stereo) by the Python package `pyorbslam3`; because of its licence, GPL-3, only in a separate process."""
+"""ORB-SLAM3 (stereo) through the Python package `pyorbslam3`, in a separate process because of its licence, GPL-3."""
 
 from __future__ import annotations
 

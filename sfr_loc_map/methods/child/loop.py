@@ -92,7 +92,7 @@ class Answer(TypedDict, total=False):
     state: str  #: State of the localiser.
     reason: str  #: Why the pose is degraded or lost.
     statistics: dict[str, float]
-    fused: bool  #: Whether the pairs were fused to one surface.
+    fused: bool  #: Whether the pairs were fused into one surface.
     warnings: list[str]
 
 
