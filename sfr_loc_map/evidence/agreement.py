@@ -68,7 +68,8 @@ class Agreement:
     name: str
     condition: str | None  #: Condition of the sub-trajectories; None for paths between visits of a place.
     windows: Windows
-    probability: float | None  #: Probability of squares this large for consistent covariances; None for too few squares.
+    #: Probability of squares at least this large for consistent covariances; None for too few squares.
+    probability: float | None
 
 
 def compare(first: Run, other: Run, condition: Condition) -> Agreement:

@@ -118,7 +118,7 @@ class FaultInjector:
         pair: StereoPair,
         beside: tuple[StereoPair | None, StereoPair | None],
     ) -> StereoPair:
-        """Return a pair with one more fault; `beside` are the last new pair at this stage and the next pair."""
+        """Return a pair with one more fault; `beside` has the last new pair at this stage and the next pair."""
         previous, following = beside
         first = int(self._bursts[number][index])
         if first == UNAFFECTED:

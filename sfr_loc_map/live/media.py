@@ -23,7 +23,7 @@ CELL_M = 0.1  #: Cell size of a grid made from a cloud, m; the mapper's default.
 MAX_SIDE = 512  #: Maximum cells along an axis of a grid made from a cloud; a larger area has larger cells.
 MAX_CELLS = 30_000  #: Maximum number of displayed cells.
 MAX_TRUE_PAIRS = 2 * MAX_PAIRS  #: Pairs whose true points are kept: the pairs of a map and later arrivals.
-WORST = frozenset({"hazard", "step"})  #: Layers of which a thinned cell has the maximum.
+WORST = frozenset({"hazard", "step"})  #: Layers in which a thinned cell has the maximum of the original cells.
 
 
 def image_sample(

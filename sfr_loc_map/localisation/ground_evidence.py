@@ -296,7 +296,7 @@ class Evidence:
 
     @property
     def shows_own_body(self) -> bool:
-        """Whether the main motion is not credible, and the landmarks outside stationary cells have another motion."""
+        """Whether stationary cells show the rover: the main motion is not credible, and another motion was found."""
         return not self.is_credible and self.motion_off_stationary is not None
 
     @cached_property

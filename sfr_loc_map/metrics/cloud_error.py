@@ -26,7 +26,7 @@ FOOTPRINTS = 2.0  #: Distance, in pixel footprints Z / f, within which a point o
 BATCH = 262144
 PIXEL_SAMPLES = 2000  #: Points of each pair for which the projection is compared with the pixel of the point.
 NEES_BLOCK_PX = 32
-"""Size of the blocks of which one point each tests sigma, px, because errors of neighbours are correlated."""
+"""Size of a block, px. One point of each block tests sigma, because errors of neighbours are correlated."""
 IMAGE_WIDTH = 128
 CLOUD_ROWS = 8000
 POINTS = "map points"  #: Part of the NEES of the sigma of map points.

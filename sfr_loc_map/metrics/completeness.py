@@ -293,7 +293,7 @@ def why_not_covered(gaps: Gaps, sizes: GapSizes, conditions: Sequence[Condition]
 
 
 def covered_text(share: float, of: str, longest_gap: tuple[float, float] | None) -> str:
-    """Return the text of the covered fraction of `of` (images, true poses or true path) and the longest gap (m, s)."""
+    """Return the text of the covered fraction of images, true poses or true path (`of`) and the longest gap (m, s)."""
     text = f"the estimate covers {100.0 * share:.4g} % of the {of}"
     if longest_gap is not None:
         text += f", and its longest gap is {longest_gap[0]:.4g} m and {longest_gap[1]:.4g} s"

@@ -99,7 +99,7 @@ class PoseConvention:
 
     @property
     def has_fitted_unit(self) -> bool:
-        """Whether the factor of the positions is no known unit of length, so that it was probably fitted."""
+        """Whether the factor of the positions was probably fitted, because it is no known unit of length."""
         exponent = np.log10(self.metres_per_unit)
         is_power_of_ten = bool(np.isclose(exponent, np.rint(exponent), rtol=0.0, atol=1e-9))
         return not is_power_of_ten and not bool(np.isclose(self.metres_per_unit, UNITS_M, rtol=1e-6, atol=0.0).any())

@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.score import SCHEMA, Score
 from sfr_loc_map.metrics.stored import stored_contradiction
 
 T = TypeVar("T")
-MAX_NUMBER = 1e100  #: Maximum number of a figure, of which squares and sums are finite.
+MAX_NUMBER = 1e100  #: Maximum number of a figure; its squares and sums are finite.
 SCORE_AGAIN = "score the estimate again with this version (sfr score EST TRUTH --json S.json)"
 
 

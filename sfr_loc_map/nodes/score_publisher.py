@@ -42,7 +42,7 @@ class ScorePacing:
     """Limits scoring to a tenth of the processor time of its thread."""
 
     def __init__(self) -> None:
-        """Start; the first score is due immediately."""
+        """Make the first score due immediately."""
         self._rest_until_s = 0.0
 
     def is_due(self) -> bool:

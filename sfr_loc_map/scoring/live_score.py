@@ -30,7 +30,7 @@ from sfr_loc_map.scoring.score_parts import (
 class LiveRun:
     """Inputs of the score of a run in progress, in addition to the run."""
 
-    in_flight_ns: int = 0  #: Length of the latest interval, of which results may still arrive.
+    in_flight_ns: int = 0  #: Length of the latest interval, whose results may still arrive.
     details: bool = False  #: Whether the data of plots is kept, in addition to the errors of sub-trajectories.
     contradiction: str | None = None  #: Result of the last diagnosis, which takes 0.1 s or more.
     scored_map: ScoredMap | None = None  #: Score of the last map, computed once.

@@ -127,7 +127,7 @@ def with_aligned_errors(result: DriveResult, drive: DriveToScore, config: Aligne
 
 
 def result_without_poses(images: int) -> DriveResult:
-    """Return the result of a drive of which no image has an estimate; `images` is their number."""
+    """Return the result of a drive without an estimate for any image; `images` is their number."""
     if not images:
         return DriveResult()
     return DriveResult(figures=(expected_row(RowPart(DRIVE), 0, images), *share_rows("missing", images, images)))

@@ -103,7 +103,7 @@ class Bag:
         return exact or [topic for topic, new in self._names.items() if new.endswith("/" + name)]
 
     def find(self, name: str, *msgtypes: str) -> Topic | None:
-        """Return the topic of a relative name, or None; with `COMPRESSED`, `name/compressed` is accepted too."""
+        """Return the topic of a relative name; None if absent. `COMPRESSED` also accepts `name/compressed`."""
         found = self.matches(name)
         if not found and COMPRESSED in msgtypes:
             found = self.matches(f"{name}{COMPRESSED_END}")

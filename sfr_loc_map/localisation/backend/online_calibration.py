@@ -183,7 +183,7 @@ class OnlineCalibration:
 
     @property
     def is_settled(self) -> bool:
-        """Whether the right camera neither drifts nor has a large yaw still to be corrected."""
+        """Whether the right camera is stable: it has no drift and no large yaw that is still to be corrected."""
         return not self.is_drifting and abs(self.remaining_px) <= UNSETTLED_PX
 
     def after_restart(self) -> OnlineCalibration:

@@ -36,7 +36,7 @@ class Extrinsics:
     """
 
     def __init__(self, config: ExtrinsicsConfig, base_frame: str, sb_frame: str) -> None:
-        """Take the parameters and the frame names in /tf_static. An empty base frame means any of `BASE_FRAMES`."""
+        """Use the parameters and the frame names in /tf_static. An empty base frame means any of `BASE_FRAMES`."""
         self.T_rb_sb = config.transform("T_rb_locsb")
         self._base_frame, self._sb_frame, self._tree = base_frame, sb_frame, FrameTree()
 

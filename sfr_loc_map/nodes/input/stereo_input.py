@@ -123,7 +123,7 @@ class StereoInput:
         on_restart: Callable[[str], None],
         agreeing: int = AGREEING,
     ) -> None:
-        """Take the callbacks; `subscribe` starts the reception.
+        """Set the callbacks; `subscribe` starts the reception.
 
         `on_pair` is called with each pair, `on_rig` with the rig of the pairs that follow, and `on_restart` with the
         reason why the pairs that follow start a new run. After a jump of the stamps, `agreeing` consecutive pairs

@@ -153,7 +153,7 @@ class Supervisor(AbstractContextManager["Supervisor"]):
     """Starts nodes and ends all of them at exit; a context manager."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Take the folder of the logs; without a folder, nodes write to standard output and error of this process."""
+        """Set the folder of the logs; without a folder, nodes write to standard output and error of this process."""
         self._folder = folder
         self.processes: dict[str, ChildProcess] = {}
 

@@ -34,7 +34,7 @@ class Endpoints:
         warn: Callable[[str], None],
         on_fault: Callable[[Exception], None],
     ) -> None:
-        """Take the reliability of publishers.
+        """Set the reliability of publishers.
 
         `warn` is called when a peer has an incompatible quality of service, `on_fault` with an exception of a callback.
         """

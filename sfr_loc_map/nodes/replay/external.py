@@ -52,7 +52,7 @@ class ExternalNode(ABC):
     def __init__(
         self, peer: ReplayPeer, options: ExternalOptions, command: ChildProcess | None, results: ReceivedResults
     ) -> None:
-        """Take the process of the node, None if the node was not started by the replay.
+        """Set the process of the node, None if the node was not started by the replay.
 
         The messages and counts of the node are stored in `results`.
         """

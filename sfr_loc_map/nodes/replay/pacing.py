@@ -14,7 +14,7 @@ class Pacer:
     """Computes when a message is due, from its stamp and the rate; each rig has its own clock."""
 
     def __init__(self, rate: float) -> None:
-        """Take the rate, a multiple of the recorded speed; at a rate of 0, each message is due immediately."""
+        """Set the rate, a multiple of the recorded speed; at a rate of 0, each message is due immediately."""
         self._rate = rate
         self._origins: dict[str, tuple[float, int]] = {}
 

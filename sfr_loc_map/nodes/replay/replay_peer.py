@@ -45,7 +45,7 @@ class ReplayPeer(Peer):
             raise NodeError(f"{problem()} within {timeout_s:g} s: check the load of this host and start again")
 
     def wait_for_page(self, page: LiveProcess) -> bool:
-        """Wait until a page has subscribed or has ended; return False after the timeout."""
+        """Wait until the live page has subscribed to its topics or has ended; return False after the timeout."""
 
         def settled() -> bool:
             self.supervisor.check()

@@ -71,7 +71,7 @@ class SuiteComparison:
 
 
 def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> SuiteComparison:
-    """Compare two suites, of which the first is the reference; raise a MetricsError without a common drive."""
+    """Compare the second suite with the first, the reference; raise a MetricsError without a common drive."""
     mine, theirs = _by_pairing(first, other)
     common = [(drive, theirs[key]) for key, drive in mine.items() if key in theirs]
     if not common:
