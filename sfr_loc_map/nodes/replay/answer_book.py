@@ -22,7 +22,7 @@ class AnswerBook:
     """Counts the pairs and answers of a run."""
 
     def __init__(self, rig: str, timeout_s: float, frames: str) -> None:
-        """Start without pairs; the rig is `loc` or `nav`. If `frames` is empty, all answers must name those of the first answer."""
+        """Start without pairs; `rig` is `loc` or `nav`. Without `frames`, all answers must name those of the first."""
         self.rig, self.frames, self.ended = rig, frames, ""
         self._timeout_s = timeout_s
         self._sent: dict[int, float] = {}

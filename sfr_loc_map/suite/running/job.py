@@ -133,7 +133,7 @@ class WorkerRecord:
     python: str = ""
     code: str = ""  #: Fingerprint of the code of the worker.
     done: int = 0  #: Number of finished tasks.
-    set_aside: str = ""  #: Difference of the code that excludes the worker from tasks; empty if the worker may run tasks.
+    set_aside: str = ""  #: Difference of the code that excludes the worker from tasks; empty if there is none.
 
 
 def digest(value: object) -> str:
