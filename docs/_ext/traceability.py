@@ -68,7 +68,7 @@ CLAUSES = (
         "Four elements, scalar last: q1 i + q2 j + q3 k + q4.",
         ("geometry/rotation.py", "geometry/rotation.py"),
         "not shown; all files and topics are scalar last",
-        "Estimates written scalar first are named, and judge nothing until they are converted.",
+        "Estimates with scalar-first quaternions are reported, and are not judged until they are converted.",
     ),
     Clause(
         "3.1.2",
