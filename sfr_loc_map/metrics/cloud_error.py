@@ -264,7 +264,7 @@ def score_map(
 
 
 def pairs_by_stamp(cloud: PointCloud) -> IntArray:
-    """Return the pair of each point; pairs of the same stamp are one pair with the number of the first of them."""
+    """Return the pair of each point; pairs with the same stamp count as one pair, with the number of the first."""
     numbers = cloud.pair.astype(np.int64)
     if cloud.pair_stamps_ns is None:
         return numbers

@@ -71,7 +71,7 @@ class SideBySide(Record, frozen=True, kw_only=True, omit_defaults=False):
 
 
 class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """Comparison of scores with the first of them: names, methods, and differences by score, condition and figure."""
+    """Comparison of the other scores with the first: names, methods, and differences by score, condition and figure."""
 
     names: tuple[str, ...]
     methods: tuple[MethodRecord | None, ...] = ()
@@ -84,7 +84,7 @@ class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
 
 
 def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
-    """Return the comparison of scores with the first of them; MetricsError if they have no figure in common."""
+    """Return the comparison of the other scores with the first; MetricsError if they have no figure in common."""
     if len(scores) < 2:
         raise MetricsError(f"a comparison needs two scores or more, found {len(scores)}: give several score files")
     others = list(zip(scores[1:], names[1:], strict=True))

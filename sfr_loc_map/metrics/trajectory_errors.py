@@ -23,8 +23,8 @@ from sfr_loc_map.metrics.truth_error import known_of
 DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 """Path lengths for the error as a function of the distance travelled."""
 DISTANCES_SPACING, DISTANCES_BASE_M = 10, 50.0
-"""Minimum number of frames between their starts, and the distance beyond which this number is proportional to the
-distance, because overlapping sub-trajectories add little information."""
+"""Minimum number of frames between the starts of these sub-trajectories, and the length beyond which this number is
+proportional to the length, because overlapping sub-trajectories add little information."""
 DISTANCES_MAX_STARTS = 5000  #: A sub-trajectory that contains more starts is ignored: the rover was stationary.
 
 

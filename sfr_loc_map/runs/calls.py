@@ -43,7 +43,7 @@ METHOD_FIELDS = ("version", "kind", "sha256", "config_sha256", "isolation")  #: 
 METHOD_NAMES = ("method", *(f"method_{name}" for name in METHOD_FIELDS), "finding")
 HEADER = ("stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes")
 POSITION_NAMES = ("position_x_m", "position_y_m", "position_z_m")
-"""Columns of the estimated position of a call, which identify the estimate to which the calls belong."""
+"""Columns of the estimated position of a call. The positions identify the estimate to which the calls belong."""
 MEMORY_METHOD = "memory_method"  #: Column that states how memory was measured.
 COSTS = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
 TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Usage of a method, measured from outside its processes.

@@ -98,7 +98,7 @@ class RawCamera:
 
     @property
     def is_rectified(self) -> bool:
-        """Whether the images need no rectification."""
+        """Whether the images are already rectified."""
         if any(self.d):
             return False
         p = np.reshape(self.p, (3, 4))[:, :3].reshape(-1)

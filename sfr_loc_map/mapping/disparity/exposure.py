@@ -42,7 +42,7 @@ def _grey_quantiles(grey: NDArray[Any]) -> FloatArray:
 
 
 def _exposure_of(left_quantiles: FloatArray, right_quantiles: FloatArray) -> Exposure:
-    """Return the exposure of the right image relative to the left image, from the quantiles `(3,)` of both.
+    """Return the exposure of the right image relative to the left image, from the quantiles `(3,)` of both images.
 
     The gain is 1 if the left image has too little contrast.
     """

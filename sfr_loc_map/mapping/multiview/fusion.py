@@ -177,7 +177,7 @@ def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:
 
 
 def _pose_agreement(view: PairView, other: PairView, observed: ObservedPoints) -> PoseAgreement:
-    """Return how well the points of one view agree with another view, which observes at least one of them.
+    """Return how well the points of one view agree with another view, which observes at least one point.
 
     Range differences are compared with those expected for correct sigmas and poses. Grey level differences are compared
     with those at an offset of `SHIFT_PX`, because they reveal a wrong yaw on any texture.

@@ -41,7 +41,7 @@ class Proof(NamedTuple):
 
 
 def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None:
-    """Return all errors of a figure over a condition; None if the score does not contain all of them."""
+    """Return all errors of a figure over a condition; None if the score lacks some of the errors."""
     row, errors = score.judged_row(figure, condition=condition), score.errors_of(figure, condition)
     if errors is None or row is None or row.independent is None or not np.isfinite(errors).all():
         return None

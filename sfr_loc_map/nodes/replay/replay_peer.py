@@ -18,7 +18,7 @@ from sfr_loc_map.nodes.ros.services import call_service
 from sfr_loc_map.topics import ESTIMATE, REPORT, RESULTS, TRUE_POSES, call_topic
 
 ANSWER_TIMEOUT_S = 120.0
-SETTLE_S = 0.3  #: Time for the nodes to discover each other after this node has discovered all of them.
+SETTLE_S = 0.3  #: Time for the nodes to discover each other after this node has discovered all nodes.
 PAGE_TIMEOUT_S = 30.0
 PAGE_TOPICS = (ESTIMATE, TRUE_POSES, REPORT)
 """Topics to which the node of the live page always subscribes. The replay waits for these subscriptions."""
