@@ -421,6 +421,7 @@ MUTATIONS = (
         "for score in scores for part in (DRIVE,)}",
     ),
     Mutation("metrics/judging/several_scores.py", "if None in items:", "if items == {None, 0}:"),
+    Mutation("metrics/judging/several_scores.py", " or figure_of(item, score).value is not None", ""),
     Mutation(JUDGE, "(figure.independent or 0.0) >= limits", "(figure.independent or 0.0) > limits"),
     Mutation("metrics/verdict.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
     Mutation("metrics/judging/limited_figure.py", '"mean_plus_3sigma": 3.0, "max"', '"mean_plus_3sigma": 1.0, "max"'),

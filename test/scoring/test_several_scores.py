@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +14,12 @@ import yaml
 from helpers.cli_result import Sfr
 from helpers.judge import OVER_5_M, POSES, Judge, rows_of
 from helpers.made_scene import write_folder
+from helpers.made_scores import of_map, whole_score
 from helpers.scored_drives import LOOSE, POSITION, limits, wandering
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score_json import from_json, to_json
 
 
@@ -98,6 +101,32 @@ def test_a_report_keeps_the_drive_that_cannot_be_judged(judge: Judge) -> None:
     text = report.read_text()
     assert "<strong>NOT ENOUGH DATA</strong>" in text
     assert "1 not enough data, 1 pass" in text
+
+
+def test_a_missed_limit_of_the_map_is_missed_beside_a_score_of_the_map(judge: Judge) -> None:
+    """A drive with one slow mapping call fails, whatever the calls of another score; without the call it is omitted."""
+    content = {
+        "trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 1.0}],
+        "timing": {"mapping_call_s": 0.5},
+    }
+    surface, control = judge.folder / "map.json", judge.folder / "c.csv"
+    surface.write_text(to_json(judged(of_map(whole_score()), parse_limits(content, "test"))))
+    stamp, states = int(judge.truth.stamps_ns[0]), {}
+    for name, seconds in (("slow", [2.0]), ("fast", [0.1]), ("none", [])):
+        stats = judge.folder / "mapping.csv"
+        rows = [f"{stamp},{each},mapped_set" for each in seconds] or [f"{stamp},0.1,tracking"]
+        stats.write_text("\n".join(["stamp_ns,processing_time_s,state", *rows, ""]))
+        result, score = judge("--stats", stats, limits=yaml.safe_dump(content))
+        assert result.code == {"slow": 1, "fast": 3, "none": 3}[name], result.err
+        drive = judge.folder / f"{name}.json"
+        drive.write_text(json.dumps(score))
+        done = judge.sfr("report", drive, surface, "--control", control, "--overwrite")
+        assert done.code == result.code, done.err
+        every = list(csv.DictReader(control.read_text().splitlines()))
+        states[name] = [row["compliance"] for row in every if row["requirement"] == "mapping_call_s"]
+    assert states["slow"][0] == "not compliant"
+    assert len(states["fast"]) == 2
+    assert states["none"] == states["fast"][1:]
 
 
 def test_a_difference_that_may_be_chance_is_neither_better_nor_worse(sfr: Sfr, judge: Judge) -> None:

@@ -12,6 +12,7 @@ from sfr_loc_map.metrics.caveats import JUDGED_ELSEWHERE
 from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, task_of, tasks_of
+from sfr_loc_map.metrics.judging.limited_figure import figure_of
 from sfr_loc_map.metrics.records import MethodRecord
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.verdict import Verdict
@@ -97,7 +98,8 @@ def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
     """Return scores that were judged by one limits file, each judged by the limits that apply to it.
 
     A limit on a map, for example, is omitted from the score of a drive only if the score of a map is judged by the same
-    limit. If there are only drives, the limit applies to every score. A warning of the score names omitted limits.
+    limit and the score of the drive has no value for the limit. If there are only drives, the limit applies to every
+    score. A warning of the score names omitted limits.
     """
     every = [(tasks_of(score), limits_of(score)) for score in scores]
     found = []
@@ -105,7 +107,11 @@ def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
         elsewhere = [
             item for parts, given in every if given is not None for item in given.limits if task_of(item) in parts
         ]
-        kept = [item for item in limits.limits if task_of(item) in own or item not in elsewhere] if limits else []
+        kept = [
+            item
+            for item in (limits.limits if limits else ())
+            if task_of(item) in own or item not in elsewhere or figure_of(item, score).value is not None
+        ]
         if limits is not None and len(kept) < len(limits.limits):
             is_partial = score.rules is not None and score.rules.partial
             score = judged(score, struct_replace(limits, limits=tuple(kept)) if kept else None, partial=is_partial)
