@@ -188,7 +188,7 @@ def score(
     files = [stats] if isinstance(stats, (str, Path)) else stats
     run = _run(estimate, truth, tuple(Path(file) for file in files), settings.get("fused"))
     if correction.is_wanted and run.drive is None:
-        raise ConfigError("convention and apply_diagnosis are for trajectories: omit them for a cloud")
+        raise ConfigError("convention and apply_diagnosis apply only to trajectories: omit them for a cloud")
     further = {"max_difference_s": settings.get("max_difference"), "rpe_delta": settings.get("rpe_delta")}
     aligned = aligned_error_config(align, further)
     if isinstance(limits, Mapping):

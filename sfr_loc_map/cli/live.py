@@ -95,7 +95,7 @@ def _show_on_terminal(state: LiveState, namespace: str, remaps: list[str]) -> No
         try:
             Terminal(state, namespace).show()
         except KeyboardInterrupt:
-            raise InterruptedRunError("interrupted: only the view has ended, the nodes continue") from None
+            raise InterruptedRunError("interrupted: the live page was closed; the nodes continue to run") from None
 
 
 def _foxglove_server() -> type[FoxgloveServer]:

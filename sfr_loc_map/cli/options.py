@@ -250,7 +250,7 @@ def correction_of(settings: list[str] | None, apply_diagnosis: bool, *, has_pose
 
     correction = Correction(PoseConvention.parse(settings or ()), apply_diagnosis)
     if not has_poses and correction != Correction():
-        raise ConfigError("'--convention' and '--apply-diagnosis' are for trajectories: omit them for a cloud")
+        raise ConfigError("'--convention' and '--apply-diagnosis' apply only to trajectories: omit them for a cloud")
     return correction
 
 

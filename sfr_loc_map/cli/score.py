@@ -227,7 +227,7 @@ def score(
         return
     inputs = _measured_on(inputs, target, target_timing, target_run)
     if align is not None and inputs.estimate is None:
-        raise ConfigError("'--align' is for trajectories: omit it for a cloud")
+        raise ConfigError("'--align' applies only to trajectories: omit it for a cloud")
     aligned = aligned_error_config(align, {"max_difference_s": max_difference, "rpe_delta": rpe_delta})
     correction = correction_of(convention, apply_diagnosis, has_poses=inputs.estimate is not None)
     loaded = load_run(inputs, fused)

@@ -323,7 +323,7 @@ def _present(
         reasons += [f"{limits.missed} of {limits.limits} limits over all drives missed"] if limits.missed else []
         raise FailedVerdictError("; ".join(reasons))
     if count := len(summary.failures) + len(summary.refusals):
-        raise InputError(f"{count} tasks or sources failed: each is named above")
+        raise InputError(f"{count} tasks or sources failed; the messages above name them")
     undecided = [
         f"{item.name} of {group.task}, {group.configuration}: "
         + (item.state.value if item.proof is None else words_of(item.proof, item.state))

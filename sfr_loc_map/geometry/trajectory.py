@@ -126,7 +126,7 @@ class Trajectory(Shown):
         from sfr_loc_map.runs.calls import save_stats
 
         if not self.records:
-            raise ConfigError("these poses have no calls: to_stats() is for the trajectory that sfr.localise returns")
+            raise ConfigError("these poses have no calls: to_stats() requires a trajectory that sfr.localise returned")
         save_stats(Path(path), self.records, self.method, self)
 
     def to_pandas(self) -> pandas.DataFrame:

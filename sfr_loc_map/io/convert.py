@@ -58,7 +58,7 @@ def convert(
         raise OutputError(f"cannot write '{destination}': a file exists there; remove it or choose another name")
     if options.layout is not None:
         if source.loc is None:
-            raise OutputError(f"'{source.path}' has no drive: the layout of {options.layout} holds only a drive")
+            raise OutputError(f"'{source.path}' has no drive, but the layout of {options.layout} contains only a drive")
         source = replace(source, nav=None)
     count = 0
     with atomic_path(destination) as temporary, _writer(temporary, source, options) as writer:

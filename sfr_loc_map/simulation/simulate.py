@@ -122,7 +122,7 @@ def _is_of(config: SimulationConfig, out: Path) -> bool:
 def _claim(config: SimulationConfig, out: Path) -> None:
     if (out / SETTINGS).exists():
         if not _is_of(config, out):
-            raise OutputError(f"'{out}' holds a simulation with other settings: remove it or choose another name")
+            raise OutputError(f"'{out}' contains a simulation with other settings: remove it or choose another name")
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"cannot write '{out}': it exists and is not a simulation; remove it or choose another name")

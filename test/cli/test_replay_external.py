@@ -93,8 +93,8 @@ def test_no_answer_counts_before_its_question_after_its_time_or_of_a_node_that_c
 @pytest.mark.parametrize(
     ("words", "problem"),
     [
-        (["--command", "true"], "is for external nodes"),
-        (["--convention", "frame=left"], "is for external nodes"),
+        (["--command", "true"], "applies only to external nodes"),
+        (["--convention", "frame=left"], "applies only to external nodes"),
         (["--external", "mapping"], "the source has no pairs for it"),
         (["--external", "localisation", "--command", "no-such-program-here"], "cannot start 'no-such-program-here'"),
     ],

@@ -60,7 +60,7 @@ def test_the_nodes_declare_all_that_a_configuration_comes_to(tmp_path: Path) -> 
 def test_what_nodes_cannot_do_is_said(tmp_path: Path) -> None:
     config = tmp_path / "sfr.yaml"
     config.write_text("calibration: {stereo_layout: side_by_side}\n")
-    with pytest.raises(ConfigError, match="are for recordings"):
+    with pytest.raises(ConfigError, match="apply only to recordings"):
         run_arguments(config, tmp_path / "parameters.yaml")
 
 

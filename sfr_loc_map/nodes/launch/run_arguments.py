@@ -27,7 +27,8 @@ def run_arguments(config: Path, written: Path) -> list[str]:
     how = SourceConfig.of(sections, config)
     if how.calibration != CalibrationConfig() or how.sync.right_offset_s:
         raise ConfigError(
-            f"'{config}': calibration and sync.right_offset_s are for recordings: publish camera_info and images of "
+            f"'{config}': calibration and sync.right_offset_s apply only to recordings: publish camera_info and "
+            "images of "
             f"both sides with one clock, or convert the recording (sfr convert)"
         )
     if "record" in (how.sync.stamps, how.truth.stamps):

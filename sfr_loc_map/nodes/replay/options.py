@@ -103,10 +103,10 @@ def node_under_test(
         needless = [f"--{option}" for option, value in given.items() if value]
         needless += ["--convention or --apply-diagnosis"] if correction.is_wanted else []
         if needless:
-            raise ConfigError(f"'{needless[0]}' is for external nodes: give --external TASK as well")
+            raise ConfigError(f"'{needless[0]}' applies only to external nodes: give --external TASK, too")
         return None
     if task is Task.MAPPING and correction.apply_diagnosis:
-        raise ConfigError("'--apply-diagnosis' is for poses: omit it with --external mapping")
+        raise ConfigError("'--apply-diagnosis' applies only to poses: omit it with --external mapping")
     return ExternalOptions(
         task=task,
         topic=given["answers"] or RESULTS[task],
