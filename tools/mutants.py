@@ -310,6 +310,8 @@ MUTATIONS = (
     Mutation(DRIVES, "SAME_GREY = 8", "SAME_GREY = 1"),
     Mutation(DRIVES, "path_m = path_m @ truth.pose(0).rotation", "path_m = path_m @ truth.pose(0).rotation.T"),
     Mutation(DRIVES, "key=lambda number: sources[number].sha256", "key=lambda number: number"),
+    Mutation("suite/statistics/summary.py", "size > worst[drive][0]", "size < worst[drive][0]"),
+    Mutation("suite/statistics/summary.py", "items_under_test(scores)) > 1", "items_under_test(scores)) > 2"),
     # a suite must not hide drives that were run, and its plan must match its files
     Mutation(STORE, "if same.isdisjoint((", "if not same.isdisjoint(("),
     Mutation(STORE, ".update((self._place(job.source.path), job.source.sha256))", ".update((job.source.sha256,))"),
@@ -422,6 +424,7 @@ MUTATIONS = (
     ),
     Mutation("metrics/judging/several_scores.py", "if None in items:", "if items == {None, 0}:"),
     Mutation("metrics/judging/several_scores.py", " or figure_of(item, score).value is not None", ""),
+    Mutation("scoring/load.py", "if len(here) > 1:", "if len(here) > 2:"),
     Mutation(JUDGE, "(figure.independent or 0.0) >= limits", "(figure.independent or 0.0) > limits"),
     Mutation("metrics/verdict.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
     Mutation("metrics/judging/limited_figure.py", '"mean_plus_3sigma": 3.0, "max"', '"mean_plus_3sigma": 1.0, "max"'),

@@ -100,10 +100,12 @@ def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> No
 
 
 def check_one_method(stats: Sequence[CallStats], target: CallStats | None) -> None:
-    """Raise InputError if the calls on a target name another method than those on this host."""
+    """Raise InputError if calls name several methods: in files, or on a target another one than on this host."""
     here = {_identity(item.method) for item in stats if item.method is not None}
+    names = ", ".join(f"{name} {version or ''}".strip() for name, version, _ in sorted(here, key=str))
+    if len(here) > 1:
+        raise InputError(f"the calls (--stats) are of {len(here)} methods ({names}): give the calls of one method")
     if target is not None and target.method is not None and here and _identity(target.method) not in here:
-        names = ", ".join(f"{name} {version or ''}".strip() for name, version, _ in sorted(here, key=str))
         raise InputError(
             f"the calls on the target are of the method {target.method.name} {target.method.version or ''}, those on "
             f"this host of {names}: give the calls of one method"

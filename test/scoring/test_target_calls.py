@@ -76,3 +76,15 @@ def test_what_a_target_says_of_itself_is_refused_in_one_line(judge: Judge, text:
     assert result.code == 2
     assert result.err.count("\n") == 1
     assert "target" in result.err
+
+
+def test_a_score_has_the_calls_of_one_method(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    """The mapping call of another method would count as a call of the method that gave the poses."""
+    rules = limits(tmp_path, {**POSITION, "timing": {"mapping_call_s": 1.0}})
+    stats, mapping = write_calls_of(tmp_path / "calls.csv", "mine"), tmp_path / "mapping.csv"
+    for name, code in (("mine", 3), ("other", 2)):  # the mapping pairs of these files are unknown
+        header = "stamp_ns,processing_time_s,state,method,method_version,method_kind"
+        mapping.write_text(f"{header}\n0,0.1,mapped_set,{name},1,python\n")
+        done = sfr("score", *files, "--limits", rules, "--stats", stats, "--stats", mapping)
+        assert done.code == code, done.err
+    assert "are of 2 methods (mine 1, other 1): give the calls of one method" in done.err

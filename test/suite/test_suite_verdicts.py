@@ -18,6 +18,11 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.metrics.score_json import from_json
 
+POSITION_OVER_1_M = {
+    "minimum_independent": 1,
+    "trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 0.5}],
+}
+
 
 @pytest.mark.slow
 def test_a_suite_judges_every_planned_drive(sfr: Sfr, tmp_path: Path, scheduler: str) -> None:
@@ -71,6 +76,38 @@ def test_a_suite_judges_every_limit_and_counts_drives_by_their_truth(sfr: Sfr, t
         suite.write_text(yaml.safe_dump({"sources": sources, "limits": rules}))
         done = sfr("suite", "run", suite, "--out", tmp_path / f"out{number}", "--scheduler", scheduler)
         assert done.code == code, (number, done.out, done.err)
+
+
+@pytest.mark.slow
+def test_copies_of_a_drive_do_not_dilute_an_estimate_that_misses(sfr: Sfr, tmp_path: Path, scheduler: str) -> None:
+    """Fourteen estimates of one truth meet the limit and another misses it; fifteen that meet it pass."""
+    write_files(tmp_path)
+    names = [f"d{number}.csv" for number in range(15)]
+    for bad, code in ((0.0, 0), (0.0104, 1)):
+        for number, name in enumerate(names):
+            scale = SHORT + 1e-9 * number - bad * (number == 4)
+            save_trajectory(tmp_path / name, straight(scale=scale))
+        suite = tmp_path / f"suite{code}.yaml"
+        sources = [{"estimate": name, "truth": "truth.csv"} for name in names]
+        suite.write_text(yaml.safe_dump({"sources": sources, "limits": POSITION}))
+        done = sfr("suite", "run", suite, "--out", tmp_path / f"out{code}", "--scheduler", scheduler)
+        assert done.code == code, done.out + done.err
+
+
+@pytest.mark.slow
+def test_the_drives_of_a_group_are_of_one_item_under_test(sfr: Sfr, tmp_path: Path, scheduler: str) -> None:
+    """The best method for each drive could be chosen, so that the group has no verdict in common."""
+    suite = made_suite(tmp_path / "suite", 2, limits=POSITION_OVER_1_M)
+    header = "stamp_ns,processing_time_s,state,method,method_version,method_kind"
+    for name, code in (("mine", 0), ("other", 3)):
+        for number, method in enumerate(("mine", name)):
+            rows = [f"{100_000_000 * (row + 1)},0.1,tracking,{method},1,python" for row in range(60)]
+            stats = tmp_path / "suite" / f"drive{number}.stats.csv"
+            stats.write_text("\n".join([header, *rows, ""]))
+        done = sfr("suite", "run", suite, "--out", tmp_path / name, "--scheduler", scheduler, "--json", "-")
+        assert done.code == code, done.out + done.err
+        verdicts = [item["name"] for group in json.loads(done.out)["groups"] for item in group["verdicts"]]
+        assert ("items_under_test_max" in verdicts) == (name == "other")
 
 
 @pytest.mark.slow

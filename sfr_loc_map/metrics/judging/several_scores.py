@@ -56,6 +56,16 @@ def common_verdict(scores: Sequence[Score]) -> Common:
     return Common(worst)
 
 
+def items_under_test(scores: Sequence[Score]) -> int:
+    """Return the largest number of items, versions and configurations that made one part of scores.
+
+    A missing item under test counts as an item.
+    """
+    found = {(part, _item(score.method), _configuration(score.method)) for score in scores for part in tasks_of(score)}
+    parts = [part for part, *_ in found]
+    return max(map(parts.count, parts), default=0)
+
+
 def _item(method: MethodRecord | None) -> tuple[str | None, ...] | None:
     return None if method is None else (method.name, method.version, method.sha256)
 

@@ -32,6 +32,7 @@ from sfr_loc_map.metrics.judging.judge import (
 from sfr_loc_map.metrics.judging.limit_scope import limits_about, task_of, tasks_of
 from sfr_loc_map.metrics.judging.limited_figure import LimitedFigure, figure_of, truth_error_of
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL, prove, sample_of
+from sfr_loc_map.metrics.judging.several_scores import items_under_test
 from sfr_loc_map.metrics.limits import Interpretation, Limit, Limits, Terms, meets
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
@@ -288,7 +289,8 @@ def groups_of(drives: Sequence[ScoredJob], limits: Limits | None, unfinished: Se
         trajectories = [score.association for score in scores if score.association is not None]
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
         results = [(job.job.drive, job.score) for job in jobs]
-        pooled = tuple(row for condition in conditions for row in pool(results, condition))
+        sources = [job.job.source.sha256 for job in jobs]
+        pooled = tuple(row for condition in conditions for row in pool(results, condition, sources))
         yield Group(
             task=task,
             configuration=configuration,
@@ -323,6 +325,9 @@ def verdicts_over(
         value, state = float(contradicted), VerdictState.NOT_JUDGED
         plain = plain_verdict("convention_mismatch_drives", 0.0, value, state)
         yield _of_group(replace(plain, n=len(scores)), "worst drive", contradicted)
+    if (several := items_under_test(scores)) > 1:
+        plain = plain_verdict("items_under_test_max", 1.0, float(several), VerdictState.NOT_JUDGED)
+        yield _of_group(replace(plain, n=len(scores)), "all drives", several)
     if parts := [score for score in scores if score.incomplete is not None]:
         rows = [row for score in parts for row in score.rows("judged", subject=Subject.COMPLETENESS)[:1]]
         shares = [row.value for row in rows if row.value is not None]
@@ -409,24 +414,40 @@ def _of_group(verdict: Verdict, over: str, missed_by: int) -> GroupVerdict:
     return GroupVerdict(**asdict(verdict), over=over, missed_by=missed_by)
 
 
-def pool(results: Sequence[tuple[str, Score]], condition: str) -> Iterator[Figure]:
+def pool(results: Sequence[tuple[str, Score]], condition: str, sources: Sequence[str] = ()) -> Iterator[Figure]:
     """Yield the pooled errors of scores for a condition; each score is given with the key of its drive.
 
-    Means and sigmas of a vector are pooled axis by axis.
+    Means and sigmas of a vector are pooled axis by axis. `sources` are the hashes of the sources of the results. Of the
+    sources that are copies of one drive, only the worst is pooled, because copies would dilute the errors.
     """
     for kind in KINDS.values():
         if kind.subject is not Subject.TRAJECTORY:
             continue
         axes: tuple[str | None, ...] = AXES if kind.name == "position" else (None,)
-        used: list[tuple[str, list[Figure]]] = []
-        for drive, score in results:
+        used: dict[tuple[str, str], list[list[Figure]]] = {}
+        for (drive, score), source in zip(results, sources or [""] * len(results), strict=True):
             rows = [_axis_row(score, kind.name, condition, axis) for axis in axes]
             known = [row for row in rows if row is not None and row.mean is not None and (row.n or 0) > 0]
             if len(known) == len(axes):
-                used.append((drive, known))
+                used.setdefault((drive, source), []).append(known)
         has_figure = any(score.rows(kind.name, condition=condition) for _, score in results)
         if has_figure:
-            yield pooled_row(kind.name, condition, used)
+            yield pooled_row(kind.name, condition, _without_copies(kind.name, condition, used))
+
+
+def _without_copies(
+    figure: str, condition: str, used: Mapping[tuple[str, str], Sequence[Sequence[Figure]]]
+) -> list[tuple[str, Sequence[Figure]]]:
+    """Return the rows of the results by drive. Of several sources of a drive, that with the largest figure is used."""
+    worst: dict[str, tuple[float, Sequence[Sequence[Figure]]]] = {}
+    for (drive, _), results in used.items():
+        row = pooled_row(figure, condition, [(drive, rows) for rows in results])
+        size = row.mean_plus_3sigma
+        if size is None:
+            size = float(np.linalg.norm([item.mean or 0.0 for item in results[0]]))
+        if drive not in worst or size > worst[drive][0]:
+            worst[drive] = size, results
+    return [(drive, rows) for drive, (_, results) in worst.items() for rows in results]
 
 
 def _axis_row(score: Score, figure: str, condition: str, axis: str | None) -> Figure | None:
