@@ -303,7 +303,9 @@ def _write_beside(
             save_table(points, points_table(run.cloud.loaded.cloud, run.cloud.truths))
     if pieces is not None and run.drive is not None:
         with beside():
-            save_table(pieces, sub_trajectory_table(run.drive.estimates, run.drive.truth, config.trajectory))
+            drive = run.drive
+            table = sub_trajectory_table(drive.estimates, drive.truth, config.trajectory, drive.image_stamps_ns)
+            save_table(pieces, table)
 
 
 def _propose_next(result: Score, json_path: str | None, html: Path | None) -> None:

@@ -27,6 +27,7 @@ DIAGONAL = UPPER[0] == UPPER[1]  #: Mask of the variances in the upper triangle 
 POSITION_VARIANCES = np.flatnonzero(DIAGONAL & (UPPER[0] < 3))
 """Indices of the variances of x, y and z in the upper triangle."""
 AUTO_STAMPS = 16  #: Stamps of estimates and of true poses in the common span that `auto` examines.
+IMAGE_PERIOD_SHARE = 0.4  #: Maximum difference to the stamp of the image, in median periods; files round stamps.
 MATCHES_PER_STAMP = 4  #: `auto` selects `match` if at least one in this number of stamps coincides.
 
 
@@ -96,15 +97,23 @@ class Matches(NamedTuple):
     alone: Rows  #: Rows of the estimates without a true pose.
 
 
-def associate(estimate: Trajectory, truth: Trajectory, config: AssociationConfig) -> tuple[Frames, Association]:
+def associate(
+    estimate: Trajectory, truth: Trajectory, config: AssociationConfig, images_ns: IntArray | None = None
+) -> tuple[Frames, Association]:
     """Return the frames, and a record of the mode and of the number of poses in each category.
 
-    MetricsError for an estimate without attitudes.
+    If the stamps of the images are given, only the nearest estimate to each image can be a frame. MetricsError for an
+    estimate without attitudes.
     """
     if not estimate.has_attitude:
         raise MetricsError("the estimate has only positions: give an estimate with attitudes (unit quaternions)")
     estimate_rows, true_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
+    estimate_duplicates = len(estimate.stamps_ns) - len(estimate_rows)
     tolerance_ns = round(config.tolerance_s * NS_PER_S)
+    if images_ns is not None and len(images_ns):
+        images_ns = np.unique(images_ns)
+        near_ns = nearness_ns(images_ns, tolerance_ns)
+        estimate_rows = rows_of_images(estimate.stamps_ns, estimate_rows, images_ns, near_ns)
     mode = AssociationMode(config.truth)
     if mode is AssociationMode.AUTO:
         estimate_stamps, true_stamps = taken(estimate.stamps_ns, estimate_rows), taken(truth.stamps_ns, true_rows)
@@ -120,7 +129,7 @@ def associate(estimate: Trajectory, truth: Trajectory, config: AssociationConfig
         matched=len(frames.estimate_rows),
         estimate_poses=len(estimate.stamps_ns),
         truth_poses=len(truth.stamps_ns),
-        estimate_duplicates=len(estimate.stamps_ns) - len(estimate_rows),
+        estimate_duplicates=estimate_duplicates,
         truth_duplicates=len(truth.stamps_ns) - len(true_rows),
         estimate_unordered=unordered(estimate.stamps_ns),
         truth_unordered=unordered(truth.stamps_ns),
@@ -226,6 +235,21 @@ def unique_rows(stamps_ns: IntArray) -> Rows:
     return len(stamps_ns) - 1 - np.unique(stamps_ns[::-1], return_index=True)[1]
 
 
+def rows_of_images(stamps_ns: IntArray, rows: Rows, images_ns: IntArray, near_ns: int) -> Rows:
+    """Return, of rows in the order of their stamps, the nearest row to each image, within `near_ns`.
+
+    Estimates between the images, for instance of a filter with a higher rate, are not frames. Otherwise an item under
+    test could publish more poses where the estimate is good. All rows are returned if no row is near an image.
+    """
+    stamps = taken(stamps_ns, rows)
+    image, difference = nearest_stamps(stamps, images_ns)
+    near = np.flatnonzero(difference <= near_ns)
+    by_image = near[np.lexsort((difference[near], image[near]))]
+    first = np.unique(image[by_image], return_index=True)[1]
+    chosen = by_image[first]
+    return rows[chosen] if len(chosen) else rows
+
+
 def taken(values: NDArray[Number], rows: Rows) -> NDArray[Number]:
     """Return the rows of an array without copying it if the rows are all rows in order; no row occurs twice."""
     if len(rows) < len(values) or not (rows[1:] > rows[:-1]).all():
@@ -246,6 +270,13 @@ def match_nearest(partner: Rows, estimate_stamps: IntArray, true_stamps: IntArra
     _, first = np.unique(nearest[candidates], return_index=True)
     chosen = candidates[first]
     partner[free_est[chosen]] = free_gt[nearest[chosen]]
+
+
+def nearness_ns(needed: IntArray, tolerance_ns: int = 0) -> int:
+    """Return the largest difference between an expected stamp and another stamp of the same pair; stamps ascend."""
+    if len(needed) < 2:
+        return tolerance_ns
+    return max(tolerance_ns, int(IMAGE_PERIOD_SHARE * np.median(np.diff(needed))))
 
 
 def nearest_stamps(stamps: IntArray, among: IntArray) -> tuple[Rows, IntArray]:

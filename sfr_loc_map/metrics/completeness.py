@@ -18,6 +18,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.metrics.association import nearest_stamps, nearness_ns
 from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, LIVE, MAP
 from sfr_loc_map.metrics.config import AssociationMode, CallKind, Condition, ConditionKind
 from sfr_loc_map.metrics.records import Association
@@ -26,7 +27,6 @@ from sfr_loc_map.metrics.table import Figure, figure_row
 
 MISSING_SHARE = 0.01  #: Missing fraction above which an estimate is reported as incomplete without limits.
 GAP_PERIODS = 5  #: A gap is a time of more than this number of median periods between neighbouring poses.
-IMAGE_PERIOD_SHARE = 0.4  #: Maximum difference to the stamp of the image, in median periods; files round stamps.
 SPARSER = 1.5  #: The truth is sparser than the images if the ratio of their median periods exceeds this.
 DOUBLED_SHARE = 0.1  #: A file contains two runs if the fraction of repeated stamps with another position exceeds this.
 
@@ -58,9 +58,11 @@ def completeness(
 ) -> tuple[Association, list[Figure]]:
     """Return the association with the reason why the estimate is incomplete, and the rows of completeness.
 
-    `frames_ns` are the ascending stamps of the frames. MetricsError if the estimate contains two runs.
+    `frames_ns` are the ascending stamps of the frames. MetricsError if the estimate or the truth contains
+    two runs.
     """
-    stamps = single_run_stamps(estimate)
+    stamps = single_run_stamps(estimate, "estimate")
+    single_run_stamps(truth, "ground truth")
     true_ns, rows = np.unique(truth.stamps_ns, return_index=True)
     true_ns = settled(true_ns, stamps, in_flight_ns)
     rows = rows[: len(true_ns)]
@@ -134,26 +136,19 @@ def share_of(count: int, total: int) -> float | None:
     return count / total if total else None
 
 
-def single_run_stamps(estimate: Trajectory) -> IntArray:
-    """Return the stamps of an estimate in order, each once; MetricsError if the estimate contains two runs."""
-    order = np.argsort(estimate.stamps_ns, kind="stable")
-    stamps, positions = estimate.stamps_ns[order], estimate.positions[order]
+def single_run_stamps(poses: Trajectory, what: str) -> IntArray:
+    """Return the stamps of poses in order, each once; MetricsError, which names `what`, if there are two runs."""
+    order = np.argsort(poses.stamps_ns, kind="stable")
+    stamps, positions = poses.stamps_ns[order], poses.positions[order]
     again = np.flatnonzero(stamps[1:] == stamps[:-1]) + 1
     elsewhere = int(np.count_nonzero((positions[again] != positions[again - 1]).any(axis=1)))
     unique = np.delete(stamps, again)
     if elsewhere > DOUBLED_SHARE * len(unique):
         raise MetricsError(
-            f"the estimate contains two runs: {elsewhere} of its {len(stamps)} poses repeat the stamp of another "
+            f"the {what} contains two runs: {elsewhere} of its {len(stamps)} poses repeat the stamp of another "
             "pose at another position: give one run"
         )
     return unique
-
-
-def nearness_ns(needed: IntArray, tolerance_ns: int = 0) -> int:
-    """Return the largest difference between an expected stamp and another stamp of the same pair; stamps ascend."""
-    if len(needed) < 2:
-        return tolerance_ns
-    return max(tolerance_ns, int(IMAGE_PERIOD_SHARE * np.median(np.diff(needed))))
 
 
 def has_near(stamps: IntArray, among: IntArray, near_ns: int) -> Mask:
@@ -341,7 +336,8 @@ def calls_completeness(
 
     `values` has the measurements of each call by `calls` (time) and `memory`, NaN if not measured. `place` states where
     the calls were measured. One call maps a set of pairs, at the stamp of its last pair. At least one such call, at a
-    stamp of the source, is therefore expected.
+    stamp of the source, is therefore expected. A call belongs to the pair of the nearest stamp; further calls of
+    the pair are doubled.
     """
     for name, measured in values.items():
         given = stamps_ns[np.isfinite(measured)]
@@ -357,7 +353,10 @@ def calls_completeness(
         yield expected_row(RowPart(name, kind, place), judged, many)
         if name == CALLS:
             part, total = RowPart("", kind, place).text, len(given)
-            other, doubled = int(counts[~is_of_drive].sum()), int((counts - 1).sum())
+            other = int(counts[~is_of_drive].sum())
+            pairs = nearest_stamps(unique[is_of_drive], expected)[0]
+            repeated_stamps = int((counts - 1).sum())
+            doubled = repeated_stamps + len(pairs) - len(np.unique(pairs))
             yield figure_row("calls_missing", part=part, n=many, value=share_of(many - judged, many))
             yield figure_row("calls_other", part=part, n=total, value=share_of(other, total))
             yield figure_row("calls_doubled", part=part, n=total, value=share_of(doubled, total))

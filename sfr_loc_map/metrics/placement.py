@@ -59,19 +59,23 @@ class PlacedFrames(NamedTuple):
 
 
 def placed_frames(
-    estimates: Estimates, truth: Trajectory, conditions: Sequence[Condition], config: TrajectoryScoreConfig
+    estimates: Estimates,
+    truth: Trajectory,
+    conditions: Sequence[Condition],
+    config: TrajectoryScoreConfig,
+    images_ns: IntArray | None = None,
 ) -> PlacedFrames:
     """Return the frames of an estimate and a truth; the estimate is aligned with a truth that has no attitudes."""
     known = known_of(truth)
     if truth.has_attitude:
         rebase, placement = Rebase(config.rebase), None
-        frames, association = associate(estimates.trajectory, truth, config.association)
+        frames, association = associate(estimates.trajectory, truth, config.association, images_ns)
         if not known.has_tilt:
             frames = with_estimated_tilt(frames)
         reading = of_known(known, READINGS[rebase])
     else:
         estimates, frames, association, placement = associate_positions(
-            estimates, truth, conditions, config.association
+            estimates, truth, conditions, config.association, images_ns
         )
         rebase = Rebase.YAW_ALIGNED if placement.tilt_deg is None else Rebase.ROTATION_ALIGNED
         reading = formulas.position_reading
@@ -117,7 +121,11 @@ def with_estimated_tilt(frames: Frames) -> Frames:
 
 
 def associate_positions(
-    estimates: Estimates, truth: Trajectory, conditions: Sequence[Condition], config: AssociationConfig
+    estimates: Estimates,
+    truth: Trajectory,
+    conditions: Sequence[Condition],
+    config: AssociationConfig,
+    images_ns: IntArray | None = None,
 ) -> tuple[Estimates, Frames, Association, Placement]:
     """Return estimates of the point that the truth tracks, their frames, and the alignment with the truth.
 
@@ -131,7 +139,7 @@ def associate_positions(
     poses = estimates.trajectory
     if isinstance(truth, Truth) and poses.has_attitude:
         poses = at_point(poses, truth.lever_arm_m)
-    frames, association = associate(poses, truth, config)
+    frames, association = associate(poses, truth, config, images_ns)
     turn, translation, tilt_deg = np.eye(3), np.zeros(3), None
     if len(frames.stamps_ns):
         middle, true_middle = frames.position.mean(axis=0), frames.true_position.mean(axis=0)

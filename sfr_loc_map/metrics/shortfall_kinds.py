@@ -80,7 +80,7 @@ SHORTFALLS = (
     ShortfallKind(
         "calls_other", CALLS, 0.0, "{percent} % of the {part} calls have stamps that the source does not have"
     ),
-    ShortfallKind("calls_doubled", CALLS, 0.0, "{percent} % of the {part} calls repeat a stamp"),
+    ShortfallKind("calls_doubled", CALLS, 0.0, "{percent} % of the {part} calls belong to the pair of another call"),
     ShortfallKind("dropped", LIVE, 0.0, "{percent} % of the messages of the live run were dropped"),
     ShortfallKind("restarts", LIVE, 0.0, "the live score restarted {value} times"),
 )

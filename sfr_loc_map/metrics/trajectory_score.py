@@ -71,7 +71,7 @@ def score_trajectory(
     estimate has a ground truth and the run is not under way.
     """
     conditions = parsed_conditions(config)
-    placed = placed_frames(estimates, truth, conditions, config)
+    placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)
     if not placed.association.matched and not under_way:
         raise MetricsError(nothing_matched(estimates.trajectory, truth))
     frames = placed.frames
@@ -207,7 +207,7 @@ def truth_record(truth: Trajectory, frames: Frames, placement: Placement | None)
 
 
 def sub_trajectory_table(
-    estimates: Estimates, truth: Trajectory, config: TrajectoryScoreConfig
+    estimates: Estimates, truth: Trajectory, config: TrajectoryScoreConfig, image_stamps_ns: IntArray | None = None
 ) -> dict[str, NDArray[Any]]:
     """Return every sub-trajectory of each condition by each reading, as columns of equal length.
 
@@ -215,7 +215,7 @@ def sub_trajectory_table(
     compares it, minus the true displacement. Errors are raised as by `score_trajectory`.
     """
     conditions = parsed_conditions(config)
-    placed = placed_frames(estimates, truth, conditions, config)
+    placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)
     frames = placed.frames
     judged = placed.association.rebase
     poses = placed.poses

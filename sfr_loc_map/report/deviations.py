@@ -33,7 +33,7 @@ def deviations_of(score: Score) -> Iterator[str]:
             if count:
                 yield f"{count} of {drive.matched} frames are {what}. They are judged like the others."
         if unmatched := score.number("unmatched", part="count"):
-            yield f"{unmatched:.0f} estimates have no truth and are not judged."
+            yield f"{unmatched:.0f} estimates have no truth or are not the nearest to an image, and are not judged."
         without_images = score.number("path_without_images") or 0.0
         if without_images > PATH_WITHOUT_IMAGES:
             share = f"{100.0 * without_images:.3g} %"
@@ -46,6 +46,8 @@ def deviations_of(score: Score) -> Iterator[str]:
         yield from _standing(score)
         if drive.estimate_duplicates:
             yield f"{drive.estimate_duplicates} estimates were ignored because a later estimate has the same stamp."
+        if drive.truth_duplicates:
+            yield f"{drive.truth_duplicates} true poses were ignored because a later true pose has the same stamp."
     without_cloud = score.figure("pairs_without_cloud", part="count")
     if without_cloud is not None and without_cloud.value:
         yield f"{without_cloud.value:.0f} of {without_cloud.n} mapping pairs have no point in the cloud."

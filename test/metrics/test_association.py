@@ -86,3 +86,14 @@ def test_auto_matches_if_a_quarter_of_the_stamps_have_a_partner(every: int, mode
     gt = np.arange(0, 600, 10)
     est = gt[:-1] + np.where(np.arange(len(gt) - 1) % every == 0, 0, 5)
     assert associated(est, gt, "auto")[1].mode is mode
+
+
+def test_of_several_estimates_near_an_image_the_nearest_is_a_frame() -> None:
+    """An item under test may publish more poses where the estimate is good, or at a higher rate throughout."""
+    images, config = np.arange(5) * 100, AssociationConfig(truth="interpolate")
+    given = poses([0, 30, 99, 101, 150, 210, 230, 300, 399, 400, 430])
+    frames, counts = associate(given, poses(np.arange(11) * 50), config, images)
+    assert given.stamps_ns[frames.estimate_rows].tolist() == [0, 99, 210, 300, 400]
+    assert (counts.matched, counts.estimate_poses, counts.estimate_duplicates) == (5, 11, 0)
+    beside = poses(images[:4] + 45)
+    assert associate(beside, poses(np.arange(11) * 50), config, images)[1].matched == 4, "stamps of another clock"

@@ -252,9 +252,17 @@ def test_a_tenth_of_the_stamps_with_other_poses_is_two_runs() -> None:
         both = Trajectory(stamps, np.concatenate([whole.positions, moved]), quats)
         if is_refused:
             with pytest.raises(MetricsError, match="two runs"):
-                single_run_stamps(both)
+                single_run_stamps(both, "estimate")
         else:
-            assert len(single_run_stamps(both)) == COUNT
+            assert len(single_run_stamps(both, "estimate")) == COUNT
+
+
+def test_a_tenth_of_the_true_stamps_with_other_poses_is_two_truths() -> None:
+    whole, again = straight(), straight(last=50)
+    parts = ((whole.stamps_ns, again.stamps_ns), (whole.positions, again.positions + 5.0))
+    both = Trajectory(*map(np.concatenate, (*parts, (whole.quats_xyzw, again.quats_xyzw))))
+    with pytest.raises(MetricsError, match="the ground truth contains two runs: 50 of its 451 poses"):
+        covered(whole, both)
 
 
 def test_results_are_due_once_they_may_not_take_longer() -> None:
@@ -292,6 +300,18 @@ def test_rows_of_calls_by_hand() -> None:
     assert rows == {f"{name}{part}": value for name, value in shares.items()}
     other = values_of(calls_completeness(CallKind.FUSION, given[-1:], expected, {CALLS: seconds[-1:]}))
     assert other["judged calls fusion"] == 0.0, "a call for a set is at a stamp of the source, too"
+
+
+@pytest.mark.clause("4.2.1")
+def test_several_calls_near_one_pair_are_doubled() -> None:
+    """Calls within 0.4 periods of their pair belong to the pair, whatever their stamps."""
+    expected = np.arange(5) * SECOND
+    beside = np.concatenate((expected, expected[:2] + SECOND // 5, expected[2:3] - SECOND // 5))
+    for called, doubled in ((np.sort(beside), 3 / 8), (expected + SECOND // 5, 0.0)):
+        measured = {CALLS: np.full(len(called), 0.1)}
+        rows = values_of(calls_completeness(CallKind.LOCALISATION, called, expected, measured))
+        shares = [rows[f"{name} localisation"] for name in ("calls_missing", "calls_other", "calls_doubled")]
+        assert shares == [0.0, 0.0, doubled]
 
 
 def test_rows_of_a_live_run_by_hand() -> None:

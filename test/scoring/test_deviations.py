@@ -118,3 +118,17 @@ def test_a_true_path_without_images_is_a_deviation(tmp_path: Path, sfr: Sfr, cut
     assert is_told == (cut != slice(5, 13)), "less than a second is no hole"
     stated = limits(tmp_path, content | {"completeness": {"path_without_images_max_share": 0.05}})
     assert sfr("score", poses, folder, "--limits", stated).code == (1 if is_told else 0)
+
+
+def test_true_poses_with_repeated_stamps_are_a_deviation(tmp_path: Path, sfr: Sfr) -> None:
+    """Two of 300 stamps have a second pose, which is too few for a second truth."""
+    truth, score, page = straight(), tmp_path / "s.json", tmp_path / "r.html"
+    rows = np.sort(np.append(np.arange(300), [100, 200]))
+    positions = truth.positions[rows]
+    positions[[101, 202], 2] += 0.01
+    save_trajectory(tmp_path / "e.csv", straight(scale=0.999))
+    save_trajectory(tmp_path / "t.csv", Trajectory(truth.stamps_ns[rows], positions, truth.quats_xyzw[rows]))
+    done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", limits(tmp_path, POSITION), "--json", score)
+    assert done.code == 0, done.err
+    sfr("report", score, "--test-report", page)
+    assert "2 true poses were ignored because a later true pose has the same stamp" in page.read_text()
