@@ -1,0 +1,176 @@
+"""Plausibility checks of true poses, each on both sides of its threshold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import quat_normalised
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.io.truth.pose_checks import (
+    has_constant_attitude,
+    has_constant_height,
+    has_no_tilt,
+    jumping_positions,
+    marked_as_unknown,
+    path_turns,
+    possible_truth,
+    stray_stamps,
+)
+
+COUNT = 60
+STAMPS = 1_700_000_000 * NS_PER_S + np.arange(COUNT) * NS_PER_S
+ALONG = np.linspace(0.0, 12.0, COUNT)
+STRAIGHT = np.column_stack((ALONG, 0.0 * ALONG, 0.0 * ALONG))
+IDENTITY = np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1))
+
+
+def bent(angle_deg: float) -> FloatArray:
+    """Return a flat path of two straight halves with an angle between them."""
+    angle = np.radians(angle_deg)
+    second = np.maximum(ALONG - 6.0, 0.0)
+    return np.column_stack((np.minimum(ALONG, 6.0) + second * np.cos(angle), second * np.sin(angle), 0.0 * ALONG))
+
+
+def poses(positions: FloatArray, quats: FloatArray = IDENTITY) -> Trajectory:
+    return Trajectory(STAMPS, positions, quats)
+
+
+def yaws(tilt: float = 0.0) -> FloatArray:
+    yaw = np.linspace(0.0, 0.7, COUNT)
+    return quat_normalised(np.column_stack((np.full(COUNT, tilt), 0.0 * yaw, np.sin(yaw), np.cos(yaw))))
+
+
+@pytest.mark.parametrize(
+    ("rows", "stamps_ns", "is_stray"),
+    [
+        ([0, 30], 0, True),
+        ([59], STAMPS[0] + 2 * 86_400 * NS_PER_S, True),
+        ([59], STAMPS[0] + 43_200 * NS_PER_S, False),
+        (list(range(12)), 0, False),
+    ],
+    ids=["zeros", "two days", "half a day", "one fifth"],
+)
+def test_stamps_far_from_the_others_are_stray(rows: list[int], stamps_ns: int, is_stray: bool) -> None:
+    changed = STAMPS.copy()
+    changed[rows] = stamps_ns
+    assert np.flatnonzero(stray_stamps(changed)).tolist() == (rows if is_stray else [])
+
+
+def test_two_stamps_are_never_stray() -> None:
+    assert not stray_stamps(np.array([0, STAMPS[0]])).any()
+
+
+@pytest.mark.parametrize(
+    ("rows", "jump_m", "pause_s", "is_jump"),
+    [
+        ([20], 300.0, 0, True),
+        ([20], 90.0, 0, False),
+        ([20], 300.0, 4, False),
+        (list(range(20, 32)), 9000.0, 0, False),
+        ([20, 40], 300.0, 0, True),
+    ],
+    ids=["too fast", "below 100 m/s", "after a pause", "one fifth", "two"],
+)
+def test_a_position_that_no_vehicle_can_reach_is_a_jump(
+    rows: list[int], jump_m: float, pause_s: int, is_jump: bool
+) -> None:
+    positions, stamps_ns = STRAIGHT.copy(), STAMPS.copy()
+    positions[rows, 1] += jump_m
+    stamps_ns[20:] += pause_s * NS_PER_S
+    stamps_ns[21:] += pause_s * NS_PER_S
+    assert np.flatnonzero(jumping_positions(stamps_ns, positions)).tolist() == (rows if is_jump else [])
+
+
+def test_a_jump_below_one_metre_at_equal_stamps_is_noise() -> None:
+    positions = STRAIGHT.copy()
+    positions[20, 1] += 0.9
+    assert not jumping_positions(np.full(COUNT, STAMPS[0]), 0.001 * positions).any()
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "turns"), [(0.0, False), (15.0, False), (25.0, True), (90.0, True), (180.0, False)]
+)
+def test_a_path_turns_above_twenty_degrees_and_not_by_driving_back(angle_deg: float, turns: bool) -> None:
+    assert path_turns(bent(angle_deg)) is turns
+
+
+@pytest.mark.parametrize(("length_m", "turns"), [(0.4, False), (0.6, True)])
+def test_a_path_below_half_a_metre_does_not_turn(length_m: float, turns: bool) -> None:
+    assert path_turns(bent(90.0) * length_m / 12.0) is turns
+
+
+def test_an_attitude_that_never_changes_is_detected_only_on_a_path_that_turns() -> None:
+    signs = np.where(np.arange(COUNT) % 2, 1.0, -1.0)[:, None]
+    assert has_constant_attitude(poses(bent(90.0)))
+    assert has_constant_attitude(poses(bent(90.0), signs * IDENTITY)), "q and -q are the same attitude"
+    assert not has_constant_attitude(poses(STRAIGHT))
+    assert not has_constant_attitude(poses(bent(90.0), yaws()))
+    assert not has_constant_attitude(poses(bent(90.0), np.zeros((COUNT, 4)))), "positions without attitude"
+
+
+def test_a_height_that_never_changes_is_detected_only_on_a_path_that_turns() -> None:
+    rough = bent(90.0)
+    rough[:, 2] = 1e-4 * np.sin(ALONG)
+    assert has_constant_height(poses(bent(90.0) + np.array([0.0, 0.0, 3.0])))
+    assert not has_constant_height(poses(STRAIGHT))
+    assert not has_constant_height(poses(rough))
+
+
+def test_missing_roll_and_pitch_are_detected_only_on_a_path_that_turns() -> None:
+    assert has_no_tilt(poses(bent(90.0), yaws()))
+    assert not has_no_tilt(poses(STRAIGHT, yaws()))
+    assert not has_no_tilt(poses(bent(90.0), yaws(tilt=0.01)))
+
+
+def variances(**of: float) -> FloatArray:
+    found = np.full((COUNT, 6), 0.01)
+    for name, value in of.items():
+        found[:, ("x", "y", "z", "roll", "pitch", "yaw").index(name)] = value
+    return found
+
+
+@pytest.mark.parametrize(
+    ("of", "unknown"),
+    [
+        ({}, (False, False)),
+        ({"z": LOST_VARIANCE}, (True, False)),
+        ({"z": -1.0}, (True, False)),
+        ({"roll": LOST_VARIANCE}, (False, False)),
+        ({"roll": LOST_VARIANCE, "pitch": LOST_VARIANCE}, (False, True)),
+        ({"z": 0.0, "roll": 0.0, "pitch": 0.0}, (True, True)),
+        ({"x": 0.0, "y": 0.0, "z": 0.0, "roll": 0.0, "pitch": 0.0, "yaw": 0.0}, (False, False)),
+    ],
+    ids=["known", "no height", "negative", "roll", "no tilt", "planar", "zeros"],
+)
+def test_variances_mark_unknown_components(of: dict[str, float], unknown: tuple[bool, bool]) -> None:
+    assert marked_as_unknown(variances(**of)) == unknown
+
+
+def test_positions_without_height_are_ignored_if_most_have_a_height() -> None:
+    few, most = variances(), variances()
+    few[:5, 2] = LOST_VARIANCE
+    most[:50, 2] = LOST_VARIANCE
+    rough = bent(90.0) + np.column_stack((0.0 * ALONG, 0.0 * ALONG, 0.1 * np.sin(ALONG)))
+    kept, found = possible_truth(poses(rough, yaws(0.01)), "x", variances=few)
+    assert np.flatnonzero(~kept).tolist() == [0, 1, 2, 3, 4]
+    assert len(found) == COUNT - 5
+    kept, found = possible_truth(poses(rough, yaws(0.01)), "x", variances=most)
+    assert kept.all()
+    assert isinstance(found, Truth)
+    assert not found.has_height
+    assert found.has_tilt
+
+
+def test_settings_override_the_detection(caplog: pytest.LogCaptureFixture) -> None:
+    flat = poses(bent(90.0))
+    assert not possible_truth(flat, "x")[1].has_attitude
+    assert "all poses have the same attitude" in caplog.text
+    assert possible_truth(flat, "x", attitude="yes")[1].has_attitude
+    found = possible_truth(poses(bent(90.0), yaws()), "x")[1]
+    assert isinstance(found, Truth)
+    assert not found.has_height
+    assert not found.has_tilt
+    assert not isinstance(possible_truth(poses(bent(90.0), yaws()), "x", unknown="none")[1], Truth)
