@@ -56,21 +56,21 @@ FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite
 def run(
     suite: Annotated[Path, Argument(metavar="SUITE.yaml", help="File with sources, faults, configurations, tasks.")],
     out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing folder is continued.")],
-    workers: Annotated[int | None, Option(min=1, metavar="N", help="Parallel tasks; default: one per core.")] = None,
+    workers: Annotated[int | None, Option(min=1, metavar="N", help="Parallel jobs; default: one per core.")] = None,
     scheduler: Annotated[
         str | None, Option(metavar="ADDR", help="Running Dask scheduler, for example tcp://host:8786.")
     ] = None,
     dry_run: Annotated[
-        bool, Option("--dry-run", help="List the tasks without running them. Remote sources are fetched.")
+        bool, Option("--dry-run", help="List the jobs without running them. Remote sources are fetched.")
     ] = False,
-    retry_failed: Annotated[bool, Option("--retry-failed", help="Repeat failed tasks.")] = False,
+    retry_failed: Annotated[bool, Option("--retry-failed", help="Repeat failed jobs.")] = False,
     json_path: JsonOption = None,
     junit: JunitOption = None,
     mlflow: MlflowOption = None,
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
-    """Run the unfinished tasks of a suite on Dask (extra suite). The same command continues an interrupted suite."""
+    """Run the unfinished jobs of a suite on Dask (extra suite). The same command continues an interrupted suite."""
     from sfr_loc_map.suite.run import run_suite
     from sfr_loc_map.suite.running.specification import load_specification
     from sfr_loc_map.suite.running.store import Store
@@ -80,7 +80,7 @@ def run(
     _refuse_both(workers, scheduler)
     specification, store = load_specification(suite), Store(out)
     if dry_run:
-        _list_tasks(specification, store, workers, retry_failed=retry_failed)
+        _list_jobs(specification, store, workers, retry_failed=retry_failed)
         return propose("sfr", "suite", "run", suite, "--out", out, why="run them")
     with _progress() as progress:
         summary = run_suite(
@@ -95,8 +95,8 @@ def run(
     _present(summary, store, json_path, junit, mlflow, lenient=lenient)
 
 
-def _list_tasks(specification: SuiteSpecification, store: Store, workers: int | None, *, retry_failed: bool) -> None:
-    """Print the tasks that `sfr suite run` would run."""
+def _list_jobs(specification: SuiteSpecification, store: Store, workers: int | None, *, retry_failed: bool) -> None:
+    """Print the jobs that `sfr suite run` would run."""
     from sfr_loc_map.suite.run import open_jobs, planned_jobs, slots_for
 
     settings = specification.settings
@@ -108,7 +108,7 @@ def _list_tasks(specification: SuiteSpecification, store: Store, workers: int | 
     for job in jobs:
         say(f"{job.key}  {job.label}")
     slots = min(slots_for(settings, workers), max(1, len(jobs)))
-    say(f"{len(jobs)} of {len(planned)} tasks to run, {slots} at a time")
+    say(f"{len(jobs)} of {len(planned)} jobs to run, {slots} at a time")
 
 
 def _tell(text: str) -> None:
@@ -117,8 +117,8 @@ def _tell(text: str) -> None:
 
 @contextmanager
 def _progress() -> Iterator[Progress]:
-    """Yield a function that shows finished tasks: on a bar in a terminal, otherwise one line per task."""
-    with progress_bar("tasks") as bar:
+    """Yield a function that shows finished jobs: on a bar in a terminal, otherwise one line per job."""
+    with progress_bar("jobs") as bar:
 
         def advance(done: int, total: int, last: tuple[Job, JobOutcome] | None) -> None:
             if last is None:
@@ -129,7 +129,7 @@ def _progress() -> Iterator[Progress]:
             if outcome.cause is not None:
                 say(f"failed: {job.label}: {outcome.cause}", err=True)
             if bar.disable:
-                say(f"{done} of {total} tasks", err=True)
+                say(f"{done} of {total} jobs", err=True)
 
         yield advance
 
@@ -143,7 +143,7 @@ def _refuse_both(workers: int | None, scheduler: str | None) -> None:
 def search(
     search: Annotated[Path, Argument(metavar="SEARCH.yaml", help="File with scenario, ranges, figure and limit.")],
     out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing folder is continued.")],
-    workers: Annotated[int | None, Option(min=1, metavar="N", help="Parallel tasks; default: one per core.")] = None,
+    workers: Annotated[int | None, Option(min=1, metavar="N", help="Parallel jobs; default: one per core.")] = None,
     scheduler: Annotated[
         str | None, Option(metavar="ADDR", help="Running Dask scheduler, for example tcp://host:8786.")
     ] = None,
@@ -245,7 +245,7 @@ def plan(
         )
     else:
         store = _open_store(folder)
-        counts = list(drive_counts(summarise(store).drives, store.limits))
+        counts = list(drive_counts(summarise(store).results, store.limits))
     show([asdict(count) for count in counts], json_path, [plan_table(counts)])
 
 
@@ -313,7 +313,7 @@ def _present(
         say(text, err=True)
     if summary.verdict is not None:
         counts = summary.counts
-        reported = f"verdict: {summary.verdict}. {counts['done']} of {counts['tasks']} tasks have a result"
+        reported = f"verdict: {summary.verdict}. {counts['done']} of {counts['tasks']} jobs have a result"
         say(reported, err=json_path == STANDARD_OUTPUT)
     failed = [item for _, item in verdicts if item.state is VerdictState.FAIL]
     if failed:
@@ -323,7 +323,7 @@ def _present(
         reasons += [f"{limits.missed} of {limits.limits} limits over all drives missed"] if limits.missed else []
         raise FailedVerdictError("; ".join(reasons))
     if count := len(summary.failures) + len(summary.refusals):
-        raise InputError(f"{count} tasks or sources failed; the messages above name them")
+        raise InputError(f"{count} jobs or sources failed; the messages above name them")
     undecided = [
         f"{item.name} of {group.task}, {group.configuration}: "
         + (item.state.value if item.proof is None else words_of(item.proof, item.state))
@@ -331,5 +331,5 @@ def _present(
         if item.state in (VerdictState.NOT_ENOUGH_DATA, VerdictState.NOT_JUDGED)
     ]
     is_open = summary.waiting and verdicts and not summary.is_decided
-    waiting = [f"{summary.waiting} of {summary.tasks} tasks have no result yet"] if is_open else []
+    waiting = [f"{summary.waiting} of {summary.jobs} jobs have no result yet"] if is_open else []
     not_judged([*waiting, *incomplete, *undecided], lenient=lenient)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Say = Callable[[str], None]
 """Function that prints a line of progress of a suite."""
 Progress = Callable[[int, int, tuple[Job, JobOutcome] | None], None]
-"""Function of the numbers of finished and of all tasks, and of the last task with its outcome (None at the start)."""
+"""Function of the numbers of finished and of all jobs, and of the last job with its outcome (None at the start)."""
 
 
 def run_suite(
@@ -36,10 +36,10 @@ def run_suite(
     say: Say = lambda line: None,
     progress: Progress = lambda done, total, last: None,
 ) -> Summary:
-    """Run the tasks of a suite that have no result yet, write the page of the suite, and return the summary.
+    """Run the jobs of a suite that have no result yet, write the page of the suite, and return the summary.
 
-    The tasks run on `workers` processes of this host, by default one per core, or on the Dask cluster of a `scheduler`.
-    After a signal, the finished tasks are reported and InterruptedRunError is raised.
+    The jobs run on `workers` processes of this host, by default one per core, or on the Dask cluster of a `scheduler`.
+    After a signal, the finished jobs are reported and InterruptedRunError is raised.
     """
     settings = specification.settings
     interrupted = False
@@ -56,7 +56,7 @@ def run_suite(
                     run_and_keep(jobs, store, settings, client, at_work, say, progress)
         except KeyboardInterrupt:
             interrupted = True
-        finally:  # report the finished tasks after any error
+        finally:  # report the finished jobs after any error
             hold()
             from sfr_loc_map.suite.pages.page import write_summary  # imported late, because the import is slow
 
@@ -78,7 +78,7 @@ def open_jobs(planned: Sequence[Job], store: Store, settings: SuiteSettings, *, 
     wanted = ("waiting", "failed") if retry_failed else ("waiting",)
     jobs = [job for job in planned if store.state(job.key) in wanted]
     if settings.stop_when_decided:
-        jobs.sort(key=lambda job: (job.drive, job.key))
+        jobs.sort(key=lambda job: (job.drive_key, job.key))
     return jobs
 
 
@@ -121,5 +121,5 @@ def run_and_keep(
                 continue
             decision.add(job)
             if decision.is_made:
-                say(f"decided after {done} of {len(jobs)} tasks: the remaining tasks are not needed")
+                say(f"decided after {done} of {len(jobs)} jobs: the remaining jobs are not needed")
                 break

@@ -67,7 +67,7 @@ def test_a_suite_is_run_once_judged_and_reported(sfr: Sfr, suite: Path, serial: 
     assert all((serial / link).is_file() for link in links)
     shown = sfr("suite", "run", suite, "--out", serial)
     last = [line for line in shown.out.splitlines() if line.strip()][-1]
-    assert last.startswith(f"verdict: pass. {DRIVES} of {DRIVES} tasks have a result")
+    assert last.startswith(f"verdict: pass. {DRIVES} of {DRIVES} jobs have a result")
     assert json.loads((serial / "suite.json").read_text())["groups"] == summary["groups"]
 
 
@@ -124,7 +124,7 @@ def test_what_fails_is_named_and_left_alone_until_it_is_asked_for(sfr: Sfr, tmp_
     out = tmp_path / "out"
     done = sfr("suite", "run", suite, "--out", out)
     assert done.code == 2, done.err
-    assert "of 2 tasks" in done.err, done.err
+    assert "of 2 jobs" in done.err, done.err
     assert "skipped: source 'gone'" in done.err
     found = json.loads((out / "suite.json").read_text())
     assert (found["counts"]["done"], [item["path"] for item in found["refusals"]]) == (1, ["gone"])
@@ -135,7 +135,7 @@ def test_what_fails_is_named_and_left_alone_until_it_is_asked_for(sfr: Sfr, tmp_
     assert "bad input" in done.err
     (failure,) = json.loads((out / "suite.json").read_text())["failures"]
     assert failure["key"] == key
-    assert sfr("suite", "run", suite, "--out", out, "--dry-run").out.startswith("0 of 2 tasks to run")
+    assert sfr("suite", "run", suite, "--out", out, "--dry-run").out.startswith("0 of 2 jobs to run")
     assert "1 of 2" in sfr("suite", "run", suite, "--out", out, "--dry-run", "--retry-failed").out
 
 
@@ -260,7 +260,7 @@ def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(
         run = sfr("suite", "run", suite, "--out", tmp_path / name / "out", "--scheduler", scheduler, "--json", "-")
         found = json.loads(run.out)
         assert (run.code, found["verdict"]) == (code, verdict), name
-        assert f"verdict: {verdict}. 2 of 2 tasks have a result" in run.err
+        assert f"verdict: {verdict}. 2 of 2 jobs have a result" in run.err
         half = [drive for drive in found["drives"] if "incomplete" in drive]
         if verdict == "pass":
             assert not half

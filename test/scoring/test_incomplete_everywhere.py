@@ -202,7 +202,7 @@ def of_junit(made: Made) -> str:
 def of_suite(made: Made) -> str | None:
     drives = [ScoredJob(JOB, scored(made))]
     groups = tuple(groups_of(drives, LIMITS))
-    return Summary(tasks=1, waiting=0, groups=groups, drives=tuple(drives), failures=(), refusals=(), code="").verdict
+    return Summary(jobs=1, waiting=0, groups=groups, results=tuple(drives), failures=(), refusals=(), code="").verdict
 
 
 def of_comparison(made: Made) -> str:

@@ -27,7 +27,7 @@ def test_a_suite_is_run_from_python(tmp_path: Path) -> None:
             workers=1,
             progress=lambda done, total, last: steps.append((done, total, None if last is None else last[0].label)),
         )
-        return summary.verdict, len(summary.drives)
+        return summary.verdict, len(summary.results)
 
     assert summary_of_run() == ("pass", 2)
     assert [step[:2] for step in steps] == [(0, 2), (1, 2), (2, 2)]

@@ -29,11 +29,11 @@ def suite_junit(summary: Summary) -> str:
         ", ".join(filter(None, ("all drives", *group.key))): Score(figures=group.figures, verdicts=group.verdicts)
         for group in summary.groups
     }
-    waiting = {"tasks": f"{summary.waiting} of {summary.tasks} have no result yet"} if summary.waiting else {}
-    labels = Counter(drive.job.label for drive in summary.drives)
+    waiting = {"jobs": f"{summary.waiting} of {summary.jobs} have no result yet"} if summary.waiting else {}
+    labels = Counter(drive.job.label for drive in summary.results)
     scores = {
         drive.job.label if labels[drive.job.label] == 1 else f"{drive.job.label}, {drive.job.key}": drive.score
-        for drive in summary.drives
+        for drive in summary.results
     }
     return junit(judged | scores, failed | refused | waiting)
 
@@ -52,7 +52,7 @@ def write_parquet(summary: Summary, path: Path) -> None:
     }
     words = dict.fromkeys(("clause", "subject", "condition", "part", "figure", "unit"), "string")
     numbers = {name: "int64" if name == "n" else "float64" for name in COLUMNS if name not in words}
-    rows = [drive.names() | row.as_dict() for drive in summary.drives for row in drive.score.figures]
+    rows = [drive.names() | row.as_dict() for drive in summary.results for row in drive.score.figures]
     schema = pyarrow.schema(list((names | words | numbers).items()))
     with atomic_path(path) as temporary:
         pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows, schema=schema), temporary)
@@ -66,7 +66,7 @@ def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
         raise MissingExtraError(f"'--mlflow' needs MLflow ({absent}): pip install 'sfr_loc_map[mlflow]'") from absent
     values = {name: float(value) for name, value in summary.counts.items()}
     means: dict[str, list[float]] = {}
-    for drive in summary.drives:
+    for drive in summary.results:
         for figure, value in figures_of(drive.score).items():
             name = "/".join((*filter(None, drive.group_key), f"drive mean of {figure.name}"))
             means.setdefault(name, []).append(value)

@@ -36,7 +36,7 @@ def render_summary(summary: Summary) -> str:
     """Return the page of a suite as HTML."""
     counts = summary.counts
     text = f"{counts_of(summary.on_limits).text}; " if summary.on_limits else ""
-    text += f"{counts['done']} of {counts['tasks']} tasks done, {counts['failed']} failed, {counts['waiting']} waiting"
+    text += f"{counts['done']} of {counts['tasks']} jobs done, {counts['failed']} failed, {counts['waiting']} waiting"
     text += f", {len(summary.refusals)} sources refused." if summary.refusals else "."
     sections = [("Error budget", [budget_plot(budget)]) for budget in summary.budgets[:1]]
     if plots := _error_plots(summary):
@@ -47,7 +47,7 @@ def render_summary(summary: Summary) -> str:
 def _error_plots(summary: Summary) -> list[Plot]:
     # runs are labelled by their number in the table `groups`, so that no user text is in the plot
     numbers = {group.key: n for n, group in enumerate(summary.groups, 1)}
-    each = [(numbers[drive.group_key], drive.figure) for drive in summary.drives if drive.figure]
+    each = [(numbers[drive.group_key], drive.figure) for drive in summary.results if drive.figure]
     each.sort(key=itemgetter(0))
     if not each:
         return []

@@ -94,11 +94,11 @@ WORKERS: Columns = (
     ("host", WORDS, "host"),
     ("version", WORDS, "version"),
     ("code", WORDS, "code"),
-    ("tasks done", NONE, "done"),
+    ("jobs done", NONE, "done"),
     ("set aside", WORDS, "set_aside"),
 )
 FAILURES: Columns = (
-    ("task", HEAD, "label"),
+    ("job", HEAD, "label"),
     ("cause", WORDS, "cause"),
     ("message", WORDS, "message"),
     ("result", FILE, "key"),
@@ -186,17 +186,17 @@ def suite_tables(summary: Summary) -> list[Table]:
     failures = [to_plain(item) | {"folder": "failures"} for item in summary.failures]
     failures += [{"label": item.path, "cause": "source refused", "message": item.reason} for item in summary.refusals]
     pages = {drive.job.key for drive in linked(summary)}
-    maps = [drive for drive in summary.drives if drive.score.has(Subject.MAP)]
+    maps = [drive for drive in summary.results if drive.score.has(Subject.MAP)]
     maps.sort(key=lambda drive: -map_error_of(drive.score))
     counts = summary.counts | {"sources refused": len(summary.refusals)}
     of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; at least five drives are required."
-    of_workers = "Workers with different code were set aside and got no tasks."
+    of_workers = "Workers with different code were set aside and got no jobs."
     of_drives = "Errors over the sub-trajectories of the first condition."
     tables = (
         verdict_table(summary),
-        _table("failures", "Tasks without a result", FAILURES, failures),
+        _table("failures", "Jobs without a result", FAILURES, failures),
         *budget_tables(summary.budgets),
-        _table("counts", "Tasks", tuple((name, NONE, name) for name in counts), [counts]),
+        _table("counts", "Jobs", tuple((name, NONE, name) for name in counts), [counts]),
         _table("groups", "Runs", GROUPS, groups, "Drives of one number have the same task, configuration and faults."),
         _table("pooled", "Errors over the sub-trajectories of all drives", POOLED, pooled, of_pooled),
         result_table("maps", "Maps, the worst first", maps, pages, Subject.MAP),
@@ -232,13 +232,13 @@ def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
 
 def worst_first(summary: Summary) -> list[ScoredJob]:
     """Return the drives with a trajectory in the order of decreasing mean + 3 sigma of position."""
-    drives = [drive for drive in summary.drives if drive.score.association is not None]
+    drives = [drive for drive in summary.results if drive.score.association is not None]
     return sorted(drives, key=lambda drive: -1.0 if drive.figure is None else drive.figure, reverse=True)
 
 
 def linked(summary: Summary) -> list[ScoredJob]:
     """Return the results that have their own page: the worst drives, and the maps."""
-    maps = [drive for drive in summary.drives if drive.score.association is None]
+    maps = [drive for drive in summary.results if drive.score.association is None]
     return (worst_first(summary) + maps)[:MAX_PAGES]
 
 

@@ -127,7 +127,7 @@ def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
 
 
 class SuiteWorkers:
-    """The workers of a scheduler. Workers with the code of the client offer the resource that each task requires."""
+    """The workers of a scheduler. Workers with the code of the client offer the resource that each job requires."""
 
     def __init__(self, client: Client, say: Callable[[str], None], wait_s: float) -> None:
         self.resource = f"sfr-{code_fingerprint()}"
@@ -144,7 +144,7 @@ class SuiteWorkers:
             client.register_plugin(proof_plugin(self.resource, code_facts()))
 
     def slots(self) -> int:
-        """Return the number of parallel tasks on the present workers; report if no worker may run a task.
+        """Return the number of parallel jobs on the present workers; report if no worker may run a job.
 
         Raise InputError if there has been no such worker for longer than the limit.
         """
@@ -169,7 +169,7 @@ class SuiteWorkers:
             )
         if waited_s > SAY_AFTER_S and reason != self._reported:
             self._reported = reason
-            self._say(f"{reason}: waiting up to {self._wait_s:g} s for a worker that may run a task")
+            self._say(f"{reason}: waiting up to {self._wait_s:g} s for a worker that may run a job")
         return 0
 
     def ask_again(self) -> None:
@@ -177,7 +177,7 @@ class SuiteWorkers:
         self._slots = 0
 
     def count(self, outcome: JobOutcome) -> None:
-        """Count a finished task of a worker."""
+        """Count a finished job of a worker."""
         if outcome.worker:
             self._record(outcome.worker).done += outcome.cause is None
 
@@ -196,14 +196,14 @@ class SuiteWorkers:
         return self.records.setdefault(worker, WorkerRecord(worker=worker))
 
     def _reason(self, workers: Sequence[str]) -> str:
-        """Return why no worker may run a task."""
+        """Return why no worker may run a job."""
         if not workers:
             return f"no worker at the scheduler {self._client.scheduler_info()['address']}"
         unknown = WorkerRecord(worker="", set_aside="has not reported its code")
         known = [self.records.get(worker, unknown) for worker in workers]
         lacks = [f"{at.host} ({worker}): {at.set_aside}" for worker, at in zip(workers, known, strict=True)]
         more = f"; and {len(lacks) - SHOWN} more" if len(lacks) > SHOWN else ""
-        return f"none of {len(lacks)} workers may run a task: {'; '.join(lacks[:SHOWN])}{more}"
+        return f"none of {len(lacks)} workers may run a job: {'; '.join(lacks[:SHOWN])}{more}"
 
 
 def run_jobs(

@@ -1,4 +1,4 @@
-"""One run of a suite: its inputs, the key that names its result, its outcome and its worker."""
+"""A job of a suite: its inputs, the key that names its result, its outcome and its worker."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NO_CONFIGURATION = "-"  #: Name of the configuration of jobs without parameters.
 
 
 class JobKind(StrEnum):
-    """Kind of a job: an entry of `tasks`, or `score` for estimates."""
+    """Task of a job: an entry of `tasks` of the suite's file, or `score` for estimates."""
 
     LOCALISE = "localise"
     MAP = "map"
@@ -53,7 +53,7 @@ class JobSource:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """One run: a pure function of its fields."""
+    """One unit of work of a suite: a pure function of its fields."""
 
     kind: JobKind  #: Kind of the job.
     source: JobSource  #: The data.
@@ -91,7 +91,7 @@ class Job:
         return f"{self.kind} {self.source.name}{faults}{configuration}{repeat}"
 
     @property
-    def drive(self) -> str:
+    def drive_key(self) -> str:
         """Hash that repeats and copies of one drive share. Their errors are not independent."""
         source = self.source
         return digest([self.kind, source.kind, source.drive or source.truth_sha256 or source.sha256, self.faults])
@@ -132,8 +132,8 @@ class WorkerRecord:
     version: str = ""  #: Version of sfr_loc_map.
     python: str = ""
     code: str = ""  #: Fingerprint of the code of the worker.
-    done: int = 0  #: Number of finished tasks.
-    set_aside: str = ""  #: Difference of the code that excludes the worker from tasks; empty if there is none.
+    done: int = 0  #: Number of finished jobs.
+    set_aside: str = ""  #: Difference of the code that excludes the worker from jobs; empty if there is none.
 
 
 def digest(value: object) -> str:

@@ -60,7 +60,7 @@ def make_plan(
         for job in _jobs(specification, code, source, item.possible):
             jobs.setdefault(job.key, job)  # named by the first configuration with this job
     if not jobs and not refusals:
-        raise ConfigError(f"{specification.path}: there is no task: the sources have no data for 'tasks'")
+        raise ConfigError(f"{specification.path}: there is no job: the sources have no data for 'tasks'")
     return list(jobs.values()), refusals
 
 

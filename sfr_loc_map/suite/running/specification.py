@@ -29,7 +29,7 @@ SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = 
     "mapping": (MappingConfig, Task.MAPPING),
 }
 METHOD_KEYS = ("method", "method_config", "method_sha256")
-"""Keys in addition to the parameters of a task: method, file of its configuration, and hash (added here)."""
+"""Keys in addition to the parameters of a section: method, file of its configuration, and hash (added here)."""
 LISTS = ("sources", "perturb", "tasks", "conditions")
 
 
@@ -48,14 +48,14 @@ class SuiteSettings:
         False, doc="Stop when sequential tests (`good` of a limit) have decided all limits."
     )
     start: str = param("truth", doc="First pose of a drive.", choices=("identity", "truth"))
-    repeats: int = param(1, doc="Number of runs of each task.", low=1, high=1000)
+    repeats: int = param(1, doc="Number of runs of each job.", low=1, high=1000)
     seed: int = param(0, doc="Seed that selects the pairs that a fault affects.", low=0, high=2**31 - 1)
-    threads: int = param(1, doc="Number of threads of a task.", low=1, high=256)
+    threads: int = param(1, doc="Number of threads of a job.", low=1, high=256)
     memory_mb: int = param(
-        4000, unit="MB", doc="Resident memory above which the process of a task is killed.", low=500, high=10**6
+        4000, unit="MB", doc="Resident memory above which the process of a job is killed.", low=500, high=10**6
     )
-    timeout_s: float = param(3600.0, unit="s", doc="Time after which a task is killed.", low=0.1, high=1e7)
-    wait_s: float = param(300.0, unit="s", doc="Maximum time without a worker that may run a task.", low=0.1, high=1e7)
+    timeout_s: float = param(3600.0, unit="s", doc="Time after which a job is killed.", low=0.1, high=1e7)
+    wait_s: float = param(300.0, unit="s", doc="Maximum time without a worker that may run a job.", low=0.1, high=1e7)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,10 @@
-"""The folder of a suite. Results are files, from which the state of each task follows.
+"""The folder of a suite. Results are files, from which the state of each job follows.
 
 DIR/results/KEY.json        score of a job (sfr-score/2)
 DIR/failures/KEY.json       cause of the failure of a job
 DIR/plan.json               facts of the sources, jobs in the order of the suite's file, limits, code; path and hash
                             of the suite's file and of the limits file
-DIR/workers.json            workers of the runs: finished tasks, and why a worker was set aside
+DIR/workers.json            workers of the runs: finished jobs, and why a worker was set aside
 DIR/cache/                  simulated and fetched sources; may be deleted
 """
 
@@ -156,12 +156,12 @@ class Store:
 
     @property
     def refusals(self) -> tuple[Refusal, ...]:
-        """Unreadable sources of the last run, and sources that have results but no task any more."""
+        """Unreadable sources of the last run, and sources that have results but no job any more."""
         unread = (_record(Refusal, item, self.folder / PLAN) for item in self._plan["refusals"])
         return (*unread, *self.left_over())
 
     def left_over(self) -> tuple[Refusal, ...]:
-        """Return the sources that have a result or a failure in the folder, but no task of the same kind in the plan.
+        """Return the sources that have a result or a failure in the folder, but no job of the same task in the plan.
 
         Otherwise a suite would be complete after its bad drive was removed. Results of a source that is run again with
         other code, configuration or data are superseded. Sources are identified by path or data, because names may be

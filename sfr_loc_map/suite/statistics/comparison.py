@@ -84,7 +84,7 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
         for name, value in figures_of(drive.score).items():
             if name in others and name.kind in COMPARED:
                 ratio = DriveRatio(label=drive.job.label, first=value, other=others[name])
-                pairs.setdefault((runs, name), {}).setdefault(drive.job.drive, []).append(ratio)
+                pairs.setdefault((runs, name), {}).setdefault(drive.job.drive_key, []).append(ratio)
     left_out = (len(mine) - len(common), len(theirs) - len(common))
     return SuiteComparison(
         names=names, common=len(common), left_out=left_out, figures=tuple(_compared(pairs, names[0]))
@@ -93,9 +93,9 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
 
 def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
     """Return the drives of each suite by pairing key, which has no configuration if each suite has only one."""
-    one = all(len({drive.job.configuration for drive in suite.drives}) == 1 for suite in suites)
+    one = all(len({drive.job.configuration for drive in suite.results}) == 1 for suite in suites)
     return [
-        {drive.job.pairing + ("" if one else f" {drive.job.configuration}"): drive for drive in suite.drives}
+        {drive.job.pairing + ("" if one else f" {drive.job.configuration}"): drive for drive in suite.results}
         for suite in suites
     ]
 

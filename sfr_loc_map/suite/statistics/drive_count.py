@@ -67,7 +67,7 @@ def drive_counts(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator
     for key, jobs in members.items():
         for limit in chosen:
             terms = limit.terms or Terms()
-            samples = samples_by_drive(limit, [(job.job.drive, job.score) for job in jobs])
+            samples = samples_by_drive(limit, [(job.job.drive_key, job.score) for job in jobs])
             if not samples:
                 continue
             interpretation = terms.interpretation

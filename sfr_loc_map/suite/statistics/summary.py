@@ -120,10 +120,10 @@ class Group:
 class Summary:
     """The summary of a suite's results."""
 
-    tasks: int  #: Jobs of the suite.
-    waiting: int  #: Jobs that were not run yet.
+    jobs: int  #: Number of planned jobs.
+    waiting: int  #: Number of jobs that were not run yet.
     groups: tuple[Group, ...]
-    drives: tuple[ScoredJob, ...]  #: All results.
+    results: tuple[ScoredJob, ...]  #: Scores of the finished jobs: drives, maps and repeats.
     failures: tuple[JobFailure, ...]
     refusals: tuple[Refusal, ...]
     code: str  #: Fingerprint of the code.
@@ -134,8 +134,8 @@ class Summary:
     @property
     def counts(self) -> dict[str, int]:
         """Number of all, done, failed and waiting jobs."""
-        done, failed = len(self.drives), len(self.failures)
-        return {"tasks": self.tasks, "done": done, "failed": failed, "waiting": self.waiting}
+        done, failed = len(self.results), len(self.failures)
+        return {"tasks": self.jobs, "done": done, "failed": failed, "waiting": self.waiting}
 
     @property
     def verdict(self) -> VerdictState | None:
@@ -157,13 +157,13 @@ class Summary:
 
     @property
     def completeness(self) -> Figure:
-        """The row with the number of planned tasks and the fraction that has a result.
+        """The row with the number of planned jobs and the fraction that has a result.
 
-        Waiting tasks are not required once sequential tests have decided all limits.
+        Waiting jobs are not required once sequential tests have decided all limits.
         """
-        needed = self.tasks - self.waiting if self.is_decided else self.tasks
+        needed = self.jobs - self.waiting if self.is_decided else self.jobs
         planned = needed + len(self.refusals)
-        return expected_row(RowPart(SUITE), len(self.drives), planned or None)
+        return expected_row(RowPart(SUITE), len(self.results), planned or None)
 
     def to_dict(self) -> dict[str, object]:
         """Return the summary as JSON values, for each drive with names, figures, verdicts and the file of its score."""
@@ -179,7 +179,7 @@ class Summary:
                 for name in ("incomplete", "contradiction", "findings")
                 if (value := getattr(drive.score, name))
             }
-            for drive in self.drives
+            for drive in self.results
         ]
         head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": self.counts}
         return {**head, **self.run, **parts, "drives": drives}
@@ -197,7 +197,7 @@ def are_decided(groups: Sequence[Group]) -> bool:
 
 
 def read_scored_job(job: Job, store: Store, limits: Limits | None) -> ScoredJob:
-    """Read the result of a job, and judge the result by the limits that apply to its tasks."""
+    """Read the result of a job, and judge the result by the limits that apply to its subjects."""
     score = store.score(job)
     of_score = limits_about(limits, tasks_of(score))
     return ScoredJob(job, judged(score, of_score, partial=job.scoring.partial))
@@ -232,18 +232,18 @@ def summarise(store: Store) -> Summary:
     """Return the summary of the results in a suite's folder."""
     jobs, limits = store.jobs, store.limits
     states = {job.key: store.state(job.key) for job in jobs}
-    drives = [read_scored_job(job, store, limits) for job in jobs if states[job.key] == "done"]
+    results = [read_scored_job(job, store, limits) for job in jobs if states[job.key] == "done"]
     return Summary(
-        tasks=len(jobs),
+        jobs=len(jobs),
         waiting=sum(state == "waiting" for state in states.values()),
-        groups=tuple(groups_of(drives, limits, [job for job in jobs if states[job.key] != "done"])),
-        drives=tuple(drives),
+        groups=tuple(groups_of(results, limits, [job for job in jobs if states[job.key] != "done"])),
+        results=tuple(results),
         failures=tuple(store.failure(job.key) for job in jobs if states[job.key] == "failed"),
         refusals=store.refusals,
         code=jobs[0].code if jobs else "",
         workers=store.workers(),
         run=store.run,
-        budgets=tuple(budgets_of(drives, jobs)),
+        budgets=tuple(budgets_of(results, jobs)),
     )
 
 
@@ -283,12 +283,12 @@ def groups_of(drives: Sequence[ScoredJob], limits: Limits | None, unfinished: Se
     parts_judged = {part for drive in drives for part in tasks_of(drive.score)}
     for key, jobs in members.items():
         task, configuration, faults = key
-        jobs = sorted(jobs, key=lambda item: (item.job.drive, item.job.key))
-        next_drive = min((job.drive for job in unfinished if group_key_of(job) == key), default=None)
+        jobs = sorted(jobs, key=lambda item: (item.job.drive_key, item.job.key))
+        next_drive = min((job.drive_key for job in unfinished if group_key_of(job) == key), default=None)
         scores = [job.score for job in jobs]
         trajectories = [score.association for score in scores if score.association is not None]
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
-        results = [(job.job.drive, job.score) for job in jobs]
+        results = [(job.job.drive_key, job.score) for job in jobs]
         sources = [job.job.source.sha256 for job in jobs]
         pooled = tuple(row for condition in conditions for row in pool(results, condition, sources))
         yield Group(
@@ -312,7 +312,7 @@ def verdicts_over(
 ) -> Iterator[GroupVerdict]:
     """Yield the verdicts over drives with equal settings: first those without a limit, then one for each limit.
 
-    `of_suite` are the tasks of all results of the suite. A limit for another task has not enough data in each group.
+    `of_suite` are the subjects of all results of the suite. A limit on none of them has not enough data in each group.
     `next_drive` is the first drive without a result, in the order of the hashes.
     """
     scores = [score for _, score in results]
@@ -337,7 +337,7 @@ def verdicts_over(
     parts_judged = {part for score in scores for part in tasks_of(score)}
     for limit in () if limits is None else limits.limits:
         if task_of(limit) not in parts_judged and task_of(limit) in of_suite:
-            continue  # a limit of another task of the suite
+            continue  # a limit on another subject of the suite
         if limit.terms is not None:
             yield proof_over_drives(limit, limit.terms, results, next_drive)
             continue

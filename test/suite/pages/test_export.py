@@ -30,7 +30,7 @@ def summary(score: Score) -> Summary:
     ]
     failed = JobFailure("k", "localise third", "third.mcap", FailureCause.TIME, "not done after 5 s")
     return Summary(
-        tasks=3, waiting=0, groups=tuple(groups_of(drives, limits)), drives=tuple(drives), failures=(failed,),
+        jobs=3, waiting=0, groups=tuple(groups_of(drives, limits)), results=tuple(drives), failures=(failed,),
         refusals=(Refusal("gone.mcap", "nothing there"),), code="c", run={"host": "h", "git": {"commit": "abc"}},
     )  # fmt: skip
 
@@ -46,10 +46,10 @@ def test_junit_has_every_limit_and_what_has_no_result(summary: Summary) -> None:
 def test_parquet_has_the_same_columns_with_and_without_results(summary: Summary, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="needs the extra [suite]")
     write_parquet(summary, tmp_path / "full")
-    write_parquet(replace(summary, drives=()), tmp_path / "empty")
+    write_parquet(replace(summary, results=()), tmp_path / "empty")
     full, empty = (parquet.read_table(tmp_path / name) for name in ("full", "empty"))
     assert full.schema.equals(empty.schema)
-    rows, score = full.to_pylist(), summary.drives[0].score
+    rows, score = full.to_pylist(), summary.results[0].score
     assert len(rows) == 2 * len(score.figures)
     first = next(row for row in rows if row["figure"] == "position")
     assert first["mean_plus_3sigma"] == score.number("position", "mean_plus_3sigma")

@@ -61,7 +61,7 @@ def test_copies_name_one_drive_whatever_their_order() -> None:
     assert drives == ["a", "a", "b"]
     assert [item.drive for item in with_drives(files[::-1], traces[::-1])] == drives[::-1]
     first, second, other = (replace(JOB, source=item) for item in with_drives(files, traces))
-    assert first.drive == second.drive != other.drive
+    assert first.drive_key == second.drive_key != other.drive_key
     assert first.key != second.key, "each is run"
     simulated = [source(SourceKind.SIMULATED, sha256) for sha256 in "cab"]
     assert [item.drive for item in with_drives(simulated, traces)] == ["c", "a", "b"]

@@ -68,7 +68,7 @@ def test_other_code_gets_no_task_and_the_results_are_those_of_one_process(addres
         wait_for(lambda: "no worker at the scheduler" in said.read_text())
         assert time.monotonic() - begun < 15, "5 s after the start of Python and the plan, on a busy host"
         worker("other-code", PYTHONPATH=str(tmp_path / "code"))
-        wait_for(lambda: "none of 1 workers may run a task" in said.read_text())
+        wait_for(lambda: "none of 1 workers may run a job" in said.read_text())
         killed = worker("killed")
         wait_for(lambda: list((out / "results").glob("*.json")))
         killed.send_signal(signal.SIGKILL)

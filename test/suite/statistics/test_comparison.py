@@ -32,7 +32,7 @@ def summary(score: Score, factors: dict[str, float]) -> Summary:
         ScoredJob(replace(JOB, source=replace(JOB.source, name=name, sha256=name)), scaled(score, factor))
         for name, factor in factors.items()
     )
-    return Summary(tasks=len(drives), waiting=0, groups=(), drives=drives, failures=(), refusals=(), code="")
+    return Summary(jobs=len(drives), waiting=0, groups=(), results=drives, failures=(), refusals=(), code="")
 
 
 def names(count: int) -> list[str]:
