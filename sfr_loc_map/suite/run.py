@@ -63,7 +63,7 @@ def run_suite(
             summary = summarise(store)
             write_summary(summary, store)
     if interrupted:
-        done = f"{summary.counts['done']} of {summary.tasks} tasks are done and reported"
+        done = f"{summary.counts['done']} of {summary.jobs} jobs are done and reported"
         raise InterruptedRunError(f"interrupted: {done}; repeat the command to run the others")
     return summary
 
