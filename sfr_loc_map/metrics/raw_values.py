@@ -296,9 +296,11 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
 def _of_counts(score: Score) -> Iterator[str]:
     for name in COUNTED:
         share, count = score.figure(name, part=None), score.figure(name, part="count")
-        if share is None or count is None or share.value is None or count.value is None or not count.n:
+        if share is None or count is None or count.value is None or not count.n:
             continue
-        if abs(share.value * count.n - count.value) > EXACT * count.n:
+        if share.value is None:
+            yield f"{name} is null, but its count is {count.value:.9g} of {count.n}"
+        elif abs(share.value * count.n - count.value) > EXACT * count.n:
             yield f"{name} is {share.value:.9g} of {count.n}, but its count is {count.value:.9g}"
     for share in score.rows(STANDING, part=SUB_TRAJECTORIES):
         moving = score.figure("position", condition=share.condition, part=MOVING)

@@ -55,6 +55,11 @@ def partly_judged(score: dict[str, Any]) -> None:
             row["value"] = 0.8
 
 
+def without_share_of_doubled(score: dict[str, Any]) -> None:
+    row = next(row for row in score["figures"] if row["figure"] == "doubled" and "part" not in row)
+    row["value"] = None
+
+
 def looser(score: dict[str, Any]) -> None:
     score["rules"]["limits"][0]["limit"] = 99.0
 
@@ -67,6 +72,7 @@ def with_fewer_independent(score: dict[str, Any]) -> None:
     ("edit", "said"),
     [
         (without_errors, "is limited, but its errors are absent"),
+        (without_share_of_doubled, "doubled is null, but its count is 0 of 300"),
         (without_other_frames, "is limited, but the row position other frames is absent"),
         (without_lost, "lost is 0, but 10 frames are lost"),
         (without_copies, "but the row poses_of_truth is absent"),
