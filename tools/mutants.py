@@ -247,6 +247,8 @@ MUTATIONS = (
     Mutation("metrics/completeness.py", "not_finite, points + not_finite)", "not_finite, points)"),
     Mutation("metrics/completeness.py", "np.isfinite(measured)", "~np.isinf(measured)"),
     Mutation("metrics/completeness.py", "counts[~is_of_drive].sum()", "(~is_of_drive).sum()"),
+    Mutation("scoring/score_parts.py", "UNEVEN_PERIODS, UNEVEN_SHARE = 2.5,", "UNEVEN_PERIODS, UNEVEN_SHARE = 1.5,"),
+    Mutation("scoring/score_parts.py", "periods_ns[is_long].sum()", "periods_ns[is_long].min(initial=0)"),
     Mutation("metrics/completeness.py", "(counts - 1).sum()", "(counts - 2).sum()"),
     Mutation("metrics/completeness.py", "repeated_stamps + len(pairs) - len(np.unique(pairs))", "repeated_stamps"),
     Mutation("metrics/completeness.py", 'single_run_stamps(truth, "ground truth")', "pass"),

@@ -31,6 +31,7 @@ from sfr_loc_map.metrics.table import Figure, figure_row
 
 UNKNOWN = "unknown"
 OUTSIDE_CLOCK = "host monotonic, from publishing a pair to the answer"
+STATED_CLOCK = "stated by the node"  #: Clock and method of calls that a node reports in a live run.
 STATE_KINDS: dict[str, CallKind] = {
     MappingState.MAPPED: CallKind.MAPPING,
     MappingState.FUSED: CallKind.FUSION,

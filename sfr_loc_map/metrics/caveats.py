@@ -15,6 +15,10 @@ NOT_COMPARED = "its limits were not compared"  #: End of a warning that limits w
 JUDGED_ELSEWHERE = "judged in another of the scores"  #: End of a warning that names omitted limits.
 NOT_BOUND = "it is not verified that they belong to the run of the estimate"
 """End of a warning that calls have only their stamps in common with the estimate."""
+UNEVEN = "frames of denser parts have more weight in the figures"
+"""End of a warning that the spacing of the estimates varies although the images are unknown."""
+RESET = "the score does not contain what was received before the last reset"
+"""End of a warning that the operator has reset a live score."""
 MAX_EXCESS = 0.05  #: Maximum fraction of the true path that is noise without a warning.
 
 
@@ -53,5 +57,6 @@ def reading_caveats(score: Score) -> Iterator[str]:
 
 
 def inputs_caveats(score: Score) -> Iterator[str]:
-    """Yield the warnings about limits or calls that were not compared, and about limits that another score judges."""
-    yield from (text for text in score.warnings if text.endswith((NOT_COMPARED, JUDGED_ELSEWHERE, NOT_BOUND)))
+    """Yield the warnings about inputs that the score does not contain, did not compare or weights unevenly."""
+    endings = (NOT_COMPARED, JUDGED_ELSEWHERE, NOT_BOUND, UNEVEN, RESET)
+    yield from (text for text in score.warnings if text.endswith(endings))

@@ -157,6 +157,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._truth = TopicTruthInput(self, Reliability(config.input.reliability))
         self._runs: CommonRuns[Callable[[], None]] = CommonRuns({source: AnyOrder() for source in SOURCES})
         self._restarts = 0  # number of new runs since the operator's reset
+        self._resets_ns: list[int] = []  # last stamp before each reset by the operator
         self._has_estimate = False
         self._has_truth = False
         self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)
@@ -309,7 +310,12 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         dropped = sum(self.counts().values())
         self._score.diagnose()
         return self._score.result(
-            made, details=details, in_flight_s=in_flight_s, dropped=dropped, restarts=self._restarts
+            made,
+            details=details,
+            in_flight_s=in_flight_s,
+            dropped=dropped,
+            restarts=self._restarts,
+            resets_ns=tuple(self._resets_ns),
         )
 
     def _publish(self) -> None:
@@ -353,6 +359,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self.status.warn(str(error))
 
     def _reset(self) -> str:
+        if self._last_ns:
+            self._resets_ns.append(self._last_ns)
         self._begin_run()
         self._runs.restart()
         self._restarts = 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.metrics.calls import STATED_CLOCK
 from sfr_loc_map.metrics.catalogue import MOVING, STANDING, SUB_TRAJECTORIES, TOTAL, Subject
 from sfr_loc_map.metrics.caveats import inputs_caveats, reading_caveats, truth_caveats
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Rebase, label_of
@@ -88,7 +89,7 @@ def _from_the_document(score: Score) -> Iterator[str]:
     yield from (f"{text[0].upper()}{text[1:]}." for text in caveats_of(score))
     yield from _of_the_range(score)
     for item in score.verdicts:
-        yield from _of_calls(item)
+        yield from _of_calls(item, is_stated=score.calls is not None and STATED_CLOCK in score.calls.clocks.values())
 
 
 def _of_the_spacing(score: Score) -> Iterator[str]:
@@ -121,13 +122,14 @@ def _of_the_reading(score: Score) -> Iterator[str]:
     )
 
 
-def _of_calls(item: Verdict) -> Iterator[str]:
-    """Yield a deviation if a limit is on calls measured on the host, or on a stage of a mapping call."""
+def _of_calls(item: Verdict, *, is_stated: bool) -> Iterator[str]:
+    """Yield a deviation if a limit is on calls measured on the host or stated by a node, or on a stage of a call."""
     is_on_calls = item.subject in (Subject.TIMING, Subject.MEMORY)
     if is_on_calls and not item.is_of_target:
         on_target = "the document requires the target [4.2.1, 4.3.1]"
         as_proposed = "the document leaves the method to the supplier [4.2.2, 4.3.2]"
-        yield f"{_name(item)} was measured on the host; {on_target if item.subject is Subject.TIMING else as_proposed}."
+        how = "was stated by the node and not measured from outside" if is_stated else "was measured on the host"
+        yield f"{_name(item)} {how}; {on_target if item.subject is Subject.TIMING else as_proposed}."
     if is_of_stage(item):
         yield f"{_name(item)} concerns a stage. The mapping call of the document makes one cloud of all pairs [4.3.1]."
 

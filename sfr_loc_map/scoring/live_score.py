@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.metrics.calls import concatenated
+from sfr_loc_map.metrics.calls import STATED_CLOCK, concatenated, has_memory
+from sfr_loc_map.metrics.caveats import RESET
 from sfr_loc_map.metrics.cloud_error import ScoredMap
 from sfr_loc_map.metrics.completeness import live_completeness, settled
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.records import Provenance
+from sfr_loc_map.metrics.records import CallRecords, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.scoring.assembly import all_kept, score_of_parts, with_conditions
 from sfr_loc_map.scoring.inputs import Run
@@ -37,6 +38,7 @@ class LiveRun:
     received: int = 0  #: Number of received poses, true poses and calls.
     dropped: int = 0  #: Number of messages that were lost in transport or dropped.
     restarts: int = 0  #: Number of restarts caused by a jump of the stamps.
+    resets_ns: tuple[int, ...] = ()  #: Last stamps before each reset by the operator.
     provenance: Provenance | None = None  #: Provenance of the score.
 
 
@@ -76,7 +78,17 @@ def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:
 
 
 def _with_transport(calls: CallsResult, live: LiveRun) -> CallsResult:
-    """Return the result of the calls with the counts of dropped messages and restarts, if there are any."""
+    """Return the result of the calls as stated by the nodes, with the counts of dropped messages and restarts.
+
+    The monitor receives times and memory of calls and cannot measure them. Zero counts have no rows.
+    """
+    if (records := calls.records) is not None:
+        memory = STATED_CLOCK if has_memory(calls.figures) else records.memory_method
+        stated = CallRecords(clocks=dict.fromkeys(records.clocks, STATED_CLOCK), memory_method=memory)
+        calls = replace(calls, records=stated)
+    if live.resets_ns:
+        last = f"{len(live.resets_ns)} time(s), last after the stamp {live.resets_ns[-1]} ns"
+        calls = replace(calls, warnings=(*calls.warnings, f"the live score was reset {last}: {RESET}"))
     if not live.dropped and not live.restarts:
         return calls
     return replace(calls, figures=(*calls.figures, *live_completeness(live.received, live.dropped, live.restarts)))

@@ -250,11 +250,13 @@ class MonitorScore:
         image_stamps_ns: IntArray | None = None,
         dropped: int = 0,
         restarts: int = 0,
+        resets_ns: tuple[int, ...] = (),
     ) -> Score:
         """Return the current score with the errors of its sub-trajectories; with `details`, also the data of all plots.
 
         During a run, results of the last `in_flight_s` seconds are still expected and do not count as missing.
         `dropped` is the number of lost or dropped messages, `restarts` the number of restarts of the run.
+        `resets_ns` are the last stamps before each reset by the operator.
         """
         stats = self._calls.stats()
         truth = self._given_truth()
@@ -270,6 +272,7 @@ class MonitorScore:
             received=self._poses + len(self._calls),
             dropped=dropped,
             restarts=restarts,
+            resets_ns=resets_ns,
             provenance=provenance,
         )
         pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)

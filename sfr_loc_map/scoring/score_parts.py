@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.geometry.arrays import IntArray
@@ -26,7 +27,7 @@ from sfr_loc_map.metrics.calls import (
     with_external,
 )
 from sfr_loc_map.metrics.catalogue import DRIVE, MAP
-from sfr_loc_map.metrics.caveats import truth_caveats
+from sfr_loc_map.metrics.caveats import UNEVEN, truth_caveats
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
 from sfr_loc_map.metrics.completeness import SPARSER, expected_row, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, MapScoreConfig, TrajectoryScoreConfig
@@ -39,6 +40,9 @@ from sfr_loc_map.runs.calls import CallStats
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
 
 FEW_TRUE_POSES = 1.0 / SPARSER  #: Number of true poses per image up to which a sparse truth is reported.
+UNEVEN_PERIODS, UNEVEN_SHARE = 2.5, 0.05
+"""Estimates are uneven if more than this fraction of the time is between estimates that are further apart than this
+number of median periods. A single missing estimate leaves two periods."""
 MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Matching errors are smaller.
 
 
@@ -134,9 +138,15 @@ def result_without_poses(images: int) -> DriveResult:
 
 
 def _frame_warnings(drive: DriveToScore, association: Association) -> Iterator[str]:
-    """Yield a warning if the truth is sparse."""
+    """Yield a warning if the truth is sparse, and if the images are unknown and the estimates are uneven."""
     many, what = association.images, "images"
     if not many:
+        share = uneven_share(drive.estimates.trajectory.stamps_ns)
+        if share > UNEVEN_SHARE:
+            yield (
+                f"the spacing of the estimates varies and the images are unknown: {100.0 * share:.3g} % of the time is "
+                f"between estimates that are more than {UNEVEN_PERIODS:g} typical periods apart; {UNEVEN}"
+            )
         many, what = len(drive.estimates.trajectory), "estimates"
     if association.mode is AssociationMode.MATCH and association.truth_poses <= FEW_TRUE_POSES * many:
         yield (
@@ -144,6 +154,15 @@ def _frame_warnings(drive: DriveToScore, association: Association) -> Iterator[s
             "the figures do not contain errors between true poses; sfr score --frames images interpolates the truth to "
             "every image"
         )
+
+
+def uneven_share(stamps_ns: IntArray) -> float:
+    """Return the fraction of the time between estimates that are more than `UNEVEN_PERIODS` median periods apart."""
+    periods_ns = np.diff(np.unique(stamps_ns))
+    if not len(periods_ns):
+        return 0.0
+    is_long = periods_ns > UNEVEN_PERIODS * np.median(periods_ns)
+    return float(periods_ns[is_long].sum() / periods_ns.sum())
 
 
 # ---- the map

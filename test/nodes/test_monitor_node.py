@@ -89,6 +89,12 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
         assert list(saved["provenance"]["configuration"]) == ["monitor"]
         assert peer.call("monitor_node/reset").success
         peer.until(lambda: not association_of(report), "the reset")
+        last_ns = START_NS + 20 * PERIOD_NS
+        assert any(f"reset 1 time(s), last after the stamp {last_ns} ns" in text for text in warnings_of(report))
+
+
+def warnings_of(report: list[String]) -> list[str]:
+    return list(json.loads(report[-1].data)["warnings"])
 
 
 def test_half_of_the_estimates_are_incomplete_up_to_the_signed_report(

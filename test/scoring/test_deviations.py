@@ -132,3 +132,21 @@ def test_true_poses_with_repeated_stamps_are_a_deviation(tmp_path: Path, sfr: Sf
     assert done.code == 0, done.err
     sfr("report", score, "--test-report", page)
     assert "2 true poses were ignored because a later true pose has the same stamp" in page.read_text()
+
+
+@pytest.mark.parametrize(("kept", "is_uneven"), [(10, True), (2, False)])
+def test_uneven_estimates_are_a_deviation_if_the_images_are_unknown(
+    tmp_path: Path, sfr: Sfr, kept: int, is_uneven: bool
+) -> None:
+    """Estimates at a lower rate in a part of the drive: at every tenth true pose, or at every second one."""
+    estimate, score, page = straight(scale=0.999), tmp_path / "s.json", tmp_path / "r.html"
+    rows = np.arange(300)
+    rows = rows[(rows < 200) | (rows % kept == 0)]
+    save_trajectory(
+        tmp_path / "e.csv", Trajectory(estimate.stamps_ns[rows], estimate.positions[rows], estimate.quats_xyzw[rows])
+    )
+    save_trajectory(tmp_path / "t.csv", straight())
+    options = ("--limits", limits(tmp_path, {**POSITION, "minimum_independent": 2}), "--partial", "--json", score)
+    assert sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", *options).code == 0
+    sfr("report", score, "--test-report", page)
+    assert ("frames of denser parts have more weight in the figures" in page.read_text()) == is_uneven

@@ -33,6 +33,7 @@ from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_traject
 from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.report_file import ReportFile
+from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.runs.calls import CallRecord, encode_call, estimates_of, stats_of
 from sfr_loc_map.scoring.bag_estimates import bag_estimates
 from sfr_loc_map.scoring.monitor_score import MonitorScore
@@ -258,6 +259,24 @@ def test_results_of_the_last_seconds_count() -> None:
     assert judged["drive"].value == judged["calls localisation"].value == 1.0
     assert not score.incomplete
     assert {row.value for row in score.figures if row.figure == "calls_other"} <= {0.0}
+
+
+def test_calls_of_a_live_run_are_stated_and_resets_are_a_deviation() -> None:
+    """The monitor receives times and memory from any node, and the operator may reset the score after a bad part."""
+    limits = parse_limits({"timing": {"localisation_p95_s": 1.0}}, "limits")
+    monitor, poses = MonitorScore(ScoreConfig(CONFIG), limits), small_drive(3)[0].trajectory
+    for stamp, position, quat in zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True):
+        monitor.add_truth(stamp, position, quat)
+        monitor.add_estimate(stamp, position, quat, None)
+        monitor.add_call(CallRecord(stamp, 0.001, "tracking", 1_000_000, None, {}))
+    for resets_ns in ((), (7,)):
+        score = monitor.result(resets_ns=resets_ns)
+        assert score.calls is not None
+        assert set(score.calls.clocks.values()) == {score.calls.memory_method} == {"stated by the node"}
+        deviations = " ".join(deviations_of(score))
+        assert "was stated by the node and not measured from outside" in deviations
+        assert "was measured on the host" not in deviations
+        assert ("reset 1 time(s), last after the stamp 7 ns" in deviations) == bool(resets_ns)
 
 
 def report(name: str) -> str:
