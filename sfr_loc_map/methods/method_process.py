@@ -43,7 +43,7 @@ MB = 1_000_000
 LEAK_CALLS, LEAK_BYTES = 50, 40 * MB
 """Number of calls and growth, bytes, of a leak. The growth is between the minima of the fifths of the calls, so that a
 saw-tooth does not hide the growth. Our own keyframe window grows by 24 MB while it fills."""
-LEAK_SHARE = 0.1
+LEAK_SHARE = 0.02
 """Fraction of the growth by which each fifth must exceed the previous fifth. Loading of libraries and a window that
 fills also grow memory by more than `LEAK_BYTES`, but the memory is then constant."""
 MISSTATED_S, MISSTATED_RATIO = 1.0, 0.5
