@@ -304,7 +304,7 @@ def _present(
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)
     verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
     incomplete = [
-        f"incomplete: {item.missed_by} of {group.drives} drives of {group.task}, {group.configuration}"
+        f"incomplete: {item.missed_by} of {group.results} results of {group.task}, {group.configuration}"
         + ("" if item.value is None else f"; the worst drive covers {100.0 * item.value:.4g} %")
         for group, item in verdicts
         if item.state is VerdictState.INCOMPLETE

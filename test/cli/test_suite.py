@@ -268,7 +268,7 @@ def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(
         assert half[0]["source"] == "drive0.csv"
         (first, *_) = found["groups"][0]["verdicts"]
         assert (first["name"], first["verdict"], first["missed_by"]) == ("judged_share_min", "incomplete", 1)
-        assert "incomplete: 1 of 2 drives of score" in run.err
+        assert "incomplete: 1 of 2 results of score" in run.err
 
 
 @pytest.mark.slow

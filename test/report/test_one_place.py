@@ -38,7 +38,8 @@ from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.suite.pages.tables import result_table
 from sfr_loc_map.suite.search.specification import CHOICES
 from sfr_loc_map.suite.statistics.figures import figures_of
-from sfr_loc_map.suite.statistics.summary import ScoredJob, pool
+from sfr_loc_map.suite.statistics.pooling import pool
+from sfr_loc_map.suite.statistics.summary import ScoredJob
 
 SLIP = FigureKind(
     "slip", Subject.TRAJECTORY, "4.2.3.1", "m", "slip error", shown=OF_ERRORS, compared=(TOTAL,), topic="slip"

@@ -45,7 +45,7 @@ GROUPS: Columns = (
     ("task", HEAD, "task"),
     ("configuration", WORDS, "configuration"),
     ("faults", WORDS, "faults"),
-    ("drives", NONE, "drives"),
+    ("results", NONE, "drives"),
     ("frames", NONE, "matched"),
     ("lost", NONE, "lost"),
 )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -18,6 +19,8 @@ from sfr_loc_map.suite.running.job import NO_CONFIGURATION, Job, JobKind, JobSou
 from sfr_loc_map.suite.running.sources import fetch
 from sfr_loc_map.suite.running.specification import Refusal, SuiteSpecification
 
+NAMED_PARTS = 3  #: Number of parts of a path in the name of a source whose file name is not unique.
+DEFAULT_TASKS = (JobKind.LOCALISE, JobKind.MAP)
 READER_THREADS = 8
 """Number of sources hashed or fetched in parallel. For many large sources, hashing takes longer than the jobs."""
 
@@ -36,14 +39,7 @@ def make_plan(
     specification: SuiteSpecification, facts_of: Callable[[Path], SourceFacts], cache: Path
 ) -> tuple[list[Job], list[Refusal]]:
     """Return the jobs of a suite in the order of its file, without duplicates, and the unreadable sources."""
-    sources = list(specification.sources)
-    names = [source.name for source in sources]
-    for index, source in enumerate(sources):
-        if names.count(source.name) > 1 and source.kind is not SourceKind.SIMULATED:
-            short = "/".join(Path(source.path).parts[-3:])
-            alike = [other for other in sources if other.path != source.path and other.path.endswith(f"/{short}")]
-            sources[index] = replace(source, name=source.path if alike else short)
-
+    sources = with_unique_names(specification.sources)
     with ThreadPoolExecutor(READER_THREADS) as readers:
         found = [readers.submit(_known, source, facts_of, cache) for source in sources]
     code = code_fingerprint()
@@ -62,6 +58,23 @@ def make_plan(
     if not jobs and not refusals:
         raise ConfigError(f"{specification.path}: there is no job: the sources have no data for 'tasks'")
     return list(jobs.values()), refusals
+
+
+def with_unique_names(sources: Sequence[JobSource]) -> list[JobSource]:
+    """Return the sources; files of equal name are named by the end of their path, or by the path if the ends are equal.
+
+    Simulations have names of their scenario and seed.
+    """
+    counts = Counter(source.name for source in sources)
+    renamed = []
+    for source in sources:
+        if counts[source.name] == 1 or source.kind is SourceKind.SIMULATED:
+            renamed.append(source)
+            continue
+        end = "/".join(Path(source.path).parts[-NAMED_PARTS:])
+        is_shared = any(other.path != source.path and other.path.endswith(f"/{end}") for other in sources)
+        renamed.append(replace(source, name=source.path if is_shared else end))
+    return renamed
 
 
 class KnownSource(NamedTuple):
@@ -96,12 +109,13 @@ def _known(source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Pa
 def _jobs(
     specification: SuiteSpecification, code: str, source: JobSource, possible: tuple[JobKind, ...]
 ) -> Iterator[Job]:
-    settings, asked = specification.settings, specification.tasks
+    settings = specification.settings
+    tasks = DEFAULT_TASKS if specification.tasks is None else specification.tasks
     for kind in possible:
         faults, configurations = specification.faults, specification.configurations
         if kind is JobKind.SCORE:
             faults, configurations = ("",), {NO_CONFIGURATION: {}}
-        elif kind not in asked if asked is not None else kind is JobKind.REPLAY:
+        elif kind not in tasks:
             continue
         elif source.variant:
             faults = (source.faults,)

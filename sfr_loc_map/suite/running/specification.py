@@ -28,7 +28,8 @@ SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = 
     "localisation": (LocalisationConfig, Task.LOCALISATION),
     "mapping": (MappingConfig, Task.MAPPING),
 }
-METHOD_KEYS = ("method", "method_config", "method_sha256")
+METHOD, METHOD_CONFIG, METHOD_SHA256 = "method", "method_config", "method_sha256"
+METHOD_KEYS = (METHOD, METHOD_CONFIG, METHOD_SHA256)
 """Keys in addition to the parameters of a section: method, file of its configuration, and hash (added here)."""
 LISTS = ("sources", "perturb", "tasks", "conditions")
 
@@ -106,8 +107,9 @@ def load_specification(path: Path) -> SuiteSpecification:
         tasks = tuple(JobKind(str(name)) for name in lists["tasks"]) or None
     except ValueError as error:
         raise ConfigError(f"{path}: 'tasks' may contain {', '.join(JobKind)}: {error}") from error
-    for part in "+".join(map(str, lists["perturb"])).split("+") if lists["perturb"] else ():
-        parse_fault(part)
+    for faults in lists["perturb"]:
+        for fault in str(faults).split("+"):
+            parse_fault(fault)
     sources: list[JobSource] = []
     refusals: list[Refusal] = []
     for number, entry in enumerate(lists["sources"], 1):
@@ -243,11 +245,14 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
         own = {name: value for name, value in values.items() if name not in METHOD_KEYS}
         given = flatten(build(kind, own, origin=origin))
         new = {name: value for name, value in given.items() if value != default[name]}
-        if METHOD_KEYS[0] in values:
+        if METHOD in values:
             new |= _method(values, task, folder)
-        is_ours = str(values.get(METHOD_KEYS[0], OURS)) == OURS
-        if unread := [name for name in values if (name == METHOD_KEYS[1] if is_ours else name in own)]:
-            whose = "another method" if is_ours else "ours"
+        is_ours = str(values.get(METHOD, OURS)) == OURS
+        if is_ours:
+            unread, whose = [name for name in values if name == METHOD_CONFIG], "another method"
+        else:
+            unread, whose = list(own), "ours"
+        if unread:
             raise ConfigError(f"{origin}: '{unread[0]}' is a parameter of {whose} and would be ignored: omit it")
         changed |= {f"{section}.{name}": value for name, value in new.items()}
     return changed
@@ -255,14 +260,14 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
 
 def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str, object]:
     """Return the fields of a method for a job: absolute path, text of the configuration, and hash of the file."""
-    spec, text = str(values["method"]), ""
+    spec, text = str(values[METHOD]), ""
     place, _, name = spec.rpartition(":")
     if spec.startswith(LIBRARY_PREFIX):
         spec = f"{LIBRARY_PREFIX}{(folder / spec.removeprefix(LIBRARY_PREFIX)).resolve()}"
     elif place.endswith(".py"):
         spec = f"{(folder / place).resolve()}:{name}"
-    if "method_config" in values:
-        path = folder / str(values["method_config"])
+    if METHOD_CONFIG in values:
+        path = folder / str(values[METHOD_CONFIG])
         with refusing(f"'method_config: {path}' cannot be read", "give a text file"):
             text = read_text(path)
     if spec == OURS:
@@ -272,9 +277,9 @@ def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str,
 
 def chosen_method(section: Mapping[str, object], task: Task) -> Method | None:
     """Return the method in a section of a configuration; None for the built-in method. MethodError if it is missing."""
-    if METHOD_KEYS[0] not in section:
+    if METHOD not in section:
         return None
-    return find_method(str(section["method"]), task, str(section.get("method_config", "")))
+    return find_method(str(section[METHOD]), task, str(section.get(METHOD_CONFIG, "")))
 
 
 def _limits(value: object, path: Path) -> Mapping[str, Any]:

@@ -12,7 +12,8 @@ from sfr_loc_map.metrics.judging.sequential import sequential_test
 from sfr_loc_map.metrics.limits import BOUND, Interpretation, Limits, Terms
 from sfr_loc_map.metrics.tolerance import count_needed, moments, normal_count, zero_failure_count
 from sfr_loc_map.report.verdict_view import limited_name
-from sfr_loc_map.suite.statistics.summary import ScoredJob, samples_by_drive
+from sfr_loc_map.suite.statistics.group_verdicts import samples_by_drive
+from sfr_loc_map.suite.statistics.summary import ScoredJob
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

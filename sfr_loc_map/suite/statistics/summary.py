@@ -1,55 +1,38 @@
-"""Summarise the results of a suite: counts, errors pooled over drives, verdicts, failures.
+"""Summary of a suite's results: counts, groups of drives with pooled errors and verdicts, failures.
 
-Drives with the same task, configuration and faults form a group. The sub-trajectories of a group are one sample, as the
-statistics of the specification require [4.1.3]. Count, mean and sigma of all values follow exactly from those of the
-drives (Chan, Golub, LeVeque 1983). The 95 % interval resamples whole drives, because errors within one drive are not
-independent.
+Drives with the same task, configuration and faults form a group.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from msgspec.structs import asdict, replace
+from msgspec import Struct
 
 from sfr_loc_map import __version__
-from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.catalogue import KINDS, SUITE, Subject
+from sfr_loc_map.metrics.catalogue import SUITE
 from sfr_loc_map.metrics.completeness import expected_row
 from sfr_loc_map.metrics.config import VerdictState, worst_of
-from sfr_loc_map.metrics.judging.judge import (
-    finding_verdicts,
-    incomplete_verdict,
-    judged,
-    of_incomplete,
-    plain_verdict,
-    proof_verdict,
-    verdict_on,
-)
-from sfr_loc_map.metrics.judging.limit_scope import limits_about, task_of, tasks_of
-from sfr_loc_map.metrics.judging.limited_figure import LimitedFigure, figure_of, truth_error_of
-from sfr_loc_map.metrics.judging.proof import SEQUENTIAL, prove, sample_of
-from sfr_loc_map.metrics.judging.several_scores import items_under_test
-from sfr_loc_map.metrics.limits import Interpretation, Limit, Limits, Terms, meets
+from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.limit_scope import limits_about, tasks_of
+from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
+from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.metrics.table import POOLED, Figure, figure_row
-from sfr_loc_map.metrics.tolerance import Sample
-from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.suite.running.job import Job, WorkerRecord
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import JobFailure, Store
 from sfr_loc_map.suite.running.variants import error_sources_of
 from sfr_loc_map.suite.statistics.budget import Budget, DriveErrors, budget_of
 from sfr_loc_map.suite.statistics.figures import figures_of
-from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
+from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
+from sfr_loc_map.suite.statistics.pooling import AXES, axis_row, pool
 
 SCHEMA = "sfr-suite/1"
-AXES = ("x", "y", "z")  #: Pooled parts of the position error.
 
 
 def group_key_of(job: Job) -> tuple[str, str, str]:
@@ -90,21 +73,13 @@ class ScoredJob:
         }
 
 
-class GroupVerdict(Verdict, frozen=True, kw_only=True):
-    """The verdict on a limit over all drives of a group; `n` counts sub-trajectories or drives."""
-
-    over: str  #: `pooled` values, the `worst drive` for figures that cannot be pooled, or `all drives` of a proof.
-    missed_by: int  #: Number of drives that miss the limit.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Group:
+class Group(Struct, frozen=True, kw_only=True, rename={"results": "drives"}):
     """A group of drives with the same task, configuration and faults: counts, pooled errors, verdicts."""
 
     task: str
     configuration: str
     faults: str
-    drives: int
+    results: int  #: Number of results, each repeat counted; the key `drives` of the JSON.
     lost: int
     matched: int
     figures: tuple[Figure, ...]  #: Errors over the sub-trajectories of all drives, by condition.
@@ -223,9 +198,9 @@ class SequentialDecision:
     def is_made(self) -> bool:
         """Whether no more drives are required."""
         jobs = self._store.jobs
-        drives = [self._scored[job.key] for job in jobs if job.key in self._scored]
+        results = [self._scored[job.key] for job in jobs if job.key in self._scored]
         unfinished = [job for job in jobs if job.key not in self._scored]
-        return are_decided([*groups_of(drives, self._limits, unfinished)])
+        return are_decided([*groups_of(results, self._limits, unfinished)])
 
 
 def summarise(store: Store) -> Summary:
@@ -265,239 +240,39 @@ def budgets_of(drives: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator[
 
 def _drive_errors(score: Score, condition: str) -> DriveErrors | None:
     """Return the position errors of a drive for a condition; None for fewer than two sub-trajectories."""
-    rows = [row for axis in AXES if (row := _axis_row(score, "position", condition, axis)) is not None]
+    rows = [row for axis in AXES if (row := axis_row(score, "position", condition, axis)) is not None]
     if len(rows) < len(AXES) or any(row.mean is None or row.sigma is None for row in rows):
         return None
     return DriveErrors(rows[0].n or 0, np.array([row.mean for row in rows]), np.array([row.sigma for row in rows]))
 
 
-def groups_of(drives: Sequence[ScoredJob], limits: Limits | None, unfinished: Sequence[Job] = ()) -> Iterator[Group]:
+def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: Sequence[Job] = ()) -> Iterator[Group]:
     """Yield the groups of results in the order of their first occurrence.
 
     Within a group, results are sorted by the hashes of their drives and jobs, so that figures and verdicts do not
     depend on the order of the suite's file. `unfinished` are the jobs without a result.
     """
     members: dict[tuple[str, str, str], list[ScoredJob]] = {}
-    for drive in drives:
-        members.setdefault(drive.group_key, []).append(drive)
-    parts_judged = {part for drive in drives for part in tasks_of(drive.score)}
-    for key, jobs in members.items():
+    for result in results:
+        members.setdefault(result.group_key, []).append(result)
+    parts_judged = {part for result in results for part in tasks_of(result.score)}
+    for key, unsorted in members.items():
         task, configuration, faults = key
-        jobs = sorted(jobs, key=lambda item: (item.job.drive_key, item.job.key))
+        in_group = sorted(unsorted, key=lambda item: (item.job.drive_key, item.job.key))
         next_drive = min((job.drive_key for job in unfinished if group_key_of(job) == key), default=None)
-        scores = [job.score for job in jobs]
+        scores = [result.score for result in in_group]
         trajectories = [score.association for score in scores if score.association is not None]
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
-        results = [(job.job.drive_key, job.score) for job in jobs]
-        sources = [job.job.source.sha256 for job in jobs]
-        pooled = tuple(row for condition in conditions for row in pool(results, condition, sources))
+        by_drive = [(result.job.drive_key, result.score) for result in in_group]
+        sources = [result.job.source.sha256 for result in in_group]
+        pooled = tuple(row for condition in conditions for row in pool(by_drive, condition, sources))
         yield Group(
             task=task,
             configuration=configuration,
             faults=faults,
-            drives=len(scores),
+            results=len(scores),
             lost=sum(item.lost for item in trajectories),
             matched=sum(item.matched for item in trajectories),
             figures=pooled,
-            verdicts=tuple(verdicts_over(limits, results, pooled, parts_judged, next_drive)),
+            verdicts=tuple(verdicts_over(limits, by_drive, pooled, parts_judged, next_drive)),
         )
-
-
-def verdicts_over(
-    limits: Limits | None,
-    results: Sequence[tuple[str, Score]],
-    pooled: tuple[Figure, ...],
-    of_suite: Collection[str] = (),
-    next_drive: str | None = None,
-) -> Iterator[GroupVerdict]:
-    """Yield the verdicts over drives with equal settings: first those without a limit, then one for each limit.
-
-    `of_suite` are the subjects of all results of the suite. A limit on none of them has not enough data in each group.
-    `next_drive` is the first drive without a result, in the order of the hashes.
-    """
-    scores = [score for _, score in results]
-    wrong = [item for score in scores for item in finding_verdicts(score)]
-    for name in dict.fromkeys(item.name for item in wrong):
-        mine = [item for item in wrong if item.name == name]
-        worst = replace(max(mine, key=lambda item: item.value or 0.0), n=len(scores))
-        yield _of_group(worst, "worst drive", len(mine))
-    if contradicted := sum(score.contradiction is not None for score in scores):
-        value, state = float(contradicted), VerdictState.NOT_JUDGED
-        plain = plain_verdict("convention_mismatch_drives", 0.0, value, state)
-        yield _of_group(replace(plain, n=len(scores)), "worst drive", contradicted)
-    if (several := items_under_test(scores)) > 1:
-        plain = plain_verdict("items_under_test_max", 1.0, float(several), VerdictState.NOT_JUDGED)
-        yield _of_group(replace(plain, n=len(scores)), "all drives", several)
-    if parts := [score for score in scores if score.incomplete is not None]:
-        rows = [row for score in parts for row in score.rows("judged", subject=Subject.COMPLETENESS)[:1]]
-        shares = [row.value for row in rows if row.value is not None]
-        # an incomplete drive prevents a pass, whatever the figures of the other drives
-        whole = replace(incomplete_verdict(min(shares, default=None)), n=len(scores))
-        yield _of_group(whole, "worst drive", len(parts))
-    parts_judged = {part for score in scores for part in tasks_of(score)}
-    for limit in () if limits is None else limits.limits:
-        if task_of(limit) not in parts_judged and task_of(limit) in of_suite:
-            continue  # a limit on another subject of the suite
-        if limit.terms is not None:
-            yield proof_over_drives(limit, limit.terms, results, next_drive)
-            continue
-        own = [score for score in scores if task_of(limit) in tasks_of(score)]
-        of_each = [figure_of(limit, score) for score in own]
-        values = [each.value for each in of_each if each.value is not None]
-        worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
-        over = "worst drive"
-        count = len(values)
-        figure = LimitedFigure(worst_value)  # no minimum number of drives is required
-        if limit.condition is not None:
-            of_all = figure_of(limit, Score(figures=pooled))
-            over, count = "pooled", of_all.n or 0
-            if of_all.value is None and worst_value is not None:  # quantiles cannot be pooled
-                over = "worst drive"
-                of_all = of_all._replace(value=worst_value, interval=None, place=None)
-            figure = of_all._replace(
-                independent=independent_of_drives(limit, results),
-                truth_error=max((each.truth_error for each in of_each), default=0.0),
-            )
-        verdict = replace(verdict_on(limit, figure, limits or Limits()), n=count)
-        has_value = [bool(_count_of(limit, score)) for score in own]
-        if not all(has_value):
-            verdict = of_incomplete(verdict)  # a drive that cannot be judged prevents a pass
-        yield _of_group(verdict, over, sum(not meets(limit, found) for found in values))
-
-
-def independent_of_drives(limit: Limit, results: Sequence[tuple[str, Score]]) -> float:
-    """Return the number of independent values of a limited figure; the repeats of a drive count once."""
-    of_drives: dict[str, float] = {}
-    for drive, score in results:
-        if task_of(limit) in tasks_of(score):
-            of_drives[drive] = max(of_drives.get(drive, 0.0), figure_of(limit, score).independent or 0.0)
-    return sum(of_drives.values())
-
-
-def samples_by_drive(limit: Limit, results: Sequence[tuple[str, Score]]) -> dict[str, list[Sample]]:
-    """Return the errors to which a limit applies, for each run by drive."""
-    samples: dict[str, list[Sample]] = {}
-    for drive, score in results:
-        sample = sample_of(score, limit.limited.figure, limit.condition)
-        if sample is not None:
-            samples.setdefault(drive, []).append(sample)
-    return samples
-
-
-def proof_over_drives(
-    limit: Limit, terms: Terms, results: Sequence[tuple[str, Score]], next_drive: str | None = None
-) -> GroupVerdict:
-    """Return the verdict over drives on a limit with a probability and a confidence.
-
-    A sequential test uses the drives before the first drive without a result, so that the verdict does not depend on
-    the order in which drives finish.
-    """
-    samples = samples_by_drive(limit, results)
-    is_sequential = terms.good is not None and next_drive is not None
-    taken = {drive: runs for drive, runs in samples.items() if not is_sequential or drive < (next_drive or "")}
-    truth_error = max((truth_error_of(limit, score, score.reading) for _, score in results), default=0.0)
-    verdict = proof_verdict(limit, prove(terms, limit.limit, taken), None, truth_error)
-    exceeding = sum(any(not (run.sizes <= limit.limit).all() for run in runs) for runs in samples.values())
-    over = "worst drive" if terms.interpretation is Interpretation.TEMPORAL else "all drives"
-    return _of_group(verdict, over, exceeding)
-
-
-def _count_of(limit: Limit, score: Score) -> float:
-    """Return the number of values of a drive's limited figure; 0 if the figure is unknown."""
-    found = figure_of(limit, score)
-    if limit.condition is not None and found.row is not None:
-        return 0.0 if found.row.unknown else float(found.row.n or 0)
-    return 0.0 if found.value is None else 1.0
-
-
-def _of_group(verdict: Verdict, over: str, missed_by: int) -> GroupVerdict:
-    return GroupVerdict(**asdict(verdict), over=over, missed_by=missed_by)
-
-
-def pool(results: Sequence[tuple[str, Score]], condition: str, sources: Sequence[str] = ()) -> Iterator[Figure]:
-    """Yield the pooled errors of scores for a condition; each score is given with the key of its drive.
-
-    Means and sigmas of a vector are pooled axis by axis. `sources` are the hashes of the sources of the results. Of the
-    sources that are copies of one drive, only the worst is pooled, because copies would dilute the errors.
-    """
-    for kind in KINDS.values():
-        if kind.subject is not Subject.TRAJECTORY:
-            continue
-        axes: tuple[str | None, ...] = AXES if kind.name == "position" else (None,)
-        used: dict[tuple[str, str], list[list[Figure]]] = {}
-        for (drive, score), source in zip(results, sources or [""] * len(results), strict=True):
-            rows = [_axis_row(score, kind.name, condition, axis) for axis in axes]
-            known = [row for row in rows if row is not None and row.mean is not None and (row.n or 0) > 0]
-            if len(known) == len(axes):
-                used.setdefault((drive, source), []).append(known)
-        has_figure = any(score.rows(kind.name, condition=condition) for _, score in results)
-        if has_figure:
-            yield pooled_row(kind.name, condition, _without_copies(kind.name, condition, used))
-
-
-def _without_copies(
-    figure: str, condition: str, used: Mapping[tuple[str, str], Sequence[Sequence[Figure]]]
-) -> list[tuple[str, Sequence[Figure]]]:
-    """Return the rows of the results by drive. Of several sources of a drive, that with the largest figure is used."""
-    worst: dict[str, tuple[float, Sequence[Sequence[Figure]]]] = {}
-    for (drive, _), results in used.items():
-        row = pooled_row(figure, condition, [(drive, rows) for rows in results])
-        size = row.mean_plus_3sigma
-        if size is None:
-            size = float(np.linalg.norm([item.mean or 0.0 for item in results[0]]))
-        if drive not in worst or size > worst[drive][0]:
-            worst[drive] = size, results
-    return [(drive, rows) for drive, (_, results) in worst.items() for rows in results]
-
-
-def _axis_row(score: Score, figure: str, condition: str, axis: str | None) -> Figure | None:
-    """Return the row of an axis of a figure; without axes, the row of the judged reading."""
-    if axis is None:
-        return score.judged_row(figure, condition=condition)
-    return score.figure(figure, condition=condition, part=axis)
-
-
-def pooled_row(figure: str, condition: str, used: Sequence[tuple[str, Sequence[Figure]]]) -> Figure:
-    """Return mean, sigma and mean + 3 sigma of all values; `used` has the drive and the rows by axis of each result.
-
-    The interval resamples drives, each with all of its results. `independent` is the number of drives.
-    """
-    numbers = {drive: number for number, drive in enumerate(dict.fromkeys(drive for drive, _ in used))}
-    many = len(numbers)
-    count = np.array([float(rows[0].n or 0) for _, rows in used])
-    total = int(count.sum())
-    if not used:
-        return figure_row(figure, condition, POOLED, n=0, independent=0)
-    means = np.array([[row.mean for row in rows] for _, rows in used], np.float64)
-    if total < 2:
-        return figure_row(figure, condition, POOLED, n=total, independent=many)
-    sigmas = np.array([[row.sigma or 0.0 for row in rows] for _, rows in used], np.float64)
-    squares = np.square(sigmas) * (count[:, None] - 1.0)
-    mean, sigma = (float(values[0]) for values in _pooled(count, means, squares, np.ones((1, len(count)))))
-    found: dict[str, Any] = {"mean": mean, "sigma": sigma, "mean_plus_3sigma": mean + 3.0 * sigma}
-    if means.shape[1] == 1:  # the mean of a scalar figure keeps its sign
-        found["mean"] = float(count @ means[:, 0]) / total
-    if many >= MIN_DRIVES and found["mean_plus_3sigma"] > 0.0:
-        weights = drawn_weights(many)[:, [numbers[drive] for drive, _ in used]]
-        drawn_means, drawn_sigmas = _pooled(count, means, squares, weights)
-        logs = np.log(np.maximum(drawn_means + 3.0 * drawn_sigmas, 1e-300))
-        factor = float(np.exp(half_width(logs, many)))
-        found["low95"], found["high95"] = found["mean_plus_3sigma"] / factor, found["mean_plus_3sigma"] * factor
-    return figure_row(figure, condition, POOLED, n=total, independent=many, **found)
-
-
-def _pooled(
-    count: FloatArray, means: FloatArray, squares: FloatArray, weights: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the norms of mean and sigma `(R,)` of all values, with weights `(R, D)` of the results.
-
-    The results are given by counts `(D,)`, means `(D, d)` and sums of squared deviations from the means `(D, d)`.
-    """
-    total = weights @ count
-    mean = (weights @ (count[:, None] * means)) / total[:, None]
-    # moments about the unweighted common mean, to avoid cancellation
-    centre = (count[:, None] * means).sum(axis=0) / count.sum()
-    second = weights @ (squares + count[:, None] * np.square(means - centre))
-    deviations = second - total[:, None] * np.square(mean - centre)
-    sigma = np.sqrt(np.maximum(deviations, 0.0) / (total[:, None] - 1.0))
-    return np.sqrt(np.square(mean).sum(axis=1)), np.sqrt(np.square(sigma).sum(axis=1))

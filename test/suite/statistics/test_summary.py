@@ -22,7 +22,9 @@ from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.suite.running.job import Job, JobOutcome
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.statistics.summary import GroupVerdict, SequentialDecision, pool, pooled_row, verdicts_over
+from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
+from sfr_loc_map.suite.statistics.pooling import pool, pooled_row
+from sfr_loc_map.suite.statistics.summary import SequentialDecision
 
 
 def rows_of(values: np.ndarray) -> list[Figure]:
