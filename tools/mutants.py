@@ -427,8 +427,8 @@ MUTATIONS = (
     ),
     Mutation(
         "metrics/judging/several_scores.py",
-        "for score in scores for part in tasks_of(score)}",
-        "for score in scores for part in (DRIVE,)}",
+        "configurations = {(part, _configuration(score.method)) for score in scores for part in tasks_of(score)}",
+        "configurations = {(DRIVE, _configuration(score.method)) for score in scores}",
     ),
     Mutation("metrics/judging/several_scores.py", "if None in items:", "if items == {None, 0}:"),
     Mutation("metrics/judging/several_scores.py", " or figure_of(item, score).value is not None", ""),
