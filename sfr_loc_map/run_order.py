@@ -19,7 +19,8 @@ from typing import Generic, TypeVar
 from sfr_loc_map.inputs import JUMP_BACK_NS, jumped_back
 
 T = TypeVar("T")
-LEAP_NS = 3600 * 1_000_000_000  #: Lead over the last stamp from which on a stamp is of another clock, ns.
+LEAP_NS = 3600 * 1_000_000_000
+"""A stamp ahead of the last stamp by this many nanoseconds or more is taken to be from another clock."""
 AGREEING = 3  #: Consecutive increasing stamps of another time that begin a new run.
 REGULAR = 10  #: Consecutive increasing unknown stamps that begin a new run: 1 of 3.6 million permutations increases.
 PACE = 4  #: Largest duration of these stamps over their number times their median step; messages may be lost.

@@ -99,7 +99,7 @@ class Observation:
 
     @property
     def waiting(self) -> list[ObservedNode]:
-        """The nodes without cameras on the graph, if another node has cameras."""
+        """Nodes whose cameras publish nothing on the graph; empty unless the cameras of another node publish."""
         fed = {name.partition("/")[0] for name, topic in self.topics.items() if topic.publishers}
         return [node for node in self.nodes if {node.rig} - fed - {""} and any(n.rig in fed for n in self.nodes)]
 

@@ -158,9 +158,9 @@ stale. For five of these findings the pair itself shows evidence of stale parts.
 it, and for `UNEXPLAINED` a scene that changes quickly is another possible cause. The seven findings differ in their
 inflation and in whether the pair may become a keyframe.
 
-Three findings add nothing to the covariance because it already includes their errors: the yaw and its standard
-deviation (`CALIBRATION`), and the unobserved motion before the window (`AFTER_GAP`, `DIVERGED`). Two findings add
-nothing because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). The covariance of a kept pose
+Three findings add nothing to the covariance because it already includes what they report: the uncertainty of the yaw
+(`CALIBRATION`), and the unobserved motion before the window (`AFTER_GAP`, `DIVERGED`). Two findings add nothing
+because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). The covariance of a kept pose
 (`Action.KEEP`) always grows by the unobserved motion since the pose was estimated (`trajectory.kept`).
 """
 

@@ -53,7 +53,8 @@ pairs."""
 CONVINCING = 0.6
 """Minimum fraction of the landmarks searched for that the other motion must explain to be accepted without further
 tests. Chosen by hand above one half: the majority agrees. If smaller, slow motions near the main motion are accepted.
-If larger, more motions must also differ in their image motion."""
+If larger, fewer motions are accepted by this test alone; the others must also differ from the main motion in the
+image (`MIN_DIFFERENCE_PX`)."""
 MIN_DIFFERENCE_PX = 1.0
 """Minimum image motion, px, between the poses of two different motions. Chosen by hand: ten times the usual residual of
 an inlier (0.1 px), because two estimates of one motion differ slightly. If larger, slow objects are missed."""

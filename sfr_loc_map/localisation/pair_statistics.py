@@ -13,14 +13,14 @@ from sfr_loc_map.localisation.state import State
 
 
 class ResidualStatistics(NamedTuple):
-    """Residuals of tracks."""
+    """Medians of the residuals and of the chi-square of tracks."""
 
     chi_median: float  #: Median chi-square per degree of freedom; NaN without residuals.
     residual_px: float  #: Median residual of the inliers, px.
 
 
 def residual_statistics(tracks: Tracks) -> ResidualStatistics:
-    """Return the residuals of tracks."""
+    """Return the medians of the residuals and of the chi-square of tracks."""
     chi2 = tracks.chi2_per_dof
     found = np.isfinite(tracks.observations[:, ::2])
     mean_variance = 0.5 * (tracks.variance[:, :, 0] + tracks.variance[:, :, 2])

@@ -44,7 +44,7 @@ class State:
     image_memory: ImageMemory | None = None  #: Memory of the check for stale images.
     shear_mean: ShearMean = ShearMean()  #: Memory of the check for sheared rows.
     keyframes: int = 0  #: Number of keyframes since the start.
-    #: Number of the keyframe from which on a preceding gap no longer degrades the window.
+    #: Number of the first keyframe at which a preceding gap no longer degrades the window.
     clean_from_keyframe: int = 0
     status: TrackingState = TrackingState.INITIALISING  #: State published last.
     reason: StateReason | None = None  #: Reason published last.

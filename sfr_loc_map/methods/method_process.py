@@ -304,7 +304,7 @@ class MethodProcess:
         return usage
 
     def _file_bytes(self) -> int:
-        """Return the memory of the files that the method can write, which counts for no process."""
+        """Return the memory occupied by files that the method can write; no process's resident memory includes it."""
         return bytes_of_files(self._folder, but=self._folder / "images") if self._is_in_memory else 0
 
     def _end(self, kind: FindingKind, text: str, error: Exception | None = None) -> NoReturn:

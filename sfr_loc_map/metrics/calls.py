@@ -252,7 +252,8 @@ def score_target(
 ) -> tuple[tuple[Figure, ...], TargetRun]:
     """Return the rows, with the part `target`, of calls that were measured on a target, and the record of the target.
 
-    Calls with stamps belong to estimates of the same stamps. MetricsError if the stamps differ and `other_run` is None.
+    Every stamp of a localisation call must be a stamp of the estimate; otherwise MetricsError, unless `other_run` names
+    the run of the calls.
     """
     matched = None
     if has_stamps and estimate_ns is not None and len(estimate_ns):

@@ -100,7 +100,8 @@ def nees_rows(
     """Yield the mean NEES of sub-trajectories that share no frame; nothing if no covariance is known.
 
     `truth_sigmas` are the standard deviations of the truth in position (m) and attitude (deg) along each axis. The
-    mean NEES of a consistent covariance lies in the interval with a probability of 95 %. `value` is the expected mean.
+    mean NEES of a consistent covariance lies between `low95` and `high95` with a probability of 95 %. `value` is the
+    expected mean.
     """
     if estimates.covariance is None:
         return

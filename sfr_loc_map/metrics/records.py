@@ -128,7 +128,7 @@ class TargetRun(Record, frozen=True, kw_only=True):
 
 
 class MethodKind(StrEnum):
-    """How a method under test is called."""
+    """How the suite runs a method under test."""
 
     BUILT_IN = "built-in"  #: A part of this suite.
     PEER = "peer"  #: Known to this suite, and installed by the user in a separate interpreter.
@@ -166,7 +166,7 @@ class MethodRecord(Record, frozen=True, kw_only=True):
 
     name: str  #: Name of the method.
     version: str | None  #: Version that the method reports; null if it reports none.
-    kind: MethodKind  #: How the method is called.
+    kind: MethodKind  #: How the suite runs the method: built-in, peer, Python class, C library or external ROS node.
     sha256: str | None = None  #: Hash of the file that the method was loaded from; null if it is not a single file.
     #: Hash of the text of the configuration, for the built-in method of the settings that differ from the defaults;
     #: null without a configuration, or if it is unknown.

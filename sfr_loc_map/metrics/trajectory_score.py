@@ -209,10 +209,11 @@ def truth_record(truth: Trajectory, frames: Frames, placement: Placement | None)
 def sub_trajectory_table(
     estimates: Estimates, truth: Trajectory, config: TrajectoryScoreConfig, image_stamps_ns: IntArray | None = None
 ) -> dict[str, NDArray[Any]]:
-    """Return every sub-trajectory of each condition by each reading, as columns of equal length.
+    """Return every sub-trajectory of each condition, as columns of equal length.
 
-    `start_frame` and `end_frame` are indices of frames. The error vector is the estimated displacement, as the reading
-    compares it, minus the true displacement. Errors are raised as by `score_trajectory`.
+    Each row has the errors by one interpretation of the specification (`READINGS`). `start_frame` and `end_frame` are
+    indices of frames. The error vector is the estimated displacement, as this interpretation compares it, minus the
+    true displacement. Errors are raised as by `score_trajectory`.
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)

@@ -127,8 +127,8 @@ class _Landmark(NamedTuple):
 class _Workspace(NamedTuple):
     """Arrays that are reused for each landmark.
 
-    The compiler may reorder sums, and the order depends on which values are read from arrays. With scalars in place of
-    `residual` and `weighted`, results would differ by rounding.
+    The compiler may reorder sums, and the order depends on which values are read from arrays. Replacing `residual` and
+    `weighted` by scalars would therefore change the results in the last digits.
     """
 
     projection: StereoProjection

@@ -183,7 +183,8 @@ def _cell_motion(motion_px: FloatArray, cells: NDArray[np.intp], in_view: Mask, 
 def _fixed_cells(motion: _CellMotion, stationary: Mask) -> Mask:
     """Return the stationary cells in which the pose predicts image motion.
 
-    Near the focus of expansion, motion varies from cell to cell. All landmarks in and beside the cell must move.
+    Image motion varies from cell to cell near the focus of expansion, so the pose must predict motion for every
+    landmark in the cell and its neighbours.
     """
     fixed = np.zeros(stationary.shape, np.bool_)
     for row in range(stationary.shape[0]):

@@ -92,8 +92,8 @@ def nearest(points: FloatArray, begin: NDArray[np.intp], support: FloatArray, co
 def neighbours_of(uv: FloatArray, known: FloatArray) -> Neighbours | None:
     """Return the neighbours of corners `(N, 2)` among these corners and known points `(M, 3)`.
 
-    The indices of the known points follow those of the corners. The result is None without corners or with fewer than
-    `MIN_NEIGHBOURS` points.
+    The indices of the known points follow those of the corners. The result is None if there are no corners, or fewer
+    than `MIN_NEIGHBOURS` corners and known points together.
     """
     support = np.concatenate((uv, known[:, :2]))
     if not len(uv) or len(support) < MIN_NEIGHBOURS:

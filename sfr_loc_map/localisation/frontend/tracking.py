@@ -55,14 +55,14 @@ PIXEL_FLOOR = 0.05
 (measurements/localiser_trials.md, "What limits it, and what was tried")."""
 RESIDUAL_GAIN = 1.2  #: Ratio of the noise variance to the squared residual of a patch. Chosen on rendered drives.
 EDGE_RESIDUALS = (0.5, 4.0)
-"""Minimum and maximum ratio of a residual to the median residual. From a focal length of `EDGE_FOCAL_PX`, `PIXEL_FLOOR`
-is multiplied by the square of this ratio, 0.25 to 16 (measurements/localiser_trials.md, "Images of a megapixel: the sun
-and the edges of stones")."""
+"""Minimum and maximum ratio of a residual to the median residual. At focal lengths of `EDGE_FOCAL_PX` or more,
+`PIXEL_FLOOR` is multiplied by the square of this ratio, that is by 0.25 to 16 (measurements/localiser_trials.md,
+"Images of a megapixel: the sun and the edges of stones")."""
 MIN_RESIDUAL = 1e-6  #: Minimum of the median residual, grey levels. It prevents a division by zero.
 EDGE_FOCAL_PX = 600.0
-"""Focal length, px, from which edges of stones limit the pose more than image noise. The visible edge of a stone is a
-different point of the stone from each position, which biases the rotation. Landmarks with a large residual therefore
-have a larger minimum standard deviation."""
+"""Focal length, px, at and above which edges of stones limit the pose more than image noise. The visible edge of a
+stone is a different point of the stone from each position, which biases the rotation. Landmarks with a large residual
+therefore have a larger minimum standard deviation."""
 MIN_TEXTURE = 1.0
 """Minimum standard deviation of the coarsest pyramid level of a textured image, grey levels. Image noise of 8 grey
 levels has a standard deviation of 1 after averaging over 8 x 8 px."""

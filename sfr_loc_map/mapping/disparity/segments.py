@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage, IntArray, Mas
 from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
-STEPS_PER_PX = F(16.0)  #: Disparities of neighbours are compared in steps of 1/16 pixel, as of the matcher.
+STEPS_PER_PX = F(16.0)  #: Disparities of neighbours are compared in steps of 1/16 pixel, the resolution of the matcher.
 MAX_SMALL_SEGMENT_PIXELS = 40
 """Segments of up to this many pixels are invalid, because no surrounding pixel agrees with them. With a limit of 30,
 0.06 % more pixels of a KITTI pair are wrong (measurements/mapper_trials.md)."""

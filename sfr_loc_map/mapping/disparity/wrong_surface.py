@@ -54,7 +54,8 @@ SURROUNDING_COUNT = 10  #: The first ten `JumpFeatures` depend on the surroundin
 SIGMA_STRIDE = 16  #: Every sixteenth valid pixel is used for the median sigma: tens of thousands of samples suffice.
 
 # Conversion of features to inputs of the network, which was trained with these values.
-MAX_LOG = 3.0  #: Logarithms of margins and jumps are clipped to this; margins without another surface have it.
+MAX_LOG = 3.0
+"""Logarithms of margins and jumps are clipped to +/- this value. It is also the margin if there is no other surface."""
 MIN_TYPICAL_COST = 0.5  #: Lower bound of the typical cost of a pair, grey levels: a typical rounding difference.
 MIN_RELATIVE_COST = 0.05  #: Lower bound of the ratio of a cost to the typical cost, for the logarithm.
 WINDOW_MARGIN_SCALE = 2.0  #: Factor of the window margin, which varies less than the margin of 3 x 3 pixels.

@@ -104,7 +104,7 @@ class LibraryLocaliser(Library):
         stamp_ns, candidate, process = order["pairs"][0]["stamp_ns"], self.candidate, self._process
         return lambda: (process(candidate, stamp_ns, *places), *written, pose_mark, mark)
 
-    def report(self, answer: Any, order: Order) -> Answer:  # noqa: ANN401 - as of the call
+    def report(self, answer: Any, order: Order) -> Answer:  # noqa: ANN401 - whatever the call from `prepare` returns
         """Return pose, covariance and state; ValueError if the candidate failed or wrote beyond a buffer."""
         failed, _, _, (pose,), covariance, (status,), *marks = answer
         if failed:
@@ -164,7 +164,7 @@ class LibraryMapper(Library):
         candidate, run = self.candidate, self._map
         return lambda: (run(candidate, *words), count, fused, points, mark, lefts, rights, given)
 
-    def report(self, answer: Any, order: Order) -> Answer:  # noqa: ANN401 - as of the call
+    def report(self, answer: Any, order: Order) -> Answer:  # noqa: ANN401 - whatever the call from `prepare` returns
         """Save the points; ValueError if the candidate failed or wrote beyond the buffer."""
         failed, (count,), (fused,), points, mark, lefts, *_ = answer
         if failed:

@@ -26,7 +26,7 @@ class OdometryBuffer:
         self._changed = Condition()
 
     def add(self, stamp_ns: int, T_odom_rb: Transform) -> None:
-        """Add a message. Late messages are dropped. A new run, as of a looping recording, clears the buffer."""
+        """Add a message. Late messages are dropped. A new run clears the buffer, for example if a recording loops."""
         with self._changed:
             accepted, begins_run = self._order.add(stamp_ns, (stamp_ns, T_odom_rb))
             if begins_run:

@@ -347,7 +347,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def _on_fault(self, error: Exception, was_message: bool) -> None:
         """Report an exception of a job: an SfrError in one line, any other exception with its traceback."""
         if not self.context.ok():
-            return  # A signal has shut ROS down while the job ran, so that its next use of ROS failed.
+            return  # A signal shut ROS down during the job, so the job's next call to ROS failed.
         if was_message:
             self.count_failed()
         if isinstance(error, SfrError):

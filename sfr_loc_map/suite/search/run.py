@@ -190,7 +190,7 @@ def _ratio_of(specification: SearchSpecification, store: Store, job: Job) -> flo
 
 
 def case_file(result: SearchResult) -> str:
-    """Return the file of a suite that repeats the found case."""
+    """Return the text of a suite file that repeats the found case."""
     specification, point = result.specification, result.case.point
     settings = {**specification.changes, **specification.settings_at(point)}
     settings.pop("seed", None)

@@ -41,7 +41,10 @@ class DriveRatio:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FigureComparison:
-    """A figure over the common drives of two runs; the other run is better if the ratio is below 1."""
+    """A figure over the common drives of two runs.
+
+    `ratio` is the second run divided by the first, the baseline; below 1, the second run is better.
+    """
 
     runs: str  #: Task, configuration and faults.
     baseline: str  #: Name of the reference suite.
