@@ -174,8 +174,9 @@ CLAUSES = (
         ("metrics/formulas.py", "metrics/config.py"),
         "note below the figures: re-based by; readings side by side",
         '"Taken into account" is not said how. `pose` is the default, since an error of heading from before N is error '
-        "from before N. `displacement` is the letter of 4.1.1 and 4.2.3.1. `position` subtracts the position "
-        "alone. All three are computed, and a verdict that depends on the reading is named.",
+        "from before N. `displacement` is the letter of 4.1.1 and 4.2.3.1. `position` removes only the "
+        "position error at N and leaves the attitude error at N in. "
+        "All three are computed, and a verdict that depends on the reading is named.",
         "pose by default; displacement, position",
     ),
     Clause("4.1.3", "Standard deviation", "With Bessel's correction.", ("metrics/formulas.py",), "every column sigma"),

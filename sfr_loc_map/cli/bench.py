@@ -162,7 +162,10 @@ def faults(
         result = benchmark_faults(drive, wanted, localiser, scoring, seed, advance)
     _present({"source": str(source)} | result, json_path)
     if silent := [name for name, item in result["entries"].items() if item["honesty"] == Honesty.SILENT]:
-        raise FailedVerdictError(f"silent errors (tracking, above 5 times the reported 3 sigma): {', '.join(silent)}")
+        raise FailedVerdictError(
+            "with these faults the state remained 'tracking' although an error exceeded 5 times the reported 3 sigma: "
+            f"{', '.join(silent)}"
+        )
 
 
 @app.command(epilog=examples("sfr bench methods", "sfr bench methods --include-dir"))

@@ -80,7 +80,10 @@ def convert(
         return
     is_poses = not source.is_dir() and source.suffix in FILE_SUFFIXES
     if is_poses and layout is not None:
-        raise ConfigError(f"'--to {layout}' writes images: '{source}' is only a trajectory")
+        raise ConfigError(
+            f"'--to {layout}' writes images, but '{source}' is only a trajectory: omit '--to', or give a source with "
+            "images"
+        )
     if is_poses or (layout is None and format_of_name(destination) is not None):
         of_poses = columns_of(columns)[0]
         _convert_trajectory(
@@ -177,7 +180,10 @@ def _convert_trajectory(
     else:
         opened, _ = open_as(source, remap, config)
         if opened.loc is None or opened.loc.ground_truth is None:
-            raise InputError(f"'{source}' has no true trajectory to write as '{destination}'")
+            raise InputError(
+                f"'{source}' has no ground-truth trajectory to write as '{destination}': name it by truth.source in "
+                "sfr.yaml"
+            )
         poses = opened.loc.ground_truth
     if to_file:
         count = convert_trajectory(poses, destination)

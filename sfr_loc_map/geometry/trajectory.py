@@ -65,8 +65,8 @@ class Trajectory(Shown):
             count_invalid = int(is_invalid.sum())
             raise GeometryError(
                 f"pose {first} (stamp {int(self.stamps_ns[first])}) is invalid: {self.positions[first].tolist()} m, "
-                f"{self.quats_xyzw[first].tolist()} ({count_invalid} of {count} such poses): finite positions below "
-                f"{MAX_POSITION_M:g} m and unit quaternions are required; correct or remove these poses"
+                f"{self.quats_xyzw[first].tolist()} ({count_invalid} of {count} poses are invalid): finite positions "
+                f"below {MAX_POSITION_M:g} m and unit quaternions are required; correct or remove these poses"
             )
 
     def __len__(self) -> int:

@@ -95,7 +95,10 @@ def _writer(path: Path, source: Source, options: ConvertOptions) -> AbstractCont
         quality, grid_m = options.jpeg_quality, options.truth_grid_m
         return BagWriter(path, storage, jpeg_quality=quality, zstd=options.zstd, truth_grid_m=grid_m)
     if storage is not None:
-        raise OutputError(f"'{path.name}' is the name of a bag: '--to {layout}' writes a folder")
+        raise OutputError(
+            f"'{path.name}' is the name of a bag, but '--to {layout}' writes a folder: give the name of a folder, or "
+            "omit '--to' to write a bag"
+        )
     if replace(options, layout=None) != EXACT:
         raise OutputError(
             f"'{path.name}' is a data set folder, which is always lossless: omit the options for JPEG, zstd and the "

@@ -285,7 +285,10 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     def _on_configuration(self, task: Task, message: String) -> None:
         if len(message.data) > MAX_TEXT_BYTES:  # the configuration becomes part of every report
-            raise InputError(f"{task}/configuration has {len(message.data)} characters: ignored")
+            raise InputError(
+                f"{task}/configuration has {len(message.data)} characters, at most {MAX_TEXT_BYTES} are allowed: "
+                "ignored"
+            )
         try:
             found = parse_json(message.data)
         except ValueError as error:

@@ -66,6 +66,6 @@ def diagnose_run(inputs: ScoreInputs, config: ScoreConfig) -> Diagnosis:
     if drive is None:
         raise MetricsError(f"'{inputs.truth}' and the estimate are not trajectories: a diagnosis requires poses")
     if not drive.truth.has_attitude:
-        text = "has only positions: a convention mismatch cannot be detected from them"
+        text = "has only positions: omit '--diagnose', or give a truth with orientations"
         raise MetricsError(f"the truth '{inputs.truth}' {text}")
     return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig)

@@ -190,7 +190,8 @@ def test_a_class_may_map_a_set_in_one_call_and_ours_gives_the_bits_of_its_stages
     for config, finding in (
         (
             "disparity",
-            "invalid result: a map of a set is a PointCloud, or has a 'cloud': got ndarray of shape (120, 160)",
+            "invalid result: the mapper must return for a set a PointCloud, or an object with a PointCloud as 'cloud': "
+            "got ndarray of shape (120, 160)",
         ),
         ("pair", "invalid result: a point names pair 2: there are 2, counted from 0"),
     ):

@@ -154,7 +154,7 @@ def mapper_library(build: Build, *options: str) -> Path:
     [
         ("", ""),
         ("many", "invalid result: wrote 38401 points: there is room for 38400"),
-        ("beyond", "invalid result: wrote beyond its 38400 points"),
+        ("beyond", "invalid result: the candidate wrote beyond the end of the buffer of 38400 points"),
         ("pixel", "invalid result: a point names a pixel outside 160 x 120"),
         ("pair", "invalid result: a point names pair 2: the set has 2, counted from 0"),
         ("fused", "invalid result: fused is 5: must be 0 or 1"),

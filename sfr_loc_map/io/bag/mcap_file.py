@@ -455,5 +455,5 @@ def _exactly(file: BinaryIO, size: int) -> bytes:
     """Return the next bytes of a file; ReaderError if there are fewer."""
     data = file.read(size)
     if len(data) != size:
-        raise ReaderError(f"it ends after {len(data)} of {size} bytes")
+        raise ReaderError(f"it ends {len(data)} bytes into a block of {size} bytes")
     return data

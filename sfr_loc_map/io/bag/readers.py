@@ -100,7 +100,7 @@ class Ros1Reader(rosbag1.Reader):
         wanted = {each.id: each for each in connections or self.connections}
         for each in wanted.values():
             if not _has_known_fields(each):
-                raise Ros1Error(f"{each.msgtype} of '{each.topic}' has other fields than in ROS Noetic.")
+                raise Ros1Error(f"the definition of {each.msgtype} on '{each.topic}' differs from ROS Noetic")
         for each, time_ns, data in super().messages(connections, start, stop):
             connection = wanted[each.id]
             yield connection, time_ns, cdr_of_ros1(data, connection.msgtype)

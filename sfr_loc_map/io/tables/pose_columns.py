@@ -361,8 +361,8 @@ def _by_user(before: Sequence[str], name: str, columns: str, separator: str | No
         if key not in known or place is None or place >= max(width, len(header)):
             shown = ", ".join(header) or f"{width} columns without a header"
             raise InputError(
-                f"{name}: no column for '{item}': NAME is t, sec, nsec, x, y, z, qx, qy, qz or qw, and HEADER is the "
-                f"name or #NUMBER of a column; found {shown[:200]}"
+                f"{name}: no column for '{item}': give NAME=HEADER, where NAME is t, sec, nsec, x, y, z, qx, qy, qz "
+                f"or qw, and HEADER is the title or #NUMBER of a column; found {shown[:200]}"
             )
         places[key] = place
         units[key] = unit
@@ -541,8 +541,8 @@ def _with_time_unit(found: PoseColumns, rows: Sequence[Sequence[str]], name: str
     unit = time_unit(texts, is_seconds=found.is_tum)
     if not unit:
         raise InputError(
-            f"{name}: the unit of the stamps {', '.join(texts[:3])} is ambiguous: name the unit: "
-            f"{option.replace('COLUMNS', 't=...[s], [ms], [us] or [ns], and x, y, z')}"
+            f"{name}: the unit of the stamps {', '.join(texts[:3])} is ambiguous: name the unit "
+            f"(s, ms, us or ns), for example {option.replace('COLUMNS', 't[ns],x,y,z,qx,qy,qz,qw')}"
         )
     return replace(found, units={**found.units, STAMP: unit}, inferred="" if unit == "s" else unit)
 

@@ -41,7 +41,7 @@ def parse_stamp_ns(text: str) -> int:
     """Return integer nanoseconds; surrounding spaces are allowed."""
     if _WHOLE.fullmatch(text.strip(" \t")) and -STAMP_LIMIT <= int(text) < STAMP_LIMIT:
         return int(text)
-    raise ValueError(f"stamp '{text[:40]}' is not an integer number of nanoseconds up to 146 years from 1970")
+    raise ValueError(f"stamp '{text[:40]}' is not an integer number of nanoseconds within 146 years of 1970")
 
 
 def parse_seconds(text: str) -> int:

@@ -170,7 +170,7 @@ class LibraryMapper(Library):
         if failed:
             raise ValueError(f"sfr_candidate_{self._name} returned {failed}")
         if (mark != MARK).any():
-            raise ValueError(f"wrote beyond its {len(points)} points")
+            raise ValueError(f"the candidate wrote beyond the end of the buffer of {len(points)} points")
         if count > len(points):
             raise ValueError(f"wrote {count} points: there is room for {len(points)}")
         points = points[: int(count)]

@@ -130,13 +130,19 @@ class PythonMapper(PythonClass):
         cloud = answer if isinstance(answer, PointCloud) else getattr(answer, "cloud", None)
         disparity = answer if isinstance(answer, np.ndarray) else getattr(answer, "disparity_px", None)
         if order["call"] == "set" and not isinstance(cloud, PointCloud):
-            raise TypeError(f"a map of a set is a PointCloud, or has a 'cloud': got {_described(answer)}")
+            raise TypeError(
+                "the mapper must return for a set a PointCloud, or an object with a PointCloud as 'cloud': got "
+                f"{_described(answer)}"
+            )
         if disparity is not None:
             np.save(order["output"] + ".disparity.npy", np.asarray(disparity, np.float32))
         if isinstance(cloud, PointCloud):
             np.save(order["output"] + ".cloud.npy", cloud.to_structured())
         elif disparity is None:
-            raise TypeError(f"a map is a PointCloud, has a 'cloud', or is a disparity image: got {_described(answer)}")
+            raise TypeError(
+                "the mapper must return a PointCloud, a disparity image, or an object with a PointCloud as 'cloud' or "
+                f"a disparity image as 'disparity_px': got {_described(answer)}"
+            )
         return {
             "stamp_ns": getattr(answer, "stamp_ns", order["pairs"][-1]["stamp_ns"]),
             "fused": getattr(cloud, "fused", None) is not False,

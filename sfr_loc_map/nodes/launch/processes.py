@@ -168,7 +168,7 @@ class Supervisor(AbstractContextManager["Supervisor"]):
         """Raise a NodeError if a node has ended."""
         for process in self.processes.values():
             if ending := process.ending:
-                raise NodeError(f"{process.name} {ending}: {process.last_log_line}; correct that and start again")
+                raise NodeError(f"{process.name} {ending}: {process.last_log_line}; correct the cause and start again")
 
     def restart_crashed(self) -> list[str]:
         """Restart the nodes that have crashed; return how each of them ended."""

@@ -27,9 +27,8 @@ def run_arguments(config: Path, written: Path) -> list[str]:
     how = SourceConfig.of(sections, config)
     if how.calibration != CalibrationConfig() or how.sync.right_offset_s:
         raise ConfigError(
-            f"'{config}': calibration and sync.right_offset_s apply only to recordings: publish camera_info and "
-            "images of "
-            f"both sides with one clock, or convert the recording (sfr convert)"
+            f"'{config}': calibration and sync.right_offset_s apply only to recordings: publish camera_info "
+            "for both cameras and stamp both images with one clock; to play a recording, convert it first (sfr convert)"
         )
     if "record" in (how.sync.stamps, how.truth.stamps):
         raise ConfigError(

@@ -84,7 +84,7 @@ class ExternalNode(ABC):
 
         def listens() -> bool:
             if command is not None and command.ending:
-                raise NodeError(f"the external node {_ended(command)}; correct that and start again")
+                raise NodeError(f"the external node {_ended(command)}; correct the cause and start again")
             return any(graph.count_subscribers(topic) for topic in topics)
 
         def problem() -> str:

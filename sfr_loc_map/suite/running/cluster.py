@@ -164,8 +164,8 @@ class SuiteWorkers:
         reason = self._reason(list(workers))
         if waited_s > self._wait_s:
             raise InputError(
-                f"{reason}: no worker joined in {self._wait_s:g} s; finished results are kept; repeat the "
-                "command to run the others"
+                f"{reason}: no usable worker joined in {self._wait_s:g} s; finished results are kept: start a worker "
+                "of the same version, then repeat the command to run the remaining jobs"
             )
         if waited_s > SAY_AFTER_S and reason != self._reported:
             self._reported = reason

@@ -249,9 +249,9 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
             new |= _method(values, task, folder)
         is_ours = str(values.get(METHOD, OURS)) == OURS
         if is_ours:
-            unread, whose = [name for name in values if name == METHOD_CONFIG], "another method"
+            unread, whose = [name for name in values if name == METHOD_CONFIG], "a method under test"
         else:
-            unread, whose = list(own), "ours"
+            unread, whose = list(own), "the suite's own method"
         if unread:
             raise ConfigError(f"{origin}: '{unread[0]}' is a parameter of {whose} and would be ignored: omit it")
         changed |= {f"{section}.{name}": value for name, value in new.items()}
