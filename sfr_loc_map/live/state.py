@@ -1,6 +1,7 @@
 """The state of a run in progress, which one feed writes and all views read.
 
-Its memory is bounded, except for the stamps of the poses. New runs are detected from them as by the monitor.
+Its memory is bounded, except for the stamps of the poses, 8 bytes each, from which new runs are detected as by the
+monitor.
 """
 
 from __future__ import annotations

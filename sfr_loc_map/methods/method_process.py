@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import mmap
 import os
 import select
 import shutil
@@ -305,7 +306,10 @@ class MethodProcess:
 
     def _file_bytes(self) -> int:
         """Return the memory occupied by files that the method can write; no process's resident memory includes it."""
-        return bytes_of_files(self._folder, but=self._folder / "images") if self._is_in_memory else 0
+        if not self._is_in_memory:
+            return 0
+        whole_pages = -(-self._images.nbytes // mmap.PAGESIZE) * mmap.PAGESIZE
+        return bytes_of_files(self._folder, self._folder / "images", whole_pages)
 
     def _end(self, kind: FindingKind, text: str, error: Exception | None = None) -> NoReturn:
         self.close()
