@@ -58,9 +58,9 @@ class RunOrder(StampOrder[T]):
     """Assigns stamped items to runs; `late` and `strays` count the dropped items.
 
     An item whose stamp does not exceed the last stamp is late. An item of another time (`is_of_another_time`) is held.
-    Once `agreeing` held items have increasing stamps, they are accepted. If their stamps are before the last stamp, a
-    new run begins; if they are after, the run continues. If an item of the run arrives first, the held items are
-    strays. An item with a stamp of zero or less is also a stray.
+    Once `agreeing` held items have increasing stamps, all before or all after the last stamp, they are accepted. Items
+    before the last stamp begin a new run; with items after it, the run continues. If an item of the run or of the other
+    side arrives first, the held items are strays. An item with a stamp of zero or less is also a stray.
     """
 
     def __init__(self, agreeing: int = AGREEING) -> None:
@@ -110,9 +110,12 @@ class RunOrder(StampOrder[T]):
             self._held.clear()
             self.last_ns = stamp_ns
             return [item], False
-        if self._held and stamp_ns <= self._held[-1][0]:
-            self._strays += len(self._held)
-            self._held.clear()
+        if self._held:
+            held_ns = self._held[-1][0]
+            is_before, was_before = stamp_ns < last_ns, held_ns < last_ns
+            if stamp_ns <= held_ns or is_before != was_before:
+                self._strays += len(self._held)
+                self._held.clear()
         self._held.append((stamp_ns, item))
         if len(self._held) < self._agreeing:
             return [], False

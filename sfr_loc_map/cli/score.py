@@ -186,6 +186,7 @@ def score(
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
+    from sfr_loc_map.scoring.assembly import with_conditions
     from sfr_loc_map.scoring.conversion import converted_run
     from sfr_loc_map.scoring.inputs import ScoreInputs
     from sfr_loc_map.scoring.load import load_run
@@ -237,7 +238,7 @@ def score(
     _check_tables(run, points, pieces)
     result = score_run(run, config, by.limits, aligned)
     present(result, json_path, html)
-    _write_beside(result, run, config, junit, points, pieces)
+    _write_beside(result, run, with_conditions(config, by.limits), junit, points, pieces)
     _propose_next(result, json_path, html)
     conclude(result, by.asked, lenient=lenient)
     if junit is not None and not is_judged(result):

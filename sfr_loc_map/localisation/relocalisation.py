@@ -179,6 +179,7 @@ class Relocaliser:
         """Return whether a pair shows enough corners, compared with the landmarks of the map, to begin a window."""
         corners = find_corners(frame.left[0].image, NO_POINTS, self._config.max_features, BORDER)
         enough = max(self._config.min_tracked, int(GOOD_IMAGE_RATIO * landmark_count))
+        enough = min(enough, self._config.max_features)  # the map of a large image may have more than twice as many
         return len(corners) >= enough and is_textured(frame.right)
 
 

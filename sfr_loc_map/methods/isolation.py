@@ -37,6 +37,7 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, 
     code = code_of(method)
     pythons = [method.python, method.python.resolve()]
     prefixes = [Path(sys.prefix), Path(sys.base_prefix), *(path.parent.parent for path in pythons)]
+    prefixes = [path for path in prefixes if path != path.parent]  # /bin/python3 does not permit the root
     variables = (os.environ.get(name, "") for name in (OWN_FILES, "PYTHONPATH", LIBRARY_PATH))
     named = [text for value in variables for text in value.split(os.pathsep) if text]
     named += [text for text in sys.path if Path(text).name in PACKAGES]
@@ -104,4 +105,5 @@ def _without(path: Path, hidden: Sequence[Path]) -> Iterator[Path]:
         return
     with suppress(OSError):
         for part in path.iterdir():
-            yield from _without(part, hidden)
+            if not part.is_symlink():  # a rule for a link would permit its target, which may be hidden
+                yield from _without(part, hidden)

@@ -90,7 +90,9 @@ def ends_apart(
 
 # ---- 4.1.2 Error over a sub-trajectory by three readings (`trajectory.rebase`, default `pose`)
 #
-# `pose` and `displacement` remove the error that was accumulated before N. `position` keeps the attitude error at N.
+# All three remove the position error at N. `pose` also removes the attitude error at N. In `displacement` and
+# `position`, this attitude error turns the displacement and therefore counts in the position error. In the attitude
+# and heading error it counts by `position` alone.
 
 
 class SubTrajectoryErrors(NamedTuple):

@@ -54,12 +54,12 @@ CALL_PARTS = (None, FIRST, AFTER_FIRST)  #: Parts of the times of complete calls
 READINGS = {
     Rebase.POSE: "the estimate is re-based at the start by its full pose, then poses are compared",
     Rebase.DISPLACEMENT: "displacements in DS and changes of attitude and heading since the start are compared, as the "
-    "document literally states",
+    "document literally states; an attitude error at the start counts in the position error",
     Rebase.POSITION: "the estimate is re-based at the start by its position only; earlier attitude errors count",
 }
 TERMS: Mapping[str, str] = {
     "sub-trajectory": "the part of the drive from a start to the frame at which the condition is met",
-    "re-based": "the estimate is moved to the true pose at each start, so that only errors since the start count",
+    "re-based": "the estimate is moved to the true pose at each start, so that errors before the start do not count",
     "position error": "estimated minus true position at the end, as a vector; the mean is the norm of the mean vector",
     "attitude error": "angle between the estimated and the true attitude at the end of a sub-trajectory",
     "heading error": "estimated minus true heading (about the vertical) at the end, signed",

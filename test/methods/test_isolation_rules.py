@@ -87,6 +87,18 @@ def test_a_link_in_a_permitted_folder_does_not_permit_its_hidden_target(tmp_path
     assert not readable(rules(tmp_path, truth), truth)
 
 
+def test_a_link_beside_a_hidden_path_does_not_permit_its_hidden_target(tmp_path: Path, data: Path) -> None:
+    """The parts of a partly hidden folder get rules of their own."""
+    truth = tmp_path / "elsewhere" / "truth.csv"
+    truth.parent.mkdir()
+    truth.write_text("")
+    (data / "copy.csv").symlink_to(truth)
+    found = rules(tmp_path, truth, data / "truth")
+    assert not readable(found, data / "copy.csv")
+    assert str(data / "copy.csv") not in found["read"]
+    assert readable(found, data / "images" / "a.png")
+
+
 def test_the_code_of_a_method_is_readable_unless_hidden(tmp_path: Path, data: Path) -> None:
     code = tmp_path / "code" / "candidate.py"
     code.parent.mkdir()

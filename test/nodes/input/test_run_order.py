@@ -136,6 +136,16 @@ def test_strays_are_dropped_and_counted_and_the_run_goes_on(strays: list[int]) -
     assert (done, begun, order.strays) == ([*RUN], [], len(strays))
 
 
+def test_held_items_of_both_sides_of_the_run_are_never_accepted_together() -> None:
+    """A stray of the past must not continue the run with two items of the future."""
+    order: RunOrder[int] = RunOrder()
+    last = 10 * LEAP_NS
+    order.add(last, last)
+    assert [order.add(stamp, stamp) for stamp in (5 * LEAP_NS, 12 * LEAP_NS, 12 * LEAP_NS + 1)] == [([], False)] * 3
+    assert order.add(12 * LEAP_NS + 2, 0) == ([12 * LEAP_NS, 12 * LEAP_NS + 1, 0], False)
+    assert order.strays == 1
+
+
 def test_a_run_that_begins_again_loses_nothing() -> None:
     done, begun, order = processed([*RUN, *RUN])
     assert (done, begun, order.strays, order.late) == ([*RUN, *RUN], [RUN[0]], 0, 0)
