@@ -25,6 +25,7 @@ from sfr_loc_map.metrics.catalogue import (
     Subject,
 )
 from sfr_loc_map.metrics.config import CallKind, Condition
+from sfr_loc_map.metrics.copies import MIN_STEPS
 from sfr_loc_map.metrics.details import CallPlots, Details, SubTrajectoryRows
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.limits import LimitSection
@@ -298,9 +299,10 @@ def _of_counts(score: Score) -> Iterator[str]:
         share, count = score.figure(name, part=None), score.figure(name, part="count")
         if share is None or count is None or count.value is None or not count.n:
             continue
-        if share.value is None:
+        is_defined = name != "poses_of_truth" or count.n >= MIN_STEPS
+        if share.value is None and is_defined:
             yield f"{name} is null, but its count is {count.value:.9g} of {count.n}"
-        elif abs(share.value * count.n - count.value) > EXACT * count.n:
+        elif share.value is not None and abs(share.value * count.n - count.value) > EXACT * count.n:
             yield f"{name} is {share.value:.9g} of {count.n}, but its count is {count.value:.9g}"
     for share in score.rows(STANDING, part=SUB_TRAJECTORIES):
         moving = score.figure("position", condition=share.condition, part=MOVING)

@@ -116,7 +116,7 @@ def test_objects_are_shown_in_one_line_and_as_html_and_a_score_is_written(
     assert repr(scored).startswith("Score(pass, position ")
     assert f"{len(cloud)} points" in repr(cloud)
     assert [trace.name for trace in scored.plot().data][:2] == ["truth", "estimate"]
-    with pytest.raises(ConfigError, match="no plot 'nothing': available plots are top-view"):
+    with pytest.raises(ConfigError, match="no plot 'nothing': give one of top-view"):
         scored.plot("nothing")
     scored.report(tmp_path / "r.html")
     assert "top-view" in (tmp_path / "r.html").read_text()

@@ -42,6 +42,7 @@ def test_a_suite_judges_every_planned_drive(sfr: Sfr, tmp_path: Path, scheduler:
         added = [] if name == "good" else [{"estimate": f"drive_{name}.csv", "truth": f"truth_{name}.csv"}]
         suite.write_text(yaml.safe_dump({**content, "sources": [*content["sources"], *added]}))
         done = sfr("suite", "run", suite, "--out", tmp_path / name, "--scheduler", scheduler, "--json", "-")
+        assert done.out, done.err
         codes[name] = done.code, json.loads(done.out)["verdict"]
     assert codes["good"] == (0, "pass")
     assert codes["one"][1] in ("fail", "not enough data", "incomplete")

@@ -101,7 +101,7 @@ PLY = f"ply\nformat ascii 1.0\ncomment sfr pair_stamps_ns 5\nelement vertex 1\n{
         (PCD, "POINTS 1", "POINTS 7", "WIDTH and HEIGHT give 1"),
         (PCD, "COUNT 1 1 1", "COUNT 1 1 999999999", "which is not supported"),
         (PCD, "DATA ascii\n1 2 3", "DATA binary\n1234", "bytes found where 1 points"),
-        (PLY, "vertex 1", "vertex -1", "'-1' is not a number"),
+        (PLY, "vertex 1", "vertex -1", "'-1' is not a count"),
         (PLY, "1 2 3\n", "1\n", "found where"),
         (PLY, "float z", "list uchar int z", "no field z"),
         (PLY, "stamps_ns 5", "stamps_ns -5", "integer nanoseconds"),

@@ -104,7 +104,7 @@ def test_provenance_names_every_file_that_was_read(tmp_path: Path, sfr: Sfr) -> 
     (tmp_path / "drive" / "station.csv").write_text(text)
     (tmp_path / "drive" / "sfr.yaml").write_text("calibration: {file: camchain.yaml}\ntruth: {source: station.csv}\n")
     save_trajectory(tmp_path / "e.csv", poses)
-    done = sfr("score", tmp_path / "e.csv", tmp_path / "drive", "--condition", "distance=2", "--partial", "--json", "-")
+    done = sfr("score", tmp_path / "e.csv", tmp_path / "drive", "--condition", "distance=1", "--partial", "--json", "-")
     assert done.code == 0, done.err
     assert "configuration:" in done.err
     inputs = json.loads(done.out)["provenance"]["inputs"]
