@@ -403,7 +403,11 @@ MUTATIONS = (
         "abs(share.value * count.n - count.value) > EXACT",
         "count.value - share.value * count.n > EXACT",
     ),
-    Mutation("metrics/raw_values.py", "if share.value is None and is_defined:\n            yield", "if False:\n            yield"),
+    Mutation(
+        "metrics/raw_values.py",
+        "if share.value is None and is_defined:\n            yield",
+        "if False:\n            yield",
+    ),
     Mutation("metrics/limits.py", "if item.section is LimitSection.TRAJECTORY]", "if item.terms is not None]"),
     # several scores, several drives
     Mutation("metrics/judging/several_scores.py", "if len(made) < len(scores):", "if not made:"),
