@@ -60,7 +60,7 @@ class Series(NamedTuple):
     x: Sequence[float | None]
     sizes: Sequence[float | None]  #: Sizes of the errors, before scaling.
     row: Figure | None
-    limits: dict[str, float]
+    limits: list[tuple[str, float]]  #: Statistic and limit.
     scale: tuple[float, str]  #: Factor and unit of the drawing.
     mean: str = "mean"  #: Label of the mean of the row.
 
@@ -113,7 +113,7 @@ def _drawn(series: Series) -> PrintedPlot:
     lines = [
         (f"{name} {number(value)} {unit}{certain if not dash else ''}", value, dash) for name, value, dash in known
     ]
-    lines += [(f"limit {number(limit * factor)} {unit}", limit * factor, "8 4") for limit in series.limits.values()]
+    lines += [(f"limit {number(limit * factor)} {unit}", limit * factor, "8 4") for _, limit in series.limits]
     return PrintedPlot(
         title=series.title,
         x_title=series.x_title,

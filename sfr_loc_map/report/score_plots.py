@@ -142,7 +142,7 @@ def _limit_lines(
 ) -> list[Trace]:
     """Return a line for each limit on a figure; a limit far above the largest value is only in the legend."""
     traces = []
-    for name, limit in limits_on(score, figure, condition).items():
+    for name, limit in limits_on(score, figure, condition):
         far = {"visible": "legendonly"} if limit * factor > FAR * most else {}
         title = f"limit of {statistic_title(name)}" + (f", {label_of(condition)}" if condition else "")
         traces.append(line(title, (ends, scaled([limit] * 2, factor)), "@bad", dash="longdash", **(more | far)))
@@ -291,7 +291,7 @@ def _position(score: Score, parts: list[PlottedCondition]) -> Plot:
             low, high = (bound * factor for bound in row.interval)
             data.append(band(f"95 % interval, {over}", ends, low, high, f"{color}-soft", **group))
     on = (limits_on(score, "position", part.rows.condition) for part in parts)
-    limits = [limit * factor for found in on for limit in found.values()]
+    limits = [limit * factor for found in on for _, limit in found]
     sizes = [value for part in parts for value in scaled(error_sizes(part.rows), factor)]
     layout = {"xaxis": axis(AT_THE_END), "yaxis": _error_axis(f"size of the position error, {unit}", sizes, limits)}
     caption = "Each mark is one sub-trajectory: hover for its frames and stamps. A click on a name of the legend "
@@ -376,7 +376,7 @@ def _timeline(score: Score, kind: CallKind) -> list[Plot]:
             data.append(marks(name, places, color, symbol=symbol, size=5, customdata=stamps, hovertemplate=hover))
     ends = [min(seconds), max(seconds)]
     data += _limit_lines(score, kind, ends, math.inf)
-    limits = list(limits_on(score, kind).values())
+    limits = [limit for _, limit in limits_on(score, kind)]
     layout: dict[str, Any] = {
         "xaxis": axis("time since the first pair, s"),
         "yaxis": _error_axis(f"{clock} per call, s", series.processing_time_s, limits),
@@ -384,7 +384,7 @@ def _timeline(score: Score, kind: CallKind) -> list[Plot]:
     if any(peak is not None for peak in series.peak_rss_bytes):
         peaks = scaled(series.peak_rss_bytes, 1 / MIB.size)
         data.append(line("peak memory", (seconds, peaks), "@three", yaxis="y2"))
-        for limit in limits_on(score, "peak", part=kind).values():
+        for _, limit in limits_on(score, "peak", part=kind):
             level = scaled([limit] * 2, 1 / MIB.size)
             data.append(line("limit of the peak", (ends, level), "@bad", dash="longdash", yaxis="y2"))
         layout["grid"] = {"rows": 2, "columns": 1, "pattern": "coupled", "ygap": 0.14}

@@ -336,17 +336,20 @@ def verdict_table(score: Score) -> Table:
     return Table("verdicts", "Verdicts", (*heads, *columns), tuple(rows), note)
 
 
-def limits_on(score: Score, figure: str, condition: str | None = None, part: str | None = None) -> dict[str, float]:
-    """Return the limits on a figure by statistic."""
-    return {
-        item.statistic: item.limit
+def limits_on(
+    score: Score, figure: str, condition: str | None = None, part: str | None = None
+) -> list[tuple[str, float]]:
+    """Return the limits on a figure with their statistics; two requirements can limit the same statistic."""
+    found = [
+        (item.statistic, item.limit)
         for item in score.verdicts
         if item.figure == figure
         and item.condition == condition
         and item.statistic is not None
         and (part is None or item.part == part)
         and not item.is_of_target
-    }
+    ]
+    return list(dict.fromkeys(found))
 
 
 # ---- notes

@@ -16,6 +16,7 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_plain
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.plots import to_figure
+from sfr_loc_map.report.printed_plot import printed_plots
 from sfr_loc_map.report.score_plots import score_plots
 from sfr_loc_map.report.tables import MILLIMETRE, number
 
@@ -232,6 +233,21 @@ def test_ticks_are_numbers_in_full_whatever_their_size() -> None:
     axes = [axis for plot in plots for name, axis in to_figure(plot).to_dict()["layout"].items() if "axis" in name]
     assert len(axes) > 10
     assert {axis.get("exponentformat") for axis in axes} == {"none"}
+
+
+def test_two_requirements_on_one_statistic_are_both_drawn() -> None:
+    score = whole_score()
+    limit = score.verdicts[0]
+    assert limit.value is not None
+    limits = [0.5 * limit.value, 0.7 * limit.value]
+    judged = replace(score, verdicts=tuple(replace(limit, limit=value) for value in (*limits, limits[0])))
+    plots = {plot.name: plot for _, group in score_plots(judged) for plot in group}
+    drawn = [trace["y"][0] for trace in plots["position"].data if trace["name"] == "limit of mean + 3 sigma, 5 m"]
+    assert drawn[0] / drawn[1] == pytest.approx(0.5 / 0.7, rel=1e-3)
+    assert len(drawn) == 2, "a limit that is stated twice is one line"
+    printed = printed_plots(judged)[0]
+    texts = [*(level.text for level in printed.levels), *printed.beyond.split(", ")]
+    assert len([text for text in texts if text.startswith("limit ")]) == 2
 
 
 def test_limits_are_drawn_beside_their_figure_and_do_not_flatten_it() -> None:
