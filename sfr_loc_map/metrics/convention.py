@@ -402,6 +402,8 @@ def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) 
     base = 0 if before is not None else int(gt_ns[0]) - int(est_ns[0])
     reach = max(20 * step, 2 * NS_PER_S)
     best, least, explained = base, np.inf, np.full(1, np.inf)
+    true_attitudes = unit_quats(truth.quats_xyzw)
+    attitudes = unit_quats(estimate.quats_xyzw)
     while True:
         is_last = reach < max(step // 500, 1000)
         if not is_last:
@@ -426,9 +428,9 @@ def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) 
             start = truth.positions[after - 1]
             true = (
                 start + share[:, None] * (truth.positions[after] - start),
-                slerp(unit_quats(truth.quats_xyzw[after - 1]), unit_quats(truth.quats_xyzw[after]), share),
+                slerp(true_attitudes[after - 1], true_attitudes[after], share),
             )
-            left_of_each = disagreements(true, (estimate.positions[chosen], unit_quats(estimate.quats_xyzw[chosen])))
+            left_of_each = disagreements(true, (estimate.positions[chosen], attitudes[chosen]))
             value = float(np.mean(left_of_each))
             if is_last and value <= AS_GOOD * least:
                 best = shift
