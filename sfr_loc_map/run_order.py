@@ -33,6 +33,15 @@ def is_of_another_time(last_ns: int, stamp_ns: int) -> bool:
     return jumped_back(last_ns, stamp_ns) or stamp_ns - last_ns >= LEAP_NS
 
 
+def continues_held(held_ns: int, last_ns: int, stamp_ns: int) -> bool:
+    """Return whether a stamp of another time than a run follows the last held stamp, on the same side of the run.
+
+    `last_ns` is the last stamp of the run: held stamps are all before or all after the run.
+    """
+    is_other_side = held_ns < last_ns < stamp_ns
+    return stamp_ns > held_ns and not is_other_side
+
+
 class StampOrder(ABC, Generic[T]):
     """Assigns the stamped items of a source to runs."""
 
@@ -110,12 +119,9 @@ class RunOrder(StampOrder[T]):
             self._held.clear()
             self.last_ns = stamp_ns
             return [item], False
-        if self._held:
-            held_ns = self._held[-1][0]
-            is_before, was_before = stamp_ns < last_ns, held_ns < last_ns
-            if stamp_ns <= held_ns or is_before != was_before:
-                self._strays += len(self._held)
-                self._held.clear()
+        if self._held and not continues_held(self._held[-1][0], last_ns, stamp_ns):
+            self._strays += len(self._held)
+            self._held.clear()
         self._held.append((stamp_ns, item))
         if len(self._held) < self._agreeing:
             return [], False
