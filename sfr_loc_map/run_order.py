@@ -136,10 +136,11 @@ class AnyOrder(StampOrder[T]):
 
     An item after the first stamp of the run is accepted if the lead over the last stamp is below an hour. An earlier
     item is accepted once no gap separates it from the run. Consecutive items of another time that have increasing
-    stamps are accepted together in two cases. Either there are `AGREEING` items, and each stamp was received before, as
-    when a recording is played again, or is an hour ahead. Or there are `REGULAR` items at a regular pace. The accepted
-    items begin a new run; if they are ahead, the run continues with them. Otherwise, an item is dropped if its stamp
-    was received before or is an hour ahead. An item with a stamp of zero or less is also dropped.
+    stamps, all before or all after the last stamp, are accepted together in two cases. Either there are `AGREEING`
+    items, and each stamp was received before, as when a recording is played again, or is an hour ahead. Or there are
+    `REGULAR` items at a regular pace. The accepted items begin a new run; if they are ahead, the run continues with
+    them. Otherwise, an item is dropped if its stamp was received before or is an hour ahead. An item with a stamp of
+    zero or less is also dropped.
     """
 
     def __init__(self) -> None:
@@ -180,7 +181,7 @@ class AnyOrder(StampOrder[T]):
             self._break_chain()
             insort(self._seen, stamp_ns)
             return [item, *self._joined()], False
-        if self._chain and stamp_ns <= self._chain[-1][0]:
+        if self._chain and not continues_held(self._chain[-1][0], last_ns, stamp_ns):
             self._break_chain()
         place = bisect_left(self._seen, stamp_ns)
         is_known = place < len(self._seen) and self._seen[place] == stamp_ns

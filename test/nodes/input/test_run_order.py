@@ -194,6 +194,15 @@ def test_a_shuffled_drive_is_one_run_and_a_stray_among_it_is_dropped(stray_ns: i
         assert (sorted(run), begun, after.strays) == (drive, [], 1)
 
 
+def test_items_received_before_and_items_ahead_are_never_accepted_together() -> None:
+    """Two repeated items and an item of another clock must not be added to the run again."""
+    ahead = [RUN[-1] + 2 * LEAP_NS + k for k in range(3)]
+    run, begun, order = accepted([*RUN, RUN[0], RUN[1], *ahead[:2]])
+    assert (run, begun, order.strays) == ([*RUN], [], 4)
+    run, begun, order = accepted([*RUN, RUN[0], RUN[1], *ahead])
+    assert (run, begun, order.strays) == ([*RUN, *ahead], [], 2)
+
+
 @pytest.mark.parametrize("phase_ns", [0, 4 * 10**8, -50 * 10**9])
 @pytest.mark.parametrize("lost", [(), (1,), (2, 3)])
 def test_a_run_that_begins_again_is_a_new_one_of_any_phase(phase_ns: int, lost: tuple[int, ...]) -> None:
