@@ -15,7 +15,7 @@ class CalibrationUncertainty:
 
     The defaults are chosen by hand: 0.01 deg of yaw causes a disparity error of 0.14 px at a focal length of 804 px,
     and 0.1 % of the baseline or of the focal length causes 1 mm per metre of range. If all values are 0, sigma is the
-    random part only.
+    random part only, unless a significant yaw or pitch of the right camera is measured in a pair (`calibration_sigma`).
     """
 
     yaw_deg: float = param(
@@ -33,8 +33,8 @@ class CalibrationUncertainty:
         0.3,
         unit="px",
         doc="Residual distortion: root mean square, over an image, of the error of a pixel's column or row. It is part "
-        "of the sigma of the disparities unless the vertical disparity of a pair indicates another value. It also "
-        "sets the vertical disparity above which a warning is issued (docs/mapping.md). 0: no residual distortion.",
+        "of the sigma of the points unless the vertical disparity of a pair indicates another value. It also sets the "
+        "vertical disparity above which a warning is issued (docs/mapping.md). 0: no residual distortion.",
         low=0.0,
         high=10.0,
     )

@@ -100,6 +100,9 @@ class Mapper:
     def map(self, pairs: Sequence[PosedStereoPair]) -> FusedMap:
         """Return one cloud from one to three pairs: the mapping call of the specification [1.3].
 
+        The statistics and warnings of the result are those of the fusion. Call `process` and `fuse` to obtain those of
+        the pairs, too.
+
         Raises MappingError under the same conditions as `process` and `fuse`.
         """
         check_pair_count(len(pairs))
