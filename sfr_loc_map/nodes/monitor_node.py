@@ -152,7 +152,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         """Create the state of a run, without results."""
         config = self.config
         self._report_file = ReportFile(Path(config.save_file)) if config.save_file else None
-        self._gaps: list[TransportGaps] = []
+        self._lost_in_transport = 0  # messages
         self._camera_infos = CameraInfoPair()
         self._truth = TopicTruthInput(self, Reliability(config.input.reliability))
         self._runs: CommonRuns[Callable[[], None]] = CommonRuns({source: AnyOrder() for source in SOURCES})
@@ -169,7 +169,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
         dropped = {
-            "dropped_in_transport": sum(gaps.lost for gaps in self._gaps),
+            "dropped_in_transport": self._lost_in_transport,
             "dropped_stray": self._runs.strays + self._truth.strays,
         }
         return dropped | super().counts()
@@ -195,10 +195,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         """Subscribe with a callback that is called in the worker's thread; return the function that unsubscribes."""
         gaps = TransportGaps()
         gaps.set_several(has_several_publishers)
-        self._gaps.append(gaps)
 
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any message
-            gaps.add(info)
+            self._lost_in_transport += gaps.add(info)
             size_bytes = len(message.data) if kind is PointCloud2 else 0
             self.worker.enqueue_droppable(partial(callback, message), size_bytes)
 
