@@ -61,17 +61,13 @@ class AnswerBook:
 
     def node_restarted(self, how: str) -> None:
         """Note that the node ended during the run, although another process answers in its place."""
-        last = max(self._sent, default=None)
-        record = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=last, text=how)
-        self._findings.setdefault(FindingKind.CRASHED, record)
+        self._findings.setdefault(FindingKind.CRASHED, self._crash(how))
 
     def node_ended(self, how: str) -> None:
         """Note that the node's process has ended during the run."""
         if not self.ended:
             self.ended = how
-            last = max(self._sent, default=None)
-            record = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=last, text=how)
-            self._findings[FindingKind.CRASHED] = record
+            self._findings[FindingKind.CRASHED] = self._crash(how)
 
     def is_settled(self, stamp_ns: int) -> bool:
         """Return whether a pair is answered, or its answer is no longer awaited."""
@@ -117,6 +113,11 @@ class AnswerBook:
     def latency_s(self) -> Statistics | None:
         """Times from publishing a pair to receiving its answer, negative for early answers; None without answers."""
         return statistics(np.array(list(self._latency_s.values()))) if self._latency_s else None
+
+    def _crash(self, how: str) -> FindingRecord:
+        """Return the finding of a crash, at the last pair that was sent."""
+        last = max(self._sent, default=None)
+        return FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=last, text=how)
 
     def _answered(self, stamp_ns: int, received_s: float) -> bool:
         """Note the answer to a published pair; return whether the answer is used."""
