@@ -52,11 +52,12 @@ def replay_and_score(
         results, was_interrupted = replay(source, options, progress, say)
         if was_interrupted and not results.count:
             raise KeyboardInterrupt
-        remarks = tuple(_remarks(results, options))
         result = with_converted_poses(results.collected_run(), source, options.score, correction)
     if files is not None:
         files.remove()  # files of an earlier run, which may have written more of them
         save_replay(result, files)
+    with naming(source.path):
+        remarks = tuple(_remarks(results, options))
     score = score_replay(
         source,
         result,
