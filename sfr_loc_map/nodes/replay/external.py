@@ -257,8 +257,7 @@ class ExternalMapper(ExternalNode):
         if stamp_ns not in self._poses:
             raise InputError(
                 f"no pair has the stamp {stamp_ns} of the cloud, so that its points cannot be transformed to LM: "
-                "publish the "
-                "cloud with the stamp of its pair"
+                "publish the cloud with the stamp of its pair"
             )
         return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
 
