@@ -52,11 +52,13 @@ def replay_and_score(
         results, was_interrupted = replay(source, options, progress, say)
         if was_interrupted and not results.count:
             raise KeyboardInterrupt
-        result = with_converted_poses(results.collected_run(), source, options.score, correction)
-    if files is not None:
-        files.remove()  # files of an earlier run, which may have written more of them
-        save_replay(result, files)
-    with naming(source.path):
+        result = results.collected_run()
+        try:
+            result = with_converted_poses(result, source, options.score, correction)
+        finally:
+            if files is not None:
+                files.remove()  # files of an earlier run, which may have written more of them
+                save_replay(result, files)  # poses that cannot be converted are saved as published
         remarks = tuple(_remarks(results, options))
     score = score_replay(
         source,
