@@ -18,6 +18,7 @@ from sfr_loc_map.evidence.agreement import (
     three_cornered_hat,
 )
 from sfr_loc_map.evidence.calibration import corrected_drive, cost_row, offset_rows, right_camera_offsets
+from sfr_loc_map.evidence.item_rows import items_with
 from sfr_loc_map.evidence.predicted import predicted_rows
 from sfr_loc_map.evidence.revisited import agreement_at, closure_rows, find_closures
 from sfr_loc_map.evidence.variants import PairsInMemory, Run, Variant, run_pairs, run_variant
@@ -25,7 +26,7 @@ from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition, label_of
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.report.tables import Cell, Column, Table, Unit, fitting
+from sfr_loc_map.report.tables import METRE, Cell, Column, Table, fitting
 
 MIN_PAIRS = 20
 COMPARED = (
@@ -111,29 +112,20 @@ def check_table(figures: Sequence[Figure]) -> Table:
     """Return the comparisons as a table, one line each; the cells name their keys in the figures."""
     titles = ("difference, rmse", "NEES", "expected below", "n", "p", "minimum error of a run")
     columns = (Column("runs", words=True), Column("over", words=True), Column("unit"), *map(Column, titles))
-    places: dict[tuple[str | None, str | None], dict[str, int]] = {}  # of the figures of a comparison, by name
-    for place, row in enumerate(figures):
-        places.setdefault((row.condition, row.part), {})[row.figure] = place
     rows = []
-    for (condition, part), at in places.items():
-        if "difference" not in at:
-            continue
-        difference = figures[at["difference"]]
-        nees = figures[at["difference_nees"]]
-        least = figures[at["error_at_least"]]
-        agreement = figures[at["agreement"]]
-        unit = fitting(Unit("m"), difference.rmse, least.value)
+    for item in items_with("difference", figures):
+        unit = fitting(METRE, item.number("difference", "rmse"), item.number("error_at_least"))
         rows.append(
             (
-                Cell.head(part or ""),
-                Cell(label_of(condition) or PLACES),
+                Cell.head(item.part or ""),
+                Cell(label_of(item.condition) or PLACES),
                 Cell(unit.symbol),
-                Cell.number(difference.rmse, f"figures.{at['difference']}.rmse", unit),
-                Cell.number(nees.mean, f"figures.{at['difference_nees']}.mean"),
-                Cell.number(nees.high95, f"figures.{at['difference_nees']}.high95"),
-                Cell.number(nees.n, f"figures.{at['difference_nees']}.n"),
-                Cell.number(agreement.value, f"figures.{at['agreement']}.value"),
-                Cell.number(least.value, f"figures.{at['error_at_least']}.value", unit),
+                item.cell("difference", "rmse", unit),
+                item.cell("difference_nees", "mean"),
+                item.cell("difference_nees", "high95"),
+                item.cell("difference_nees", "n"),
+                item.cell("agreement"),
+                item.cell("error_at_least", unit=unit),
             )
         )
     note = (

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.evidence.agreement import CheckResult
+from sfr_loc_map.evidence.item_rows import items_with
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
@@ -21,7 +22,7 @@ from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.multiview.fusion import MAX_GREY_RATIO, MAX_RANGE_RATIO
 from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, SHIFT_PX
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.report.tables import Cell, Column, Table, Unit, fitting
+from sfr_loc_map.report.tables import METRE, PERCENT, Cell, Column, Table, fitting
 
 
 class Overlap(NamedTuple):
@@ -98,29 +99,23 @@ def overlap_rows(overlap: Overlap) -> Iterator[Figure]:
 
 def overlap_table(figures: Sequence[Figure]) -> Table:
     """Return the overlaps of maps as a table."""
-    places: dict[str, dict[str, int]] = {}  # of the figures of an overlap, by name
-    for place, row in enumerate(figures):
-        if row.figure.startswith("overlap"):
-            places.setdefault(row.part or "", {})[row.figure] = place
     rows = []
-    for name, at in places.items():
-        values = {figure: figures[place].value for figure, place in at.items()}
-        keys = {figure: f"figures.{place}.value" for figure, place in at.items()}
-        unit = fitting(Unit("m"), values["overlap_difference"])
+    for item in items_with("overlap", figures):
+        unit = fitting(METRE, item.number("overlap_difference"))
         rows.append(
             (
-                Cell.head(name),
-                Cell.number(values["overlap"], keys["overlap"], Unit("%")),
+                Cell.head(item.part or ""),
+                item.cell("overlap", unit=PERCENT),
                 Cell(unit.symbol),
-                Cell.number(values["overlap_difference"], keys["overlap_difference"], unit),
-                Cell.number(values["overlap_ratio"], keys["overlap_ratio"]),
-                Cell.number(values["overlap_grey"], keys["overlap_grey"]),
-                Cell.number(figures[at["overlap"]].n, f"figures.{at['overlap']}.n"),
+                item.cell("overlap_difference", unit=unit),
+                item.cell("overlap_ratio"),
+                item.cell("overlap_grey"),
+                item.cell("overlap", "n"),
             )
         )
     columns = (
         Column("maps", words=True),
-        Column("overlap", Unit("%")),
+        Column("overlap", PERCENT),
         Column("unit"),
         Column("range difference, rms"),
         Column("ratio to the expected one"),

@@ -13,6 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from sfr_loc_map.evidence.agreement import SPACING
+from sfr_loc_map.evidence.item_rows import items_with
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import propagation
@@ -22,7 +23,7 @@ from sfr_loc_map.metrics.config import Condition, label_of
 from sfr_loc_map.metrics.consistency import StepSums, sums_of_steps
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.trajectory_errors import select
-from sfr_loc_map.report.tables import Cell, Column, Table, Unit, fitting
+from sfr_loc_map.report.tables import METRE, PERCENT, Cell, Column, Table, Unit, fitting
 
 
 class Source(StrEnum):
@@ -85,30 +86,24 @@ def squares_by_source(start: StepSums, end: StepSums, position: FloatArray) -> M
 
 def predicted_table(figures: Sequence[Figure]) -> Table:
     """Return the predicted error by source as a table."""
-    places: dict[tuple[str | None, str | None], dict[str, int]] = {}  # of the figures of a source, by name
-    for place, row in enumerate(figures):
-        if row.figure in ("predicted", "predicted_share", "predicted_attitude"):
-            places.setdefault((row.condition, row.part), {})[row.figure] = place
     rows = []
-    for (condition, source), at in places.items():
-        position_m = figures[at["predicted"]].value
-        unit = fitting(Unit("m"), position_m)
-        share = figures[at["predicted_share"]].value
+    for item in items_with("predicted", figures):
+        unit = fitting(METRE, item.number("predicted"))
         rows.append(
             (
-                Cell.head(source or ""),
-                Cell(label_of(condition)),
-                Cell.number(share, f"figures.{at['predicted_share']}.value", Unit("%")),
+                Cell.head(item.part or ""),
+                Cell(label_of(item.condition)),
+                item.cell("predicted_share", unit=PERCENT),
                 Cell(unit.symbol),
-                Cell.number(position_m, f"figures.{at['predicted']}.value", unit),
-                Cell.number(figures[at["predicted_attitude"]].value, f"figures.{at['predicted_attitude']}.value"),
-                Cell.number(figures[at["predicted"]].n, f"figures.{at['predicted']}.n"),
+                item.cell("predicted", unit=unit),
+                item.cell("predicted_attitude"),
+                item.cell("predicted", "n"),
             )
         )
     columns = (
         Column("source", words=True),
         Column("over", words=True),
-        Column("fraction of the mean square", Unit("%")),
+        Column("fraction of the mean square", PERCENT),
         Column("unit"),
         Column("position, rms"),
         Column("attitude, rms", Unit("deg")),

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from sfr_loc_map.evidence.agreement import Agreement, Windows, probability_of, rows_at
+from sfr_loc_map.evidence.item_rows import items_with
 from sfr_loc_map.evidence.variants import PairsInMemory, Run, run_pairs
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat
@@ -25,7 +26,7 @@ from sfr_loc_map.metrics.association import associate
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.consistency import normalised_square, relative_covariance, relative_errors, sums_of_steps
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.report.tables import Cell, Column, Table, Unit, fitting
+from sfr_loc_map.report.tables import METRE, PERCENT, Cell, Column, Table, fitting
 
 MIN_PATH_M = 1.0
 """Minimum path between two visits, m. Chosen by hand: a stationary rover does not revisit its place."""
@@ -143,24 +144,25 @@ def closure_rows(closure: Closure) -> Iterator[Figure]:
 
 def closure_table(figures: Sequence[Figure]) -> Table:
     """Return the revisited places as a table."""
-    places: dict[str, dict[str, int]] = {}  # of the figures of a place, by name
-    for place, row in enumerate(figures):
-        if row.figure in ("revisited_path", "misclosure", "misclosure_of_path", "misclosure_nees"):
-            places.setdefault(row.part or "", {})[row.figure] = place
     rows = []
-    for name, at in places.items():
-        misclosure = figures[at["misclosure"]].value
-        unit = fitting(Unit("m"), misclosure)
-        units = {"revisited_path": Unit("m"), "misclosure": unit, "misclosure_of_path": Unit("%")}
-        cells = [Cell.number(figures[at[key]].value, f"figures.{at[key]}.value", units[key]) for key in units]
-        nees = Cell.number(figures[at["misclosure_nees"]].value, f"figures.{at['misclosure_nees']}.value")
-        rows.append((Cell.head(name), cells[0], Cell(unit.symbol), cells[1], cells[2], nees))
+    for item in items_with("misclosure", figures):
+        unit = fitting(METRE, item.number("misclosure"))
+        rows.append(
+            (
+                Cell.head(item.part or ""),
+                item.cell("revisited_path", unit=METRE),
+                Cell(unit.symbol),
+                item.cell("misclosure", unit=unit),
+                item.cell("misclosure_of_path", unit=PERCENT),
+                item.cell("misclosure_nees"),
+            )
+        )
     columns = (
         Column("revisited place", words=True),
-        Column("path", Unit("m")),
+        Column("path", METRE),
         Column("unit"),
         Column("misclosure"),
-        Column("of the path", Unit("%")),
+        Column("of the path", PERCENT),
         Column("NEES"),
     )
     note = (
