@@ -221,7 +221,18 @@ def score(
         command=shlex.join(["sfr", *sys.argv[1:]]),
     )
     if diagnose:
-        unused = {"--html": html, "--junit": junit, "--points": points, "--pieces": pieces, "--convention": convention}
+        unused = {
+            "--html": html,
+            "--junit": junit,
+            "--points": points,
+            "--pieces": pieces,
+            "--convention": convention,
+            "--apply-diagnosis": apply_diagnosis,
+            "--align": align,
+            "--target": target,
+            "--target-timing": target_timing,
+            "--target-run": target_run,
+        }
         if given := [name for name, value in unused.items() if value]:
             raise ConfigError(f"'--diagnose' shows the convention mismatches and makes no score: omit {given[0]}")
         _diagnose(inputs, config, json_path, lenient=lenient)
