@@ -83,6 +83,21 @@ def test_pan_to_the_left_turns_the_view_to_the_left(config: Maker) -> None:
     assert plan.count(Task.MAPPING) == 2
 
 
+@pytest.mark.clause("3.2.5", "3.2.7.2")
+def test_pose_of_the_cameras_in_lm_is_the_hand_computed_pose(config: Maker) -> None:
+    """LM is on the ground below RB, with x along the heading. In RB, the tilt axis is at (0.451, 0.317, 0.594) m and
+    the ground at z = -0.540 m. At tilt 30, NAVSB is 0.06 cos 30 + 0.08 sin 30 m ahead of the tilt axis and
+    -0.06 sin 30 + 0.08 cos 30 m above; at pan 90, ahead is along y."""
+    start = {"drive__start_x_m": 3.0, "drive__start_y_m": -2.0, "drive__start_heading_deg": 90.0}
+    plan = Plan.make(
+        config(**FLAT, **STEADY | start, panorama__enabled=True, panorama__pan_deg=[90.0], panorama__tilt_deg=[30.0])
+    )
+    pose = plan.lm_pose(0)
+    half, long = 0.5, math.sqrt(0.75)
+    assert pose.translation == pytest.approx([0.451, 0.317 + 0.0919615, 0.540 + 0.594 + 0.0392820], abs=1e-6)
+    assert pose.rotation == pytest.approx(np.array([[0, -1, 0], [long, 0, half], [-half, 0, long]]), abs=1e-9)
+
+
 @pytest.mark.parametrize("segment", ["fly 3", "straight", "arc 2", "straight x", "", "turn nan"])
 def test_unknown_segment_is_refused(config: Maker, segment: str) -> None:
     with pytest.raises(ConfigError, match=r"drive\.segments"):

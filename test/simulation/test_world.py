@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
-from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
@@ -69,11 +68,3 @@ def shift_between(world: World) -> FloatArray:
 
 def test_right_image_shows_the_truth_where_it_says(world: World) -> None:
     assert np.abs(shift_between(world)).max() < 0.02
-
-
-@pytest.mark.clause("3.2.5", "3.2.7.2")
-def test_pose_in_lm_agrees_with_ds(world: World) -> None:
-    chain = world.plan.T_ds_lm @ world.plan.lm_pose(1)
-    direct = world.plan.rig_pose(Task.MAPPING, 1)
-    assert isinstance(chain, Transform)
-    assert np.allclose(chain.matrix, direct.matrix, atol=1e-12)
