@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 
 from helpers.cli_result import Sfr
 from helpers.judge import OVER_5_M, Judge
-from helpers.made_scene import nav_pair, write_folder
+from helpers.made_scene import true_cloud, write_folder
 from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, limits
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
@@ -172,12 +173,8 @@ def test_limits_whose_file_is_absent_or_changed_are_reported(
 
 def points_of(number: int) -> PointCloud:
     """The true point of each pixel of a pair, 1 mm or 2 mm off."""
-    truth = nav_pair(number).truth
-    assert truth is not None
-    v, u = (part.ravel().astype(np.uint16) for part in np.indices(truth.shape[:2]))
-    same, pair = np.full(len(u), 0.05, np.float32), np.full(len(u), number, np.uint8)
-    points = truth.reshape(-1, 3) + np.array([0.001 * (number + 1), 0.0, 0.0], np.float32)
-    return PointCloud(points, same, same, u, v, pair, fused=False)
+    cloud = true_cloud(number)
+    return replace(cloud, xyz=cloud.xyz + np.array([0.001 * (number + 1), 0.0, 0.0], np.float32))
 
 
 def without_details(score: dict[str, Any]) -> None:
