@@ -33,6 +33,7 @@ COPIED = (
     "package.xml",
     "README.md",
     "docs",
+    "include",
     "sample",
 )
 GROUPS = (
