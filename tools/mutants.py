@@ -520,6 +520,11 @@ def nearest_tests(path: str) -> tuple[str, ...]:
     return tuple(str(each.relative_to(ROOT)) for each in found)
 
 
+def groups_of(path: str) -> list[tuple[str, ...]]:
+    """Return the groups of tests that run with a mutation of a module, in order."""
+    return [tests for tests in (nearest_tests(path), *GROUPS) if tests]
+
+
 def is_killed(mutation: Mutation, folder: Path, marks: str) -> bool:
     """Return whether a test fails with a mutation in a copy of the sources; the nearest tests run first."""
     path = folder / "sfr_loc_map" / mutation.path
@@ -527,9 +532,8 @@ def is_killed(mutation: Mutation, folder: Path, marks: str) -> bool:
     if text.count(mutation.text) != 1:
         raise SystemExit(f"{mutation.path}: found {text.count(mutation.text)} times, once is required: {mutation.text}")
     path.write_text(text.replace(mutation.text, mutation.instead), encoding="utf-8")
-    groups = [tests for tests in (nearest_tests(mutation.path), *GROUPS) if tests]
     try:
-        return any(fails(folder, tests, marks) for tests in groups)
+        return any(fails(folder, tests, marks) for tests in groups_of(mutation.path))
     finally:
         path.write_text(text, encoding="utf-8")
 
@@ -566,8 +570,9 @@ def main() -> int:
     marks = "slow or not slow" if options.slow else "not slow"
     with tempfile.TemporaryDirectory() as scratch:
         folder = copied(Path(scratch))
-        if any(fails(folder, tests, marks) for tests in GROUPS):
-            raise SystemExit("a test fails without a mutation: run pytest test/metrics test/geometry")
+        for tests in dict.fromkeys(group for item in chosen for group in groups_of(item.path)):
+            if fails(folder, tests, marks):
+                raise SystemExit(f"a test fails without a mutation: run pytest {' '.join(tests)}")
     parts = [chosen[number :: options.workers] for number in range(options.workers)]
     with ProcessPoolExecutor(options.workers, get_context("fork")) as pool:
         killed = [each for part in pool.map(try_all, parts, [marks] * len(parts)) for each in part]
