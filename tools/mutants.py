@@ -1,4 +1,4 @@
-"""Mutation tests of the metrics, the geometry and the measurement of methods: `make mutants`.
+"""Mutation tests of metrics, geometry, scores, reports, suites and measurements of methods: `make mutants`.
 
 Each mutation is a defect in one place: a sign, n for n - 1, an axis, an order, degrees for radians, a boundary of a
 condition, a bound of a range, the pixel of a true point, or an unexpected part. The tests of `GROUPS` run in a copy of
