@@ -165,11 +165,9 @@ def growth_of_other(
     if not other.is_backward:
         return growth(sums[int(rows[start])], sums[int(rows[end])], frames.true_position[end])
     reverse = growth(sums[int(rows[end])], sums[int(rows[start])], frames.true_position[start])
-    return (
-        None
-        if reverse is None
-        else propagated_covariance(reverse, frames.true_position[end] - frames.true_position[start])
-    )
+    if reverse is None:
+        return None
+    return propagated_covariance(reverse, frames.true_position[end] - frames.true_position[start])
 
 
 # ---- results and rows of the tables

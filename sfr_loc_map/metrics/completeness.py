@@ -344,7 +344,8 @@ def calls_completeness(
         if expected_ns is None or not len(expected_ns):
             yield expected_row(RowPart(name, kind, place), 0, None)
             continue
-        expected, near_ns = np.unique(expected_ns), nearness_ns(np.unique(expected_ns))
+        expected = np.unique(expected_ns)
+        near_ns = nearness_ns(expected)
         unique, counts = np.unique(given, return_counts=True)
         is_of_drive = has_near(unique, expected, near_ns)
         judged, many = int(np.count_nonzero(has_near(expected, unique, near_ns))), len(expected)

@@ -57,7 +57,7 @@ SIMPLER = 2.0  #: Factor by which a mismatch with fitted numbers must leave less
 MAX_POSES, MIN_POSES = 20_000, 8
 SUB_TRAJECTORIES = 400
 MIN_LEVER_M, MAX_TILT_DEG = 0.05, 60.0
-ALIKE = 0.5  #: Minimum correlation of estimated and true displacements for a wrong unit; noise has about 0.
+MIN_CORRELATION = 0.5  #: Minimum correlation of estimated and true displacements for a wrong unit; noise has about 0.
 OFFSET_STEPS = 200
 AS_GOOD = 1.1  #: Factor of disagreement up to which an offset to the exact stamps of the truth is preferred.
 STAMP_NOISE_NS = 1_000
@@ -249,7 +249,7 @@ def _begins_elsewhere(true: Poses, found: Poses) -> bool:
     return bool(np.abs(positions[0]).max() + quat_angle(quats[0]) > 1e-9)
 
 
-def _moves_alike(true: Poses, found: Poses) -> bool:
+def _moves_in_true_directions(true: Poses, found: Poses) -> bool:
     """Return whether the displacements have the directions of the true displacements.
 
     The displacements of a stationary rover are noise. Without this condition the unit millimetre would explain this
@@ -258,7 +258,7 @@ def _moves_alike(true: Poses, found: Poses) -> bool:
     starts, ends = _eighths(len(true[0]))
     moves = [quat_rotate(quat_conjugate(q[starts]), p[ends] - p[starts]) for p, q in (true, found)]
     size = float(np.linalg.norm(moves[0]) * np.linalg.norm(moves[1]))
-    return bool((moves[0] * moves[1]).sum() > ALIKE * size)
+    return bool((moves[0] * moves[1]).sum() > MIN_CORRELATION * size)
 
 
 WXYZ = [1, 2, 3, 0]  #: Columns x, y, z, w of a quaternion that was written as w, x, y, z.
@@ -312,14 +312,14 @@ MISMATCHES = (
         "metres_per_unit=0.001",
         "its positions are in millimetres: write metres",
         lambda p, q: (p * 1e-3, q),
-        applies=_moves_alike,
+        applies=_moves_in_true_directions,
     ),
     Mismatch(
         "kilometres",
         "metres_per_unit=1000",
         "its positions are a thousand times too small (the truth in millimetres, or kilometres): write metres",
         lambda p, q: (p * 1e3, q),
-        applies=_moves_alike,
+        applies=_moves_in_true_directions,
     ),
     Mismatch(
         "swapped left and right images",
@@ -499,9 +499,8 @@ def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Trans
     known = np.flatnonzero(~estimates.lost[frames.estimate_rows])
     if not len(known):
         raise MetricsError(
-            "no estimated pose has a true pose at its stamp, so that the world frame cannot be aligned: check "
-            "the stamps, "
-            "or set world=ds"
+            "no estimated pose has a true pose at its stamp, so that the world frame cannot be aligned: check the "
+            "stamps, or set world=ds"
         )
     first = int(known[0])
     true = Transform.from_quat(frames.true_position[first], frames.true_attitude[first])

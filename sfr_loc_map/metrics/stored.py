@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from sfr_loc_map.metrics.formulas import mean_plus_3sigma
 from sfr_loc_map.metrics.judging.judge import judged_again
 from sfr_loc_map.metrics.raw_values import raw_contradiction
 from sfr_loc_map.metrics.score import Score
@@ -19,7 +20,7 @@ def stored_contradiction(score: Score) -> str | None:
     for row in score.figures:
         if row.mean is None or row.sigma is None or row.mean_plus_3sigma is None:
             continue
-        expected = abs(row.mean) + 3.0 * row.sigma
+        expected = mean_plus_3sigma(row.mean, row.sigma)
         if abs(row.mean_plus_3sigma - expected) > ROUNDING * max(expected, 1e-300):
             return (
                 f"mean_plus_3sigma of {row.label} is {row.mean_plus_3sigma:.9g}, but |mean| + 3 sigma is {expected:.9g}"

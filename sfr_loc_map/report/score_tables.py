@@ -129,9 +129,8 @@ class View(NamedTuple):
     title: str
     shows: Callable[[Score, Figure], bool]
     note: Callable[[Score], str] = lambda score: ""
-    columns: Callable[[Figure], Sequence[str]] = lambda row: (
-        NUMBERS
-    )  #: Statistics of a row, in addition to limited ones.
+    #: Statistics of a row, in addition to limited ones.
+    columns: Callable[[Figure], Sequence[str]] = lambda row: NUMBERS
 
 
 def shown_statistics(row: Figure) -> Sequence[str]:

@@ -106,8 +106,8 @@ class Cell:
     text: str
     #: Exact value in the unit of its source, or both bounds of an interval; None for words and undefined values.
     value: float | int | Interval | None = None
-    key: str = ""  #: Origin in the score, such as `figures.3.mean`; empty for text. For an
-    #: interval, the row that has both bounds.
+    #: Origin in the score, such as `figures.3.mean`; empty for text. For an interval, the row that has both bounds.
+    key: str = ""
     kind: CellKind = CellKind.PLAIN
     link: str = ""  #: Relative link to a page about the cell; empty if there is none.
     mark: str = ""  #: One of `MARKS`; empty if there is none.
