@@ -303,7 +303,7 @@ MUTATIONS = (
     Mutation(ANSWERS, "latency_s < -EARLY_S", "latency_s < -5.0 * EARLY_S"),
     Mutation(ANSWERS, "return not is_late", "return True"),
     Mutation(ANSWERS, "if latency_s <= self._timeout_s}", "if latency_s <= 1e9}"),
-    Mutation(ANSWERS, "self._findings.setdefault(FindingKind.CRASHED, record)", "pass"),
+    Mutation(ANSWERS, "self._findings.setdefault(FindingKind.CRASHED, self._crash(how))", "pass"),
     # the clock of the measuring process
     Mutation("host_clock.py", "MOST_S, MOST_SHARE = 0.1, 0.01", "MOST_S, MOST_SHARE = 0.1, 0.02"),
     Mutation("host_clock.py", "            check_passed(self._passed_s, self._kernel_passed_s)\n", ""),
@@ -441,7 +441,9 @@ MUTATIONS = (
     Mutation(JUDGE, "(figure.independent or 0.0) >= limits", "(figure.independent or 0.0) > limits"),
     Mutation("metrics/verdict.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
     Mutation("metrics/judging/limited_figure.py", '"mean_plus_3sigma": 3.0, "max"', '"mean_plus_3sigma": 1.0, "max"'),
-    Mutation("metrics/stored.py", "expected = abs(row.mean) + 3.0 * row.sigma", "expected = row.mean_plus_3sigma"),
+    Mutation(
+        "metrics/stored.py", "expected = mean_plus_3sigma(row.mean, row.sigma)", "expected = row.mean_plus_3sigma"
+    ),
     Mutation("metrics/stored.py", "if mine != theirs and not _is_near(mine, theirs):", "if False:"),
     Mutation(
         "metrics/judging/limited_figure.py",
