@@ -22,6 +22,7 @@ SWAY_TIME_S = 2.0  #: Driving time between independent values of drift and headi
 ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}  #: Number of arguments of each segment.
 NEAR_M = 1e-6  #: Length below which a segment has no motion, m.
 FARTHEST_M = 400.0  #: Largest distance from the start along x or y, m; the ground is 1024 m wide.
+COURSE_STEP_RAD = math.radians(1.0)  #: Turn between the positions of an arc whose distance from the start is checked.
 
 
 Leg = tuple[float, float, float]
@@ -100,15 +101,24 @@ def legs_of(config: DriveConfig) -> list[Leg]:
             new = [(0.0, math.radians(numbers[0]), 0.0)]
         else:
             new = [(0.0, 0.0, max(numbers[0], 0.0))]
-        for length_m, turn_rad, _ in new:
-            x, y, heading = _advance(x, y, heading, length_m, turn_rad)
+        for leg in new:
+            course = _course(x, y, heading, leg)
+            x, y, heading = course[-1]
+            away = max(max(abs(east - config.start_x_m), abs(north - config.start_y_m)) for east, north, _ in course)
+            if away > FARTHEST_M:
+                raise ConfigError(
+                    f"drive.segments go {away:.3g} m away from the start: at most {FARTHEST_M:g} m are allowed"
+                )
         legs += new
-        away = max(abs(x - config.start_x_m), abs(y - config.start_y_m))
-        if away > FARTHEST_M:
-            raise ConfigError(
-                f"drive.segments go {away:.3g} m away from the start: at most {FARTHEST_M:g} m are allowed"
-            )
     return legs
+
+
+def _course(x: float, y: float, heading: float, leg: Leg) -> list[tuple[float, float, float]]:
+    """Return positions and headings along a segment: every `COURSE_STEP_RAD` of the first circle of an arc, the end."""
+    length_m, turn_rad, _ = leg
+    circle = min(abs(turn_rad), 2.0 * math.pi) if length_m else 0.0
+    shares = [step * COURSE_STEP_RAD / abs(turn_rad) for step in range(1, math.ceil(circle / COURSE_STEP_RAD))]
+    return [_advance(x, y, heading, share * length_m, share * turn_rad) for share in (*shares, 1.0)]
 
 
 def _advance(x: float, y: float, heading: float, length: float, turn: float) -> tuple[float, float, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from math import cos, pi, radians, sin
 
@@ -13,6 +14,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.extrinsics import mast_head_in_rb
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.drive import legs_of
 from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.rover import GROUND_HEIGHT_RB_M
 
@@ -102,6 +104,29 @@ def test_pose_of_the_cameras_in_lm_is_the_hand_computed_pose(config: Maker) -> N
 def test_unknown_segment_is_refused(config: Maker, segment: str) -> None:
     with pytest.raises(ConfigError, match=r"drive\.segments"):
         Plan.make(config(drive__segments=[segment]))
+
+
+@pytest.mark.parametrize(
+    ("segments", "away"),
+    [
+        (["straight 401"], "401"),
+        (["arc 1000 360"], "2e+03"),
+        (["arc -1000 -360"], "2e+03"),
+        (["arc 250 180", "straight 1"], "500"),
+        (["arc 401 720"], "802"),
+        (["goto 0 500", "goto 0 0"], "500"),
+    ],
+)
+def test_path_that_leaves_the_ground_is_refused_although_it_may_end_on_the_ground(
+    config: Maker, segments: list[str], away: str
+) -> None:
+    with pytest.raises(ConfigError, match=re.escape(f"drive.segments go {away} m away from the start")):
+        Plan.make(config(**FLAT, **STEADY, drive__segments=segments))
+
+
+def test_circle_within_the_allowed_distance_is_driven(config: Maker) -> None:
+    legs = legs_of(config(**FLAT, **STEADY, drive__segments=["arc 199 360"]).drive)
+    assert legs == [(pytest.approx(199 * 2 * math.pi), pytest.approx(2 * math.pi), 0.0)]
 
 
 AXIS = np.array([0.451, 0.317, 0.594])

@@ -20,6 +20,7 @@ from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import check_regular, parse_yaml, read_text
 from sfr_loc_map.io.bag.encoding import OLD_TYPES, cdr_of_ros1
 from sfr_loc_map.io.bag.files import is_ros1_bag
@@ -100,7 +101,10 @@ class Ros1Reader(rosbag1.Reader):
         wanted = {each.id: each for each in connections or self.connections}
         for each in wanted.values():
             if not _has_known_fields(each):
-                raise Ros1Error(f"the definition of {each.msgtype} on '{each.topic}' differs from ROS Noetic")
+                raise InputError(
+                    f"the definition of {each.msgtype} on '{each.topic}' differs from ROS Noetic: "
+                    "record the topic with the definition of Noetic"
+                )
         for each, time_ns, data in super().messages(connections, start, stop):
             connection = wanted[each.id]
             yield connection, time_ns, cdr_of_ros1(data, connection.msgtype)

@@ -8,16 +8,18 @@ from pathlib import Path
 
 import lz4.frame
 import pytest
+from rosbags.rosbag1 import Writer
 
 from helpers.made_ros1 import write_ros1
 from helpers.made_worlds import World, assert_is_world, assert_same_pairs, write_bag
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import FREE_BYTES
-from sfr_loc_map.io.bag.bag import Bag
+from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.files import MCAP_MAGIC
 from sfr_loc_map.io.bag.unpacking import LZ4FrameDecompressor, unpack
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.message_types import ODOMETRY
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -82,6 +84,20 @@ def test_a_ros_1_bag_holds_the_same_world(tmp_path: Path, ros2: Path, world: Wor
         write_ros1(tmp_path / "b.bag", ros2, names), SourceConfig(remap={new: old for old, new in names.items()})
     )
     assert_same_pairs(source.loc.pairs(), world.pairs)
+
+
+def test_a_definition_that_differs_from_noetic_is_not_called_corrupt(tmp_path: Path) -> None:
+    path = tmp_path / "a.bag"
+    with Writer(path) as writer:
+        other = writer.add_connection("/odom", ODOMETRY, msgdef="uint8 other\n", md5sum="0" * 32)
+        writer.write(other, 1, b"\0")
+    bag = Bag(path)
+    with pytest.raises(InputError, match="definition") as refused:
+        list(bag.messages([Topic("odom", "/odom", ODOMETRY)]))
+    assert str(refused.value) == (
+        f"bag '{path}': the definition of {ODOMETRY} on '/odom' differs from ROS Noetic: "
+        "record the topic with the definition of Noetic"
+    )
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.01, 0.3, 0.9])
