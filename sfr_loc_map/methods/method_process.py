@@ -222,7 +222,8 @@ class MethodProcess:
             images[0], images[1] = pair.left, pair.right
         reply = self._exchange(order, Reply, self._limits.call_timeout_s)
         seconds = self._clock.end()
-        now, last, self._ended = self._look(), self._ended, self._tree.usage()
+        now, last = self._look(), self._ended
+        self._ended = now
         if "fault" in reply:
             raise MethodFailureError(FindingKind(reply["fault"]), reply.get("text", ""))
         if "result" not in reply or "seconds" not in reply:
@@ -234,7 +235,7 @@ class MethodProcess:
         above = None if peak is None or self.idle_bytes is None else max(peak - self.idle_bytes, 0)
         taken = {
             "stated_s": stated_s,
-            "cpu_s": round(self._ended.cpu_s - begun.cpu_s, 2),
+            "cpu_s": round(now.cpu_s - begun.cpu_s, 2),
             "cpu_between_s": round(max(begun.cpu_s - last.cpu_s, 0.0), 2),
             "threads": now.threads,
             "processes": now.processes,

@@ -37,11 +37,16 @@ def baseline_from_projection(fx: float, shift: float) -> float:
     return min(exact, key=lambda b: (len(repr(b)), abs(b - middle))) if exact else middle
 
 
+def have_one_camera_matrix(p_left: FloatArray, p_right: FloatArray) -> bool:
+    """Return whether two P `(12,)` differ only in their last column; False if a number is NaN."""
+    return bool(np.abs(np.delete(p_left - p_right, [3, 7, 11])).max() <= TOLERANCE)
+
+
 def rig_from_projections(
     p_left: FloatArray, p_right: FloatArray, size: tuple[int, int], where: str, names: tuple[str, str] = SIDES
 ) -> StereoRig:
     """Return the rig of two rectified cameras of equal size (width, height); both P `(12,)` refer to one frame."""
-    if not np.abs(np.delete(p_left - p_right, [3, 7, 11])).max() <= TOLERANCE:
+    if not have_one_camera_matrix(p_left, p_right):
         raise InputError(
             f"{where}: the P of {names[0]} and {names[1]} differ in more than P[3]: rectify both to one camera matrix"
         )

@@ -17,7 +17,12 @@ from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, ch
 from sfr_loc_map.geometry.stereo import SAME_PX, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, refusing
-from sfr_loc_map.io.calibration.camera_info import TOLERANCE, rig_from_camera_info, rig_from_projections
+from sfr_loc_map.io.calibration.camera_info import (
+    TOLERANCE,
+    have_one_camera_matrix,
+    rig_from_camera_info,
+    rig_from_projections,
+)
 
 Rectify = Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
 COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
@@ -167,8 +172,7 @@ def rig_of_rectified(
     complete = p_left.shape == p_right.shape == (12,) and np.isfinite([p_left, p_right]).all()
     if not complete or not sizes_equal or p_left[0] <= 0.0 or p_right[0] <= 0.0 or p_right[5] <= 0.0:
         return rig_from_camera_info(left, right, name), None
-    difference = np.abs(np.delete(p_left - p_right, [3, 7, 11]))
-    if difference.max() <= TOLERANCE:
+    if have_one_camera_matrix(p_left, p_right):
         return rig_from_camera_info(left, right, name), None
     common = _in_common(p_left, p_right)
     other = SimpleNamespace(**{**_fields_of(right), "p": common})
@@ -187,8 +191,7 @@ def rig_of_rectified(
 def _in_common(p_left: FloatArray, p_right: FloatArray) -> FloatArray:
     """Return the P `(12,)` of the right camera with the camera matrix of the left camera and an unchanged baseline."""
     common = p_left.copy()
-    difference = np.abs(np.delete(p_left - p_right, [3, 7, 11]))
-    if difference.max() <= TOLERANCE:
+    if have_one_camera_matrix(p_left, p_right):
         common[3] = p_right[3]
     else:
         common[3] = p_left[3] - p_left[0] * (p_left[3] / p_left[0] - p_right[3] / p_right[0])
