@@ -171,8 +171,7 @@ class _BagPairs:
         if image.shape[axis] % 2:
             raise InputError(
                 f"bag '{self._bag.path}': joint images ({self._layout}) of {image.shape[1]} x {image.shape[0]} "
-                "px cannot be "
-                "divided into equal halves: correct the layout or the images"
+                "px cannot be divided into equal halves: correct the layout or the images"
             )
         return [np.ascontiguousarray(half) for half in np.split(image, 2, axis)]
 

@@ -217,8 +217,7 @@ def _stamps_of_frames(path: Path, numbers: IntArray, count: int) -> tuple[IntArr
     if is_numbered and int(numbers.max()) >= len(stamps_ns):
         raise InputError(
             f"'{times}' has {len(stamps_ns)} times, but '{path}' has a pose of image {int(numbers.max())}: give "
-            "the times "
-            "of all images"
+            "the times of all images"
         )
     return stamps_ns[numbers], str(times), False
 

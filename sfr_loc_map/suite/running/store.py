@@ -33,13 +33,8 @@ from sfr_loc_map.suite.running.specification import Refusal, limits_in
 
 PLAN, WORKERS = "plan.json", "workers.json"
 ADVICE = "delete this file and run the suite again"
-WORK = (
-    "task",
-    "source",
-    "faults",
-    "fault_seed",
-    "repeat",
-)  #: Keys in the provenance of a result that identify the work.
+WORK = ("task", "source", "faults", "fault_seed", "repeat")
+"""Keys in the provenance of a result that identify the work."""
 T = TypeVar("T")
 
 

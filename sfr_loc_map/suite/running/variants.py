@@ -96,8 +96,7 @@ def _error_source(name: str, value: object, origin: str) -> ErrorSource:
     if not isinstance(value, Mapping) or keys not in ({"without"}, {"fault"}, {"fault", "sigma"}):
         raise ConfigError(
             f"{origin}: give either 'without' (the settings that switch this error off), or 'fault' (with "
-            "'sigma' if the "
-            "amount is random)"
+            "'sigma' if the amount is random)"
         )
     if "without" in value:
         return ErrorSource(name, without=_settings(value["without"], origin))
@@ -109,8 +108,7 @@ def _error_source(name: str, value: object, origin: str) -> ErrorSource:
     if not is_positive or not (info.is_signed or info.neutral):
         raise ConfigError(
             f"{origin}: 'sigma' must be a positive number, and is allowed only for faults whose amount is a "
-            "factor or can be "
-            "negative"
+            "factor or can be negative"
         )
     return ErrorSource(name, fault=text, sigma=float(sigma))
 
