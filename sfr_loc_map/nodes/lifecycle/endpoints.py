@@ -77,7 +77,7 @@ class Endpoints:
             subscription = self._node.create_subscription(
                 kind,
                 topic,
-                self._guarded(callback),
+                self.guarded(callback),
                 copy(qos),  # rclpy writes the overrides into the profile
                 event_callbacks=SubscriptionEventCallbacks(incompatible_qos=incompatible),
                 qos_overriding_options=QoSOverridingOptions(given),
@@ -94,7 +94,7 @@ class Endpoints:
         subscription = self._node.create_subscription(
             kind,
             topic,
-            self._guarded(callback),
+            self.guarded(callback),
             LATCHED,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
@@ -112,10 +112,10 @@ class Endpoints:
 
     def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:
         """Call a function periodically, on a steady clock, until the node is deactivated."""
-        timer = self._node.create_timer(period_s, self._guarded(callback), clock=self._clock)
+        timer = self._node.create_timer(period_s, self.guarded(callback), clock=self._clock)
         self.active.callback(self._node.destroy_timer, timer)
 
-    def _guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
+    def guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
         """Return a callback whose exceptions are reported; in the executor, they would end the process."""
 
         @wraps(callback)  # rclpy derives from the signature whether the callback requires the info of a message

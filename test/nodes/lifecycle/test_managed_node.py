@@ -11,6 +11,7 @@ import pytest
 import rclpy
 from lifecycle_msgs.msg import Transition
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
@@ -23,7 +24,7 @@ from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.lifecycle.diagnostics import values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.monitor_node import MonitorNode
-from sfr_loc_map.nodes.ros.messages import covariance_of
+from sfr_loc_map.nodes.ros.messages import covariance_of, header_msg
 
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE
@@ -193,6 +194,23 @@ def test_an_exception_of_a_callback_is_reported_and_does_not_end_the_node(ros: N
         peer.publish(String, "failing", String(data="0"))
         peer.refused("a message that cannot be used")
         peer.publish(String, "failing", String(data="1"))
+        peer.well(Level.ERROR, "internal fault, localisation continues: ValueError: a defect")
+        send_infos(peer, "loc", LOC_RIG)
+        assert peer.play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+
+
+class FailsAtJump(LocalisationNode):
+    """Raises an exception when its clock is set back."""
+
+    def clock_jumped_back(self) -> None:
+        raise ValueError("a defect")
+
+
+def test_an_exception_at_a_jump_of_the_clock_is_reported_and_does_not_end_the_node(ros: None, capfd: Capture) -> None:
+    with Manager() as peer, LocalNode(peer, capfd, FailsAtJump, *MOUNT, *params("use_sim_time:=true")):
+        for stamp_ns in (loc_pair(50).stamp_ns, loc_pair(0).stamp_ns):
+            peer.publish(Clock, "/clock", Clock(clock=header_msg(stamp_ns, "").stamp), arrival=True)
+            peer.spin(0.1)
         peer.well(Level.ERROR, "internal fault, localisation continues: ValueError: a defect")
         send_infos(peer, "loc", LOC_RIG)
         assert peer.play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
