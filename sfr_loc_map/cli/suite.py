@@ -240,8 +240,7 @@ def plan(
     elif given:
         raise ConfigError(
             f"'--{next(iter(given))}' cannot be given with a suite, because the limits of the suite define it: "
-            "omit the "
-            "option or the suite"
+            "omit the option or the suite"
         )
     else:
         store = _open_store(folder)

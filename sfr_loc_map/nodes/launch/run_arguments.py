@@ -33,8 +33,7 @@ def run_arguments(config: Path, written: Path) -> list[str]:
     if "record" in (how.sync.stamps, how.truth.stamps):
         raise ConfigError(
             f"'{config}': 'sync.stamps: record' and 'truth.stamps: record' apply only to recordings: omit them, "
-            "and stamp the "
-            "messages when they are published"
+            "and stamp the messages when they are published"
         )
     found = node_parameters(
         {
