@@ -38,8 +38,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, unique_rows
+from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, symmetric, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.consistency import carried
 from sfr_loc_map.metrics.formulas import pose_reading
 from sfr_loc_map.metrics.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted
 from sfr_loc_map.metrics.records import Record
@@ -508,7 +509,6 @@ def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Trans
 
 
 def _carried(covariance: FloatArray, carry: FloatArray) -> FloatArray:
-    full = np.empty((len(covariance), 6, 6))
-    full[:, UPPER[0], UPPER[1]] = full[:, UPPER[1], UPPER[0]] = covariance
-    moved = carry @ full @ np.swapaxes(carry, -1, -2)
+    """Return the upper triangles `(N, 21)` of propagated covariances, from upper triangles."""
+    moved = carried(carry, symmetric(covariance))
     return np.ascontiguousarray(moved[:, UPPER[0], UPPER[1]]).reshape(-1, COVARIANCE_SIZE)
