@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib.metadata
-import importlib.util
 import os
 import platform
 import socket
@@ -17,7 +16,9 @@ from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import Task, hash_path
 from sfr_loc_map.io.source_config import config_beside
+from sfr_loc_map.methods.isolation import code_of
 from sfr_loc_map.methods.registry import find_method
+from sfr_loc_map.metrics.records import MethodKind
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.suite.running.job import JobSource, SourceKind, digest
 
@@ -95,11 +96,10 @@ def code_fingerprint() -> str:
 def method_hash(spec: str, task: Task, config: str) -> str:
     """Return the hash of the file or the package of a method; empty for built-in methods."""
     method = find_method(spec, task, config)
-    package = spec.partition(":")[0].partition(".")[0]
-    if method.sha256 is not None or ":" not in spec or (found := importlib.util.find_spec(package)) is None:
+    if method.sha256 is not None or method.kind is not MethodKind.PYTHON:
         return method.sha256 or ""
-    where = next(iter(found.submodule_search_locations or ()), found.origin)
-    return known(Path(str(where)), _hash_files) if where and os.path.exists(where) else ""
+    hashes = [known(path, _hash_files) for path in code_of(method) if path.exists()]
+    return hashes[0] if len(hashes) == 1 else digest(hashes)
 
 
 def _hash_files(path: Path) -> str:

@@ -25,6 +25,19 @@ def test_methods_and_data_that_differ_have_other_digests(tmp_path: Path) -> None
     assert found[0][1] != found[1][1]
 
 
+def test_a_package_of_the_working_directory_has_another_digest_after_a_change(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    package = tmp_path / "candidate_of_the_folder"
+    package.mkdir()
+    found = []
+    for text in ("first", "other"):
+        (package / "__init__.py").write_text(f"class Mine: pass  # {text}")
+        found.append(digests.method_hash("candidate_of_the_folder:Mine", Task.LOCALISATION, ""))
+    assert found[0] != found[1]
+
+
 def test_calls_are_data_of_their_estimate(tmp_path: Path) -> None:
     for name in ("drive.csv", "truth.csv", "drive.stats.csv"):
         (tmp_path / name).write_text(name)
