@@ -6,7 +6,10 @@ from pathlib import Path
 
 import pytest
 
-WITHOUT_ROS = ("test_environment.py", "test_launch_parts.py", "test_pose_matching.py", "test_worker.py")
+WITHOUT_ROS = (
+    *("test_answer_book.py", "test_environment.py", "test_launch_parts.py", "test_odometry_buffer.py"),
+    *("test_pose_matching.py", "test_received.py", "test_run_order.py", "test_worker.py"),
+)
 """Files that import nothing of ROS."""
 
 
