@@ -13,6 +13,7 @@ from msgspec.structs import replace as struct_replace
 
 from helpers.made_scene import NAV_RIG
 from helpers.message_bags import write_messages
+from helpers.random_drives import as_score
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -104,10 +105,7 @@ def without_path(score: Score) -> Score:
 
 
 def of_file(scored: ScoredTrajectory) -> Score:
-    details = None if scored.details is None else Details(trajectory=scored.details)
-    return judged(
-        Score(figures=scored.figures, association=scored.association, truth=scored.truth, details=details), None
-    )
+    return judged(as_score(scored), None)
 
 
 def test_a_thousand_orders_of_messages_give_the_score_of_the_file() -> None:
