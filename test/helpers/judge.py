@@ -24,11 +24,6 @@ FEW_INDEPENDENT = "minimum_independent: 2\n"
 OVER_5_M = "trajectory:\n- condition: distance=5\n  position_mean_plus_3sigma_m: "
 
 
-def rows_of(trajectory: Trajectory, rows: Any) -> Trajectory:
-    """Return some poses of a trajectory."""
-    return Trajectory(trajectory.stamps_ns[rows], trajectory.positions[rows], trajectory.quats_xyzw[rows])
-
-
 class Judge:
     """The drive, its estimate, and the folder of the files that the command judges."""
 

@@ -11,7 +11,7 @@ import pytest
 
 from helpers import score_rows
 from helpers.cli_result import Sfr
-from helpers.judge import FEW_INDEPENDENT, OVER_5_M, POSES, Judge, rows_of
+from helpers.judge import FEW_INDEPENDENT, OVER_5_M, POSES, Judge
 from helpers.made_scene import loc_pair, true_cloud, write_folder
 from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, SHORT, limits, straight
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -23,7 +23,7 @@ from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 
 @pytest.mark.clause("4.1.1")
 def test_half_a_drive_is_incomplete_unless_asked_for(judge: Judge) -> None:
-    half = rows_of(judge.estimate, slice(201))
+    half = judge.estimate[:201]
     result, score = judge(limits=FEW_INDEPENDENT + OVER_5_M + "1\n", estimate=half)
     assert result.code == 3
     assert [item["verdict"] for item in score["verdicts"]] == ["incomplete", "incomplete"]
@@ -42,7 +42,7 @@ def test_half_a_drive_is_incomplete_unless_asked_for(judge: Judge) -> None:
 
 
 def test_a_share_may_be_missing_where_a_limit_says_so(judge: Judge) -> None:
-    half = rows_of(judge.estimate, slice(201))
+    half = judge.estimate[:201]
     for share, code in ((0.6, 0), (0.4, 1)):
         for text in (
             f"completeness:\n  missing_max_share: {share}\n",
@@ -70,7 +70,7 @@ def test_wrong_poses_with_other_stamps_are_missing(tmp_path: Path, files: tuple[
 
 def test_what_belongs_to_nothing_has_limits(sfr: Sfr, judge: Judge, source: Path, cloud: Path) -> None:
     """Estimates without truth, doubled stamps, and mapping pairs that the cloud leaves out."""
-    part, twice = rows_of(judge.truth, slice(300)), rows_of(judge.estimate, np.r_[0:POSES, 0:20])
+    part, twice = judge.truth[:300], judge.estimate[np.r_[0:POSES, 0:20]]
     for name, options, share in (
         ("unmatched", {"truth": part}, 101 / POSES),
         ("doubled", {"estimate": twice}, 20 / (POSES + 20)),
@@ -104,7 +104,7 @@ def test_the_images_of_the_source_are_what_has_to_be_covered(sfr: Sfr, judge: Ju
     positions = np.column_stack([0.02 * np.arange(12), np.zeros((12, 2))])
     whole = Trajectory(stamps, positions, np.tile([0.0, 0.0, 0.0, 1.0], (12, 1)))
     for rows, code in ((slice(12), 0), (slice(8), 3)):
-        result, score = judge("--condition", "frames=3", "--spacing", 1, estimate=rows_of(whole, rows), truth=source)
+        result, score = judge("--condition", "frames=3", "--spacing", 1, estimate=whole[rows], truth=source)
         assert result.code == code, result.err
         covered = score["association"]
         assert (covered["images"], covered["matched"]) == (12, len(stamps[rows]))
@@ -129,7 +129,7 @@ def test_each_image_of_a_source_needs_a_pose_and_a_truth(
 ) -> None:
     """Chosen poses have a period of their own, which is not that of the images."""
     limits = "" if rows == slice(None) else FEW_INDEPENDENT
-    result, score = judge(limits=limits + ONE_M, estimate=rows_of(localised, rows), truth=images / truth)
+    result, score = judge(limits=limits + ONE_M, estimate=localised[rows], truth=images / truth)
     assert (result.code, score["verdict"]) == (code, "incomplete" if code else "pass"), result.err
     assert score_rows.number(score, "images_without_truth") == pytest.approx(without_truth, abs=0.01)
     assert ("% of the images" in result.out) == (code == 3)
@@ -184,7 +184,7 @@ def test_one_period_beyond_the_truth_is_covered(tmp_path: Path, files: tuple[Pat
 
 @pytest.mark.clause("4.1.1")
 def test_frames_that_are_true_poses_not_images_are_said(judge: Judge) -> None:
-    sparse = rows_of(judge.truth, slice(None, None, 5))
+    sparse = judge.truth[::5]
     result, score = judge(truth=sparse)
     assert (result.code, score["association"]["matched"]) == (0, 81)
     assert "the truth has 81 poses for 401 estimates" in result.err
@@ -192,7 +192,7 @@ def test_frames_that_are_true_poses_not_images_are_said(judge: Judge) -> None:
     assert (result.code, score["association"]["matched"]) == (0, POSES)
     assert score["association"]["mode"] == "interpolate"
     assert "81 poses" not in result.err
-    holed = rows_of(sparse, np.r_[0:30, 50:81])  # 10.5 s without truth
+    holed = sparse[np.r_[0:30, 50:81]]  # 10.5 s without truth
     assert judge("--frames", "images", truth=holed)[1]["association"]["matched"] == POSES - 104
     assert judge("--frames", "images", "--associate", "match", truth=sparse)[0].code == 2
 

@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from helpers.cli_result import Sfr
-from helpers.judge import OVER_5_M, POSES, Judge, rows_of
+from helpers.judge import OVER_5_M, POSES, Judge
 from helpers.made_scene import write_folder
 from helpers.made_scores import of_map, whole_score
 from helpers.scored_drives import LOOSE, POSITION, limits, wandering
@@ -91,7 +91,7 @@ def test_a_report_keeps_the_drive_that_cannot_be_judged(judge: Judge) -> None:
     """Two drives by one limits file: that of the short one stays `not enough data`, and so does the report."""
     paths = []
     for name, rows in (("short", slice(0, 50)), ("long", slice(None))):
-        estimate, truth = (rows_of(each, rows) for each in (judge.estimate, judge.truth))
+        estimate, truth = (each[rows] for each in (judge.estimate, judge.truth))
         _, score = judge(limits=OVER_5_M + "1\n", estimate=estimate, truth=truth)
         paths.append(judge.folder / f"{name}.json")
         paths[-1].write_text(json.dumps(score))

@@ -12,7 +12,7 @@ import pytest
 
 from helpers import score_rows
 from helpers.cli_result import Sfr
-from helpers.judge import FEW_INDEPENDENT, OVER_5_M, POSES, STEP_M, Judge, rows_of
+from helpers.judge import FEW_INDEPENDENT, OVER_5_M, POSES, STEP_M, Judge
 from helpers.scored_drives import COUNT, limits, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
@@ -37,7 +37,7 @@ def test_a_pass_that_is_not_certain_is_none_where_certainty_is_needed(judge: Jud
 
 def test_too_few_independent_sub_trajectories_give_no_verdict(judge: Judge) -> None:
     """17 of 5 m in 30 m overlap: they are worth four; the least number is five, unless the limits file says so."""
-    estimate, truth = (rows_of(each, slice(0, 201)) for each in (judge.estimate, judge.truth))
+    estimate, truth = (each[:201] for each in (judge.estimate, judge.truth))
     for least, code, verdict in (("", 3, "not enough data"), (FEW_INDEPENDENT, 0, "pass")):
         result, score = judge(limits=least + OVER_5_M + "1\n", estimate=estimate, truth=truth)
         assert (result.code, score["verdicts"][0]["verdict"]) == (code, verdict)
@@ -49,7 +49,7 @@ def test_a_verdict_within_the_error_of_the_truth_is_not_enough_data(judge: Judge
     along = STEP_M * np.arange(POSES)
     swing = np.column_stack([along, 0.15 * np.sin(0.07 * np.arange(POSES)), np.zeros(POSES)])
     true = replace(judge.truth, positions=swing)
-    sparse = rows_of(true, slice(None, None, 10))
+    sparse = true[::10]
     _, score = judge("--frames", "images", limits=OVER_5_M + "1\n", estimate=true, truth=sparse)
     value = score_rows.number(score, "position", "mean_plus_3sigma")
     error = score_rows.number(score, "truth_error")
