@@ -187,12 +187,16 @@ def of_part(score: dict[str, Any], part: str | None, figure: str) -> dict[str, A
     return row
 
 
+def lower(row: dict[str, Any]) -> None:
+    """Scale all statistics of a row by 0.1."""
+    names = ("mean", "sigma", "mean_plus_3sigma", "p50", "p95", "p99", "max", "rmse")
+    row.update({name: 0.1 * row[name] for name in names})
+
+
 def faster(score: dict[str, Any]) -> None:
     """Scale the times of all calls, and what plots are drawn from, but for the row of the first call."""
     for part in (None, "after the first call"):
-        row = of_part(score, part, "localisation")
-        row.update({name: 0.1 * row[name] for name in ("mean", "sigma", "mean_plus_3sigma", "p50", "p95", "p99")})
-        row.update({name: 0.1 * row[name] for name in ("max", "rmse")})
+        lower(of_part(score, part, "localisation"))
     series = score["details"]["calls"]["localisation"]["series"]
     series["processing_time_s"] = [0.1 * value for value in series["processing_time_s"]]
 
@@ -202,10 +206,8 @@ def smaller(score: dict[str, Any]) -> None:
 
 
 def nearer(score: dict[str, Any]) -> None:
-    """Lower the errors of the whole map, whose pairs keep theirs, and omit the sample of the points."""
-    row = of_part(score, None, "point_error")
-    row.update({name: 0.1 * row[name] for name in ("mean", "sigma", "mean_plus_3sigma", "p50", "p95", "p99")})
-    row.update({name: 0.1 * row[name] for name in ("max", "rmse")})
+    """Scale the errors of the complete map and of the sample of its points, but not those of the pairs."""
+    lower(of_part(score, None, "point_error"))
     score["details"]["map"]["cloud"]["error_m"] = [0.1 * e for e in score["details"]["map"]["cloud"]["error_m"]]
 
 
