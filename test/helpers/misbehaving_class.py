@@ -130,8 +130,10 @@ class Misbehaving:
     def child(self, pair: Any) -> Any:
         """Keep memory in a process of its own."""
         if self.eighth:
-            subprocess.Popen([sys.executable, "-Sc", "x = b'1' * 500_000_000; import time; time.sleep(60)"])
-            time.sleep(1.0)
+            code = "x = b'1' * 500_000_000; print('full', flush=True); import time; time.sleep(60)"
+            keeper = subprocess.Popen([sys.executable, "-Sc", code], stdout=subprocess.PIPE)
+            assert keeper.stdout is not None
+            keeper.stdout.readline()  # on a busy host the process needs more than a second to fill its memory
         return STAND
 
     def sawtooth(self, pair: Any) -> Any:
