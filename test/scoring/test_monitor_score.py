@@ -31,7 +31,6 @@ from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
-from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.report_file import ReportFile
 from sfr_loc_map.report.deviations import deviations_of
@@ -146,7 +145,7 @@ def in_bag(path: Path, rows: Sequence[OdometryRow], calls: Sequence[CallRecord])
 
 
 def in_replay(rows: Sequence[OdometryRow], calls: Sequence[CallRecord], *, is_external: bool) -> Estimates:
-    results = ReceivedResults(answers=AnswerBook("loc", 1.0, "") if is_external else None)
+    results = ReceivedResults(external_task=Task.LOCALISATION if is_external else None)
     for stamp_ns, position, quat, covariance in rows:
         results.rows.append((stamp_ns, tuple(position), tuple(quat)))
         results.covariances[stamp_ns] = covariance

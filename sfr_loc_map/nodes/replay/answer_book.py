@@ -21,15 +21,16 @@ images of a pair may be published `STAMP_TOLERANCE_S` apart, and a node that use
 class AnswerBook:
     """Counts the pairs and answers of a run."""
 
-    def __init__(self, rig: str, timeout_s: float, frames: str) -> None:
-        """Start without pairs; `rig` is `loc` or `nav`. Without `frames`, all answers must name those of the first."""
-        self.rig, self.frames, self.ended = rig, frames, ""
+    def __init__(self, timeout_s: float, frames: str) -> None:
+        """Start without pairs. Without `frames`, all answers must name those of the first."""
+        self.frames = frames
+        self.ended = ""  #: How the node's process ended during the run; empty while the process runs.
         self._timeout_s = timeout_s
         self._sent: dict[int, float] = {}
         self._latency_s: dict[int, float] = {}
         self._early: dict[int, list[float]] = {}
         self._counts = AnswerCounts()
-        self._in_a_row = 0
+        self._unanswered_in_a_row = 0
         self._findings: dict[FindingKind, FindingRecord] = {}
 
     def note_sent(self, stamp_ns: int, sent_s: float) -> None:
@@ -39,9 +40,10 @@ class AnswerBook:
             self._answered(stamp_ns, received_s)
 
     def note_answer(self, stamp_ns: int, frames: str, problem: str) -> bool:
-        """Note an answer, its frames (`parent -> child` of a pose, `parent` of a cloud), and why it is unusable, or "".
+        """Note an answer; return whether the answer is used.
 
-        Returns whether the answer is used.
+        `frames` are `parent -> child` of a pose, `parent` of a cloud. `problem` is why the answer is unusable; empty if
+        the answer is usable.
         """
         now = time.monotonic()
         if problem:
@@ -52,18 +54,18 @@ class AnswerBook:
             text = f"frames {frames} instead of {self.frames}"
             self._note("other_frame", FindingKind.OTHER_FRAME, stamp_ns, text)
             return False
-        self._in_a_row = 0
+        self._unanswered_in_a_row = 0
         if stamp_ns in self._sent:
             return self._answered(stamp_ns, now)
         # the stamp of no pair, or of a pair whose last image is not published yet
         self._early.setdefault(stamp_ns, []).append(now)
         return True
 
-    def node_restarted(self, how: str) -> None:
+    def note_restart(self, how: str) -> None:
         """Note that the node ended during the run, although another process answers in its place."""
         self._findings.setdefault(FindingKind.CRASHED, self._crash(how))
 
-    def node_ended(self, how: str) -> None:
+    def note_end(self, how: str) -> None:
         """Note that the node's process has ended during the run."""
         if not self.ended:
             self.ended = how
@@ -71,14 +73,14 @@ class AnswerBook:
 
     def is_settled(self, stamp_ns: int) -> bool:
         """Return whether a pair is answered, or its answer is no longer awaited."""
-        if stamp_ns in self._latency_s or self.ended or self._in_a_row >= MAX_IN_A_ROW:
+        if stamp_ns in self._latency_s or self.ended or self._unanswered_in_a_row >= MAX_IN_A_ROW:
             return True
         return time.monotonic() - self._sent.get(stamp_ns, 0.0) > self._timeout_s
 
-    def waited(self, stamp_ns: int) -> None:
+    def note_waited(self, stamp_ns: int) -> None:
         """Note that the wait for a pair is over."""
         if stamp_ns not in self._latency_s:
-            self._in_a_row += 1
+            self._unanswered_in_a_row += 1
 
     @property
     def counts(self) -> AnswerCounts:
@@ -103,7 +105,7 @@ class AnswerBook:
             kind, text = FindingKind.WRONG_STAMP, "no pair has this stamp"
             found.append(FindingRecord(kind=kind, count=count, first_stamp_ns=first, text=text))
         if missing:
-            given_up = self._in_a_row >= MAX_IN_A_ROW
+            given_up = self._unanswered_in_a_row >= MAX_IN_A_ROW
             text = f"no answer within {self._timeout_s:g} s" + (", and the replay stopped waiting" if given_up else "")
             kind = FindingKind.HANGING if given_up and not self.ended else FindingKind.MISSING
             found.append(FindingRecord(kind=kind, count=len(missing), first_stamp_ns=missing[0], text=text))

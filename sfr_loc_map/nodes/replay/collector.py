@@ -38,20 +38,19 @@ class ResultCollector:
         pairs_per_map: int,
         is_lock_step: bool,
     ) -> None:
-        """Subscribe to the results of the suite's nodes. An external node adds its results to `results` itself."""
+        """Subscribe to the results of the suite's nodes, which are added to `results`."""
         self.results = results
         self._external = external
         self._pairs_per_map = pairs_per_map
         self._is_lock_step = is_lock_step
         self._peer = peer
-        other = None if external is None else external.options.task
         subscribe = peer.ros_node.create_subscription
         self._fault: NodeError | None = None  # first internal fault that a node of the suite reports
         self._input_error: InputError | None = None  # last unusable input that a node of the suite reports
         deep = QoSProfile(depth=QUEUE_DEPTH)
-        if other is not Task.LOCALISATION:
+        if results.external_task is not Task.LOCALISATION:
             subscribe(Odometry, ESTIMATE, self._on_odometry, deep)
-        if other is not Task.MAPPING:
+        if results.external_task is not Task.MAPPING:
             subscribe(PointCloud2, CLOUD, self._on_cloud, QoSProfile(depth=10))
         for task in Task:
             subscribe(String, call_topic(task), partial(self._on_call, task), deep)
@@ -59,20 +58,19 @@ class ResultCollector:
 
     def note_sent(self, rig: str, stamp_ns: int, sent_s: float) -> None:
         """Note when the last image of a pair was published (monotonic clock); in lock step, wait for its results."""
-        external = self._external
-        self.results.sent_pairs.add((rig, stamp_ns))
-        if external is not None and rig == external.options.task.rig:
+        self.results.add_sent(rig, stamp_ns)
+        if (external := self._external_of(rig)) is not None:
             external.note_sent(stamp_ns, sent_s)
         if self._is_lock_step:
             self.wait_for_pair(rig, stamp_ns)
-        elif external is not None:
-            external.look_after()
+        elif self._external is not None:
+            self._external.check_process()
         self._check_nodes()
 
     def wait_for_pair(self, rig: str, stamp_ns: int) -> None:
         """Wait for the results of a pair."""
-        if self._external is not None and rig == self._external.options.task.rig:
-            self._external.wait_for(stamp_ns)
+        if (external := self._external_of(rig)) is not None:
+            external.wait_for(stamp_ns)
             return
 
         def is_complete() -> bool:
@@ -95,14 +93,26 @@ class ResultCollector:
             raise self._fault
 
     def finish(self) -> None:
-        """Finish a map in progress, wait for the missing results, and collect those of an external node."""
+        """Finish a map in progress, and wait for the missing results."""
         self._wait_for_rest(self._finish_map())
+
+    def close(self) -> None:
+        """Add the answers and the process of an external node; called even if the replay has failed."""
         if self._external is not None:
-            self.results.external = self._external.observe()
+            self.results.external = self._external.result()
+
+    def _external_of(self, rig: str) -> ExternalNode | None:
+        """Return the external node if it processes the pairs of a rig; None if a node of the suite does."""
+        return self._external if self.results.external_task is Task.of_rig(rig) else None
+
+    def _has_results(self, rig: str, stamp_ns: int) -> bool:
+        """Return whether the results of a pair are complete or no longer awaited."""
+        external = self._external_of(rig)
+        return self.results.has_pair(rig, stamp_ns) if external is None else external.is_settled(stamp_ns)
 
     def _finish_map(self) -> int:
         """Let our mapper finish a map in progress; return the number of expected maps."""
-        if self._external is not None and self._external.options.task is Task.MAPPING:
+        if self.results.external_task is Task.MAPPING:
             return 0
         mapped = self.results.sent_stamps(Task.MAPPING.rig)
         maps, left = divmod(len(mapped), self._pairs_per_map)
@@ -117,7 +127,7 @@ class ResultCollector:
         """Wait for the results of all published pairs and for a number of maps, as long as results arrive."""
         results, count, deadline = self.results, -1, 0.0
         while count != results.count or time.monotonic() < deadline:
-            if results.map_count >= maps and all(results.has_pair(*pair) for pair in results.sent_pairs):
+            if results.map_count >= maps and all(self._has_results(*pair) for pair in results.sent_pairs):
                 return
             if count != results.count:
                 count, deadline = results.count, time.monotonic() + QUIET_S
@@ -125,24 +135,22 @@ class ResultCollector:
             self._check_nodes()
 
     def _on_odometry(self, message: Odometry) -> None:
-        self.results.rows.append(odometry_row(message))
-        self.results.covariances[stamp_of(message)] = covariance_of(message)
+        self.results.add_pose(odometry_row(message), covariance_of(message))
 
     def _on_call(self, task: Task, message: String) -> None:
-        external = self._external
-        is_external = external is not None and external.options.task is task
+        external = self._external_of(task.rig)
         try:
             call = decode_call(message.data, task)
         except InputError:
-            if is_external:
+            if external is not None:
                 return  # an external node need not report its calls
             raise
-        if external is not None and is_external:
+        if external is not None:
             external.version = call.version or external.version
-        self.results.calls[task][call.state if task is Task.MAPPING else "", call.stamp_ns] = call
+        self.results.add_call(task, call)
 
     def _on_cloud(self, message: PointCloud2) -> None:
-        self.results.clouds.append((stamp_of(message), cloud_from_msg(message)))
+        self.results.add_cloud(stamp_of(message), cloud_from_msg(message))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         """Note an unusable input or an internal fault that a node of the suite reports."""

@@ -40,8 +40,8 @@ from sfr_loc_map.runs.collected_run import ExternalRun
 DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0
 """Maximum wait for the publisher of a subscribed node. Some nodes create their publisher with the first result."""
-LOOK_PERIOD_S = 0.2  #: Period of the checks of its publishers.
-WORLD, BODY, MAP = "ds", "rb", "lm"
+CHECK_PERIOD_S = 0.2  #: Period of the checks of its publishers.
+WORLD, BODY, MAP = "ds", "rb", "lm"  #: Frames of the converted messages, as the nodes of the suite name them.
 
 
 class ExternalNode(ABC):
@@ -54,7 +54,7 @@ class ExternalNode(ABC):
     ) -> None:
         """Set the process of the node, None if the node was not started by the replay.
 
-        The messages and counts of the node are stored in `results`.
+        The poses or clouds that the node publishes are added to `results`.
         """
         self.options = options
         self.version: str | None = None
@@ -62,21 +62,21 @@ class ExternalNode(ABC):
         self._name = "external"
         self._watch: ProcessWatch | None = None
         self._results = results
-        self._book = results.answers = AnswerBook(options.task.rig, options.timeout_s, options.frames)
+        self._answers = AnswerBook(options.timeout_s, options.frames)
         self._publishers: set[tuple[int, ...]] | None = None  # global ids of the publishers at the first answer
-        self._looked_s = 0.0
+        self._checked_s = 0.0
 
     @abstractmethod
     def read(self, message: Any) -> Any:  # noqa: ANN401 - of `kind`
         """Return the content of a message; raise an InputError if the message is not a valid result."""
 
     @abstractmethod
-    def keep(self, message: Any, content: Any) -> None:  # noqa: ANN401 - of `kind`
-        """Store a message of the node, and publish the converted message."""
+    def accept(self, message: Any, content: Any) -> None:  # noqa: ANN401 - of `kind`
+        """Add the content of a message to the results, and publish the converted message."""
 
     def note_sent(self, stamp_ns: int, sent_s: float) -> None:
         """Note a pair and the time of the monotonic clock when its last image was published, s."""
-        self._book.note_sent(stamp_ns, sent_s)
+        self._answers.note_sent(stamp_ns, sent_s)
 
     def wait_until_ready(self, topics: list[str]) -> None:
         """Wait until the node subscribes to images; subscribe to its answers with the offered reliability."""
@@ -113,53 +113,58 @@ class ExternalNode(ABC):
         elif command is not None:
             self._watch = ProcessWatch([command.popen.pid])
 
-    def observe(self) -> ExternalRun:
-        """Return the results of the node while it still runs, and stop measuring its process."""
-        self.look_after()
+    def result(self) -> ExternalRun:
+        """Return answers and process of the node, and stop measuring the process; called while the process runs."""
+        self.check_process()
         if self._watch is not None:
             self._watch.stop()
-        book, options = self._book, self.options
+        answers, options = self._answers, self.options
         score = ExternalScore(
             task=options.task.value,
             topic=options.topic,
-            frames=book.frames,
-            answers=book.counts,
-            latency_s=book.latency_s,
+            frames=answers.frames,
+            answers=answers.counts,
+            latency_s=answers.latency_s,
             process=None if self._watch is None else self._watch.usage,
-            ended=book.ended,
+            ended=answers.ended,
         )
         method = MethodRecord(name=self._name, version=self.version, kind=MethodKind.EXTERNAL)
         log, declared = "" if self._command is None else self._command.text, options.convention.settings
         of_cloud = ConventionRecord(declared=declared) if options.task is Task.MAPPING and declared else None
-        return ExternalRun(method, score, book.findings, log, of_cloud)  # poses are converted later
+        return ExternalRun(method, score, answers.findings, log, of_cloud)  # poses are converted later
 
     def wait_for(self, stamp_ns: int) -> None:
         """Wait until a pair is answered, its timeout has passed, or the process has ended."""
-        book = self._book
 
         def settled() -> bool:
-            self.look_after()
-            return book.is_settled(stamp_ns)
+            self.check_process()
+            return self.is_settled(stamp_ns)
 
-        timeout_s = self.options.timeout_s + 60.0  # the book settles each pair earlier
+        timeout_s = self.options.timeout_s + 60.0  # each pair is settled earlier
         self._peer.wait_for(settled, timeout_s, lambda: f"the node under test did not answer the pair {stamp_ns}")
-        book.waited(stamp_ns)
+        self._answers.note_waited(stamp_ns)
 
-    def look_after(self) -> None:
+    def is_settled(self, stamp_ns: int) -> bool:
+        """Return whether a pair is answered, or its answer is no longer awaited."""
+        return self._answers.is_settled(stamp_ns)
+
+    def check_process(self) -> None:
         """Note whether the process of the node has ended, even if a script has restarted it.
 
         A restarted process has another publisher, with another global id.
         """
         if self._command is not None and self._command.ending:
-            self._book.node_ended(_ended(self._command))
+            self._answers.note_end(_ended(self._command))
             return
         now_s = time.monotonic()
-        if self._publishers is None or now_s - self._looked_s < LOOK_PERIOD_S:
+        if self._publishers is None or now_s - self._checked_s < CHECK_PERIOD_S:
             return
-        self._looked_s = now_s
+        self._checked_s = now_s
         if self._present_publishers() != self._publishers:
             topic = self.options.topic
-            self._book.node_restarted(f"the publisher of its first answer on {topic} has left, or another has appeared")
+            self._answers.note_restart(
+                f"the publisher of its first answer on {topic} has left, or another has appeared"
+            )
 
     def _present_publishers(self) -> set[tuple[int, ...]]:
         found = self._peer.ros_node.get_publishers_info_by_topic(self.options.topic)
@@ -176,8 +181,8 @@ class ExternalNode(ABC):
         frames = message.header.frame_id
         if self.kind is Odometry:
             frames += f" -> {message.child_frame_id}"
-        if self._book.note_answer(stamp_of(message), frames, problem):
-            self.keep(message, content)
+        if self._answers.note_answer(stamp_of(message), frames, problem):
+            self.accept(message, content)
 
 
 class ExternalLocaliser(ExternalNode):
@@ -205,11 +210,10 @@ class ExternalLocaliser(ExternalNode):
         """Return stamp, position and quaternion."""
         return messages.odometry_row(message)
 
-    def keep(self, message: Odometry, row: messages.OdometryRow) -> None:
-        """Store a pose as published, and publish the converted pose."""
+    def accept(self, message: Odometry, row: messages.OdometryRow) -> None:
+        """Add a pose as published, and publish the converted pose."""
         covariance = messages.covariance_of(message)
-        self._results.rows.append(row)
-        self._results.covariances[row[0]] = covariance
+        self._results.add_pose(row, covariance)
         try:
             poses = Trajectory(np.array([row[0]], np.int64), np.array([row[1]]), np.array([row[2]]))
             published = Estimates.of(poses, covariance=covariance[None, *UPPER])
@@ -261,16 +265,16 @@ class ExternalMapper(ExternalNode):
             )
         return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
 
-    def keep(self, message: PointCloud2, points: FloatArray) -> None:
-        """Store the points in LM, and publish the cloud if it has all fields."""
+    def accept(self, message: PointCloud2, points: FloatArray) -> None:
+        """Add the points in LM, and publish the cloud if it has all fields."""
         stamp_ns = stamp_of(message)
-        self._results.points.append((stamp_ns, points[np.isfinite(points).all(axis=1)]))
+        self._results.add_points(stamp_ns, points[np.isfinite(points).all(axis=1)])
         try:
             cloud = messages.cloud_from_msg(message)
         except InputError:
             return  # points without pixels are scored against the nearest true point
         cloud = replace(cloud, xyz=points.astype(np.float32))
-        self._results.clouds.append((stamp_ns, cloud))
+        self._results.add_cloud(stamp_ns, cloud)
         self._publisher.publish(messages.cloud_msg(cloud, stamp_ns, MAP))
 
 

@@ -62,7 +62,7 @@ class Player:
             return all(p.get_subscription_count() == node.count_subscribers(p.topic_name) for p in publishers)
 
         self._peer.wait_for(ready, START_TIMEOUT_S, lambda: f"the nodes {', '.join(names)} did not start")
-        self._peer.wait_until_known()
+        self._peer.wait_for_discovery()
 
     def set_pose(self, start: StartPose) -> None:
         """Publish the start pose of the localisation, in its world frame, and wait until the node acknowledges it."""

@@ -11,16 +11,20 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.runs.calls import CallRecord, published_or_of_call
 from sfr_loc_map.runs.collected_run import CollectedRun, ExternalRun
 
 
 @dataclass(slots=True)
 class ReceivedResults:
-    """Pairs that were published to the nodes, and results that the nodes have published."""
+    """Pairs that were published to the nodes, and results that the nodes have published.
 
-    #: Stamp, position (m) and quaternion (x, y, z, w) of each odometry message, as received.
+    The collector adds the pairs and the results of the suite's nodes, an external node the results that it published.
+    """
+
+    external_task: Task | None = None  #: Task of the external node, None without one.
+    #: Stamp, position (m) and quaternion (x, y, z, w) of each odometry message, as received. The poses of an external
+    #: node are not converted.
     rows: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = field(default_factory=list)
     covariances: dict[int, FloatArray] = field(default_factory=dict)  #: Covariance `(6, 6)` of each pose by stamp.
     #: Calls of each task by state (empty for localisation) and stamp.
@@ -28,11 +32,30 @@ class ReceivedResults:
     clouds: list[tuple[int, PointCloud]] = field(default_factory=list)  #: Stamp and points of each published cloud.
     #: Rig (`loc`, `nav`) and stamp of each pair that was published to the nodes.
     sent_pairs: set[tuple[str, int]] = field(default_factory=set)
-    #: Answers of an external node, None without one; its poses are in `rows` as published.
-    answers: AnswerBook | None = None
     #: Stamp and points `(N, 3)` in LM of each cloud of an external node.
     points: list[tuple[int, FloatArray]] = field(default_factory=list)
-    external: ExternalRun | None = None  #: Results of the external node at the end, None without one.
+    external: ExternalRun | None = None  #: Answers and process of the external node; set at the end of the replay.
+
+    def add_pose(self, row: tuple[int, tuple[float, ...], tuple[float, ...]], covariance: FloatArray) -> None:
+        """Add stamp, position and quaternion of a pose, with its covariance `(6, 6)`."""
+        self.rows.append(row)
+        self.covariances[row[0]] = covariance
+
+    def add_cloud(self, stamp_ns: int, cloud: PointCloud) -> None:
+        """Add a cloud."""
+        self.clouds.append((stamp_ns, cloud))
+
+    def add_points(self, stamp_ns: int, points: FloatArray) -> None:
+        """Add the points `(N, 3)` in LM of a cloud of an external node."""
+        self.points.append((stamp_ns, points))
+
+    def add_call(self, task: Task, call: CallRecord) -> None:
+        """Add a call; a later call of the same state and stamp replaces it."""
+        self.calls[task][call.state if task is Task.MAPPING else "", call.stamp_ns] = call
+
+    def add_sent(self, rig: str, stamp_ns: int) -> None:
+        """Add a pair that was published."""
+        self.sent_pairs.add((rig, stamp_ns))
 
     @property
     def trajectory(self) -> Trajectory:
@@ -49,7 +72,7 @@ class ReceivedResults:
         An external localiser has one call for each pose, even if it reports no calls.
         """
         calls = {stamp_ns: call for (_, stamp_ns), call in self.calls[Task.LOCALISATION].items()}
-        if self.answers is not None and self.answers.rig == Task.LOCALISATION.rig:
+        if self.external_task is Task.LOCALISATION:
             unreported = {stamp_ns: CallRecord(stamp_ns, float("nan")) for stamp_ns in self.covariances}
             calls = unreported | calls
         localised = [
@@ -73,7 +96,7 @@ class ReceivedResults:
     def collected_run(self) -> CollectedRun:
         """Return the results of the replay, for its score and its files."""
         (cloud, mapped_ns), points = self.last_map(), None
-        if self.external is not None and self.external.score.task == Task.MAPPING:
+        if self.external_task is Task.MAPPING:
             cloud, points, mapped_ns = self.external_map()
         return CollectedRun(self.trajectory, cloud, self.records, mapped_ns, self.external, points)
 
@@ -109,9 +132,7 @@ class ReceivedResults:
         return sorted(stamp_ns for each, stamp_ns in self.sent_pairs if each == rig)
 
     def has_pair(self, rig: str, stamp_ns: int) -> bool:
-        """Return whether the results of a pair are complete; with an external node, whether the pair is settled."""
-        if self.answers is not None and rig == self.answers.rig:
-            return self.answers.is_settled(stamp_ns)
+        """Return whether the results of a pair of a node of the suite are complete."""
         if rig == Task.LOCALISATION.rig:
             return stamp_ns in self.covariances and ("", stamp_ns) in self.calls[Task.LOCALISATION]
         return (MappingState.MAPPED, stamp_ns) in self.calls[Task.MAPPING]

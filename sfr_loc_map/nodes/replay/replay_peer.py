@@ -76,11 +76,11 @@ class ReplayPeer(Peer):
         bounds = {"found_s": ANSWER_TIMEOUT_S, "answer_s": ANSWER_TIMEOUT_S}
         return call_service(self.ros_node, kind, service, request, wait=wait, **bounds)
 
-    def wait_until_known(self) -> None:
-        """Wait until each node has discovered all subscriptions of this node, and this node those of the monitor.
+    def wait_for_discovery(self) -> None:
+        """Wait until the nodes have discovered the endpoints of this node, and until the monitor subscribes to results.
 
-        Endpoints are announced in the order of their creation. The reader of a service's answer is created last, so
-        that a node that answers has discovered the other endpoints.
+        A node that answers a service call has discovered this node: endpoints are announced in the order of their
+        creation, and the client of the call is created last.
         """
         for name in self.supervisor.processes:
             problem = f"{name} did not answer"

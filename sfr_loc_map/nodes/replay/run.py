@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from sfr_loc_map.config import changed
-from sfr_loc_map.errors import NodeError, naming
+from sfr_loc_map.errors import NodeError, SfrError, naming
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.score import Score
@@ -46,10 +46,17 @@ def replay_and_score(
 
     `progress` is called with the rig of each played pair, `say` with a line about each step. The correction applies to
     the poses of an external localiser. If a signal ends the replay, the played part is scored; without any result, a
-    KeyboardInterrupt is raised.
+    KeyboardInterrupt is raised. If the replay fails, the results received before are written, but not scored.
     """
+    results = ReceivedResults(None if options.external is None else options.external.task)
     with naming(source.path):
-        results, was_interrupted = replay(source, options, progress, say)
+        try:
+            was_interrupted = replay(source, options, results, progress, say)
+        except SfrError as error:
+            if files is None or not results.count:
+                raise
+            _save(results.collected_run(), files)
+            raise type(error)(f"{error}; the results received before are in '{files.folder}'") from error
         if was_interrupted and not results.count:
             raise KeyboardInterrupt
         result = results.collected_run()
@@ -57,8 +64,7 @@ def replay_and_score(
             result = with_converted_poses(result, source, options.score, correction)
         finally:
             if files is not None:
-                files.remove()  # files of an earlier run, which may have written more of them
-                save_replay(result, files)  # poses that cannot be converted are saved as published
+                _save(result, files)  # poses that cannot be converted are saved as published
         remarks = tuple(_remarks(results, options))
     score = score_replay(
         source,
@@ -81,6 +87,12 @@ def replay_and_score(
         tracking_warning(localised, source.path),
         interrupted if was_interrupted else "",
     )
+
+
+def _save(result: CollectedRun, files: ReplayFiles) -> None:
+    """Write the results; the files of an earlier replay are removed, because it may have written more of them."""
+    files.remove()
+    save_replay(result, files)
 
 
 def _remarks(results: ReceivedResults, options: ReplayOptions) -> Iterator[str]:

@@ -35,55 +35,60 @@ Say = Callable[[str], None]
 Progress = Callable[[str], None]
 
 
-class Running(NamedTuple):
-    """Participants of a running replay."""
+class Participants(NamedTuple):
+    """Player and collector of a replay, and the ROS node through which both communicate with the started nodes."""
 
     peer: ReplayPeer
     player: Player
     collector: ResultCollector
 
 
-def replay(source: Source, options: ReplayOptions, progress: Progress, say: Say) -> tuple[ReceivedResults, bool]:
-    """Replay a source through the nodes; return the results, and whether a signal ended the replay early.
+def replay(source: Source, options: ReplayOptions, results: ReceivedResults, progress: Progress, say: Say) -> bool:
+    """Replay a source through the nodes, and add what they publish to `results`.
 
+    Returns whether a signal ended the replay early. After an error, `results` has what was received before.
     `progress` is called with the rig of each played pair.
     """
-    with running(source, options, say) as parts:
-        with signals.stopping(parts.player.stop) as interrupted:
+    with started_nodes(source, options, results, say) as participants:
+        with signals.stopping(participants.player.stop) as interrupted:
             say(f"playing from {options.offset_s:g} s")
-            play(source, options, parts, progress)
+            play(source, options, participants, progress)
             was_interrupted = interrupted()
             signals.hold()  # the played part is still scored
-        results = parts.collector.results
         if options.page is not None:
-            parts.peer.call_trigger(f"{MONITOR_NODE}/finish", f"{MONITOR_NODE} did not publish its figures")
+            problem = f"{MONITOR_NODE} did not publish its figures"
+            participants.peer.call_trigger(f"{MONITOR_NODE}/finish", problem)
             options.page.run_is_over(missing=_missing_poses(source, results))
-        return results, was_interrupted
+        return was_interrupted
 
 
-def play(source: Source, options: ReplayOptions, parts: Running, progress: Progress) -> None:
+def play(source: Source, options: ReplayOptions, participants: Participants, progress: Progress) -> None:
     """Publish a source until its end or until the player is stopped, then wait for the missing results."""
+    _, player, collector = participants
     pairs = PairTracker(message_stream.parts_of_pairs(source))
     if options.start is not None:
-        parts.player.set_pose(options.start)
+        player.set_pose(options.start)
 
     def on_sent(message: message_stream.Message) -> None:
         sent_s = time.monotonic()
         completed = pairs.add(message)
         if completed is not None:
             rig, stamp_ns = completed
-            parts.collector.note_sent(rig, stamp_ns, sent_s)
+            collector.note_sent(rig, stamp_ns, sent_s)
             progress(rig)
 
     messages = message_stream.messages_of(source)
     end_s = options.offset_s + options.duration_s
-    with checked_clock():
-        parts.player.play(message_stream.between(messages, options.offset_s, end_s), on_sent)
-        parts.collector.finish()
+    try:
+        with checked_clock():
+            player.play(message_stream.between(messages, options.offset_s, end_s), on_sent)
+            collector.finish()
+    finally:
+        collector.close()
 
 
 @contextmanager
-def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Running]:
+def started_nodes(source: Source, options: ReplayOptions, results: ReceivedResults, say: Say) -> Iterator[Participants]:
     """Start each node of a replay as a process, and end the processes after the `with` block."""
     check_source(source, options.offset_s)
     environment.isolate()
@@ -94,7 +99,9 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Runnin
         topics = {name: kind for name, kind in topics.items() if name not in names(Role.TRUTH)}
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sfr-replay-")))
-        os.environ.setdefault("ROS_LOG_DIR", str(folder / "log"))
+        if "ROS_LOG_DIR" not in os.environ:
+            os.environ["ROS_LOG_DIR"] = str(folder / "log")
+            stack.callback(os.environ.pop, "ROS_LOG_DIR", None)
         supervisor = stack.enter_context(Supervisor(folder))
         for node_name, arguments in node_arguments(source, options, folder).items():
             supervisor.start(node_name, arguments)
@@ -102,7 +109,6 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Runnin
         if options.external is not None and options.external.command:
             command = stack.enter_context(user_command(options.external.command, folder))
         peer = stack.enter_context(ReplayPeer(supervisor))
-        results = ReceivedResults()
         external = None
         if options.external is not None:
             external = external_node(peer, source, options.external, command, results)
@@ -119,7 +125,7 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Runnin
         if external is not None:
             rig = f"{external.options.task.rig}/"
             external.wait_until_ready([name for name in topics if name.startswith(rig) and RECTIFIED in name])
-        yield Running(peer, player, collector)
+        yield Participants(peer, player, collector)
 
 
 def _missing_poses(source: Source, results: ReceivedResults) -> str:

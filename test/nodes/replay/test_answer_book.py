@@ -17,7 +17,7 @@ PAIR_NS = 1_000
 def book(monkeypatch: pytest.MonkeyPatch) -> AnswerBook:
     """A book whose answers are received at 10 s."""
     monkeypatch.setattr(time, "monotonic", lambda: 10.0)
-    return AnswerBook("loc", TIMEOUT_S, "ds -> rb")
+    return AnswerBook(TIMEOUT_S, "ds -> rb")
 
 
 def findings_of(book: AnswerBook) -> list[FindingKind]:
@@ -47,8 +47,8 @@ def test_an_answer_after_its_time_is_none(book: AnswerBook, latency_s: float, is
 
 def test_a_node_that_was_started_again_has_crashed(book: AnswerBook) -> None:
     book.note_sent(PAIR_NS, 9.9)
-    book.node_restarted("the publisher has left")
-    book.node_restarted("the publisher has left")
+    book.note_restart("the publisher has left")
+    book.note_restart("the publisher has left")
     (finding,) = [item for item in book.findings if item.kind is FindingKind.CRASHED]
     assert (finding.count, finding.first_stamp_ns) == (1, PAIR_NS)
     assert not book.ended, "the process that came in its place is waited for"

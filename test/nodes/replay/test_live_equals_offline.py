@@ -20,7 +20,8 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import score_config
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.nodes.replay.options import ReplayOptions
-from sfr_loc_map.nodes.replay.session import Running, play, running
+from sfr_loc_map.nodes.replay.received import ReceivedResults
+from sfr_loc_map.nodes.replay.session import Participants, play, started_nodes
 from sfr_loc_map.runs.offline import start_pose
 from sfr_loc_map.scoring.score_collected import score_replay
 
@@ -37,7 +38,7 @@ def numbers(score: dict[str, Any]) -> Iterator[tuple[str, float]]:
                 yield f"{names}/{column}", float(value)
 
 
-def final_report(parts: Running, reports: list[str]) -> dict[str, Any]:
+def final_report(parts: Participants, reports: list[str]) -> dict[str, Any]:
     """Return the monitor's report once everything that was published is in it."""
 
     def is_complete() -> bool:
@@ -70,11 +71,12 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
         parameter_file=None,
     )
     reports: list[str] = []
-    with running(source, options, lambda line: None) as parts:
+    results = ReceivedResults()
+    with started_nodes(source, options, results, lambda line: None) as parts:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         parts.peer.ros_node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
         play(source, options, parts, lambda rig: None)
-        live, results = final_report(parts, reports), parts.collector.results
+        live = final_report(parts, reports)
     offline = to_dict(score_replay(source, results.collected_run(), config, None))
     found, expected = dict(numbers(live)), dict(numbers(offline))
     # how much of the drive has no estimate follows from the images, which the monitor does not know

@@ -1,6 +1,8 @@
 """A replay saves the results of its drive before an error of their conversion or of the mapper is reported."""
 
 import math
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +12,14 @@ from helpers.made_scene import write_folder
 from sfr_loc_map.errors import MetricsError, NodeError
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import score_config
 from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.nodes.replay import run
-from sfr_loc_map.nodes.replay.answer_book import AnswerBook
-from sfr_loc_map.nodes.replay.options import ReplayOptions
+from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
 from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.runs.collected_run import ExternalRun
 from sfr_loc_map.runs.replay_files import ReplayFiles
@@ -38,13 +40,12 @@ OPTIONS = ReplayOptions(
 )
 
 
-def results_of(stamps_ns: list[int]) -> ReceivedResults:
-    """Return results with the identity as the pose of each stamp, and one mapping pair without a cloud."""
-    return ReceivedResults(
-        rows=[(stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)) for stamp_ns in stamps_ns],
-        covariances={stamp_ns: np.eye(6) for stamp_ns in stamps_ns},
-        sent_pairs={("nav", stamps_ns[0]), *(("loc", stamp_ns) for stamp_ns in stamps_ns)},
-    )
+def add_results(results: ReceivedResults, stamps_ns: list[int]) -> None:
+    """Add the identity as the pose of each stamp, and one mapping pair without a cloud."""
+    results.add_sent("nav", stamps_ns[0])
+    for stamp_ns in stamps_ns:
+        results.add_sent("loc", stamp_ns)
+        results.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.eye(6))
 
 
 def saved_stamps(files: ReplayFiles) -> list[int]:
@@ -53,11 +54,11 @@ def saved_stamps(files: ReplayFiles) -> list[int]:
     return [int(row.split(",")[0]) for row in rows]
 
 
-def replay(folder: Path, correction: Correction) -> None:
+def replay(folder: Path, correction: Correction, options: ReplayOptions = OPTIONS) -> None:
     """Replay the source of a folder and save the results there."""
     source = open_source(folder / "source")
     run.replay_and_score(
-        source, OPTIONS, correction, ReplayFiles(folder), "", progress=lambda rig: None, say=lambda line: None
+        source, options, correction, ReplayFiles(folder), "", progress=lambda rig: None, say=lambda line: None
     )
 
 
@@ -66,20 +67,53 @@ def test_the_estimate_is_saved_if_the_mapper_published_no_cloud(
 ) -> None:
     source = open_source(write_folder(tmp_path / "source", 3, 1))
     stamps_ns = list(source.loc.stamps_ns)
-    monkeypatch.setattr(run, "replay", lambda *arguments: (results_of(stamps_ns), False))
+
+    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, *_: object) -> bool:
+        add_results(results, stamps_ns)
+        return False
+
+    monkeypatch.setattr(run, "replay", replayed)
     with pytest.raises(NodeError, match=r"^mapping_node published no cloud"):
         replay(tmp_path, Correction())
     assert saved_stamps(ReplayFiles(tmp_path)) == stamps_ns
 
 
+@pytest.mark.parametrize("count", [0, 3])
+def test_the_results_before_an_error_are_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    """Without results, no file is written or removed."""
+    source = open_source(write_folder(tmp_path / "source", 3, 1))
+    stamps_ns = list(source.loc.stamps_ns)[:count]
+    files = ReplayFiles(tmp_path)
+    files.report.write_text("of an earlier replay", encoding="utf-8")
+
+    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, *_: object) -> bool:
+        for stamp_ns in stamps_ns:
+            results.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.eye(6))
+        raise NodeError("mapping_node was killed by SIGKILL")
+
+    monkeypatch.setattr(run, "replay", replayed)
+    text = f"; the results received before are in '{tmp_path}'" if count else ""
+    with pytest.raises(NodeError, match=f"^mapping_node was killed by SIGKILL{re.escape(text)}$"):
+        replay(tmp_path, Correction())
+    assert files.estimate.exists() == bool(count)
+    assert files.report.exists() == (not count)
+    if count:
+        assert saved_stamps(files) == stamps_ns
+
+
 def test_poses_that_cannot_be_converted_are_saved_as_published(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source = open_source(write_folder(tmp_path / "source", 3, 1))
     stamps_ns = [stamp_ns + 10**12 for stamp_ns in source.loc.stamps_ns]  # outside of the ground truth
-    results = results_of(stamps_ns)
-    results.answers = AnswerBook(Task.LOCALISATION.rig, 1.0, "")
     score = ExternalScore(task=Task.LOCALISATION.value, topic="pose", frames="", answers=AnswerCounts(), latency_s=None)
-    results.external = ExternalRun(MethodRecord(name="theirs", version=None, kind=MethodKind.EXTERNAL), score, ())
-    monkeypatch.setattr(run, "replay", lambda *arguments: (results, False))
+    method = MethodRecord(name="theirs", version=None, kind=MethodKind.EXTERNAL)
+
+    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, *_: object) -> bool:
+        add_results(results, stamps_ns)
+        results.external = ExternalRun(method, score, ())
+        return False
+
+    monkeypatch.setattr(run, "replay", replayed)
+    options = replace(OPTIONS, external=ExternalOptions(Task.LOCALISATION, "pose"))
     with pytest.raises(MetricsError, match="the world frame cannot be aligned"):
-        replay(tmp_path, Correction(PoseConvention(world="first_pose")))
+        replay(tmp_path, Correction(PoseConvention(world="first_pose")), options)
     assert saved_stamps(ReplayFiles(tmp_path)) == stamps_ns
