@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from typer import Option
 
@@ -23,9 +23,6 @@ from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, naming
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
-
-if TYPE_CHECKING:
-    from sfr_loc_map.metrics.table import Figure
 
 CONDITIONS = ("distance=1", "distance=5")
 
@@ -59,12 +56,9 @@ def check(
     The check detects errors or gives a lower bound of the error. It never proves an accuracy, because errors that all
     runs share, such as those of the calibration, stay hidden.
     """
-    from sfr_loc_map.evidence.agreement import CheckResult, result_of_all
-    from sfr_loc_map.evidence.calibration import calibration_table
-    from sfr_loc_map.evidence.check import check_drive, check_table, hat_table
-    from sfr_loc_map.evidence.overlap import find_overlaps, overlap_rows, overlap_table, result_of_maps
-    from sfr_loc_map.evidence.predicted import predicted_table
-    from sfr_loc_map.evidence.revisited import closure_table
+    from sfr_loc_map.evidence.check import check_drive, check_tables
+    from sfr_loc_map.evidence.check_result import Check, CheckResult, worst_result
+    from sfr_loc_map.evidence.overlap import check_maps
     from sfr_loc_map.evidence.variants import Run, Variant
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
@@ -78,10 +72,8 @@ def check(
         raise ConfigError("'--estimate': give at most two estimates; our own run is the third")
     conditions = [Condition.parse(text) for text in condition or CONDITIONS]
     opened, read_from = open_as(source, remap, config)
-    figures: list[Figure] = []
-    results: dict[str, CheckResult] = {}
-    disagreements: list[str] = []
-    calibration: tuple[str, ...] = ()
+    checks: dict[str, Check] = {}
+    calibration: list[str] = []
     has_maps = opened.nav is not None and len(opened.nav) > 1
     if opened.loc is not None or not has_maps:
         parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)
@@ -90,34 +82,28 @@ def check(
             count = min(len(sequence), pairs)
             task = bar.add_task("checking", total=count * len(Variant) - count // 2)
             drive = check_drive(sequence, parameters, conditions, pairs, others, lambda: bar.advance(task))
-        results["drive"] = drive.result
-        calibration = drive.calibration
-        disagreements.append(drive.disagreement)
-        figures += drive.figures
+        checks["drive"] = drive
+        calibration = [offset.text for offset in drive.wrong_offsets]
     if opened.nav is not None and has_maps:
         with naming(source):
-            overlaps = find_overlaps(opened.nav, read_config(MappingConfig, read_from, "mapping"))
-        results["maps"] = result_of_maps(overlaps)
-        disagreements += [overlap.disagreement for overlap in overlaps]
-        figures += [row for overlap in overlaps for row in overlap_rows(overlap)]
-    result = result_of_all(results.values())
+            checks["maps"] = check_maps(opened.nav, read_config(MappingConfig, read_from, "mapping"))
+    results = {subject: item.result for subject, item in checks.items()}
+    figures = tuple(row for item in checks.values() for row in item.figures)
     content = {
         "schema": "sfr-check/1",
-        "result": result.value,
-        "results": {subject: item.value for subject, item in results.items()},
-        "calibration": list(calibration),
-        "figures": to_plain(tuple(figures)),
+        "result": worst_result(results.values()).value,
+        "results": {subject: result.value for subject, result in results.items()},
+        "calibration": calibration,
+        "figures": to_plain(figures),
     }
-    table_makers = (check_table, closure_table, predicted_table, hat_table, calibration_table, overlap_table)
-    tables = [make_table(figures) for make_table in table_makers]
-    show(content, json_path, [table for table in tables if table.rows])
+    show(content, json_path, check_tables(figures))
     is_silent = json_path == STANDARD_OUTPUT
-    for subject, item in results.items():
-        say(f"{subject}: {item}. This proves no accuracy: errors that all runs share stay hidden", err=is_silent)
+    for subject, result in results.items():
+        say(f"{subject}: {result}. This proves no accuracy: errors that all runs share stay hidden", err=is_silent)
     for text in calibration:
         say(f"calibration: {text}", err=is_silent)
-    if any(disagreements):
-        raise FailedVerdictError("; ".join(filter(None, disagreements)))
+    if disagreements := [text for item in checks.values() for text in item.disagreements]:
+        raise FailedVerdictError("; ".join(disagreements))
     if calibration:
         raise FailedVerdictError("the calibration does not fit the recording: each offset is named above")
     few = {
@@ -125,5 +111,5 @@ def check(
         "maps": f"no two mapping pairs have {MIN_OVERLAP} points in common",
     }
     not_judged(
-        [few[subject] for subject, item in results.items() if item is CheckResult.NOT_ENOUGH_DATA], lenient=lenient
+        [few[subject] for subject, result in results.items() if result is CheckResult.NOT_ENOUGH_DATA], lenient=lenient
     )

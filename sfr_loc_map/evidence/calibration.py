@@ -23,7 +23,7 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.intervals import Interval, student_quantile
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table, Unit
+from sfr_loc_map.report.tables import ABSENT, PERCENT, Cell, Column, Table, Unit, fitting
 
 ANGLES = {"pitch": "vertical_offset_px", "roll": "roll_offset_px", "yaw": "disparity_offset_px"}
 """Statistic of the localiser by the angle that causes it."""
@@ -41,7 +41,7 @@ RANGE_M = 4.0  #: Range at which the depth error is reported.
 
 
 class Advice(StrEnum):
-    """Recommended action for the calibration file."""
+    """Recommended action for the calibration file, the verdict on an offset of the right camera."""
 
     REDO = "redo"
     KEEP = "keep"
@@ -75,7 +75,7 @@ class CameraOffset(NamedTuple):
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the calibration file should be redone."""
+        """Whether the calibration should be repeated."""
         return advice_of(self.angle, self.px, (self.low_px, self.high_px)) is Advice.REDO
 
     @property
@@ -129,7 +129,7 @@ def corrected_drive(drive: PairsInMemory, offsets: Sequence[CameraOffset]) -> Pa
 
 def cost_row(offsets: Sequence[CameraOffset], agreement: Agreement) -> Figure:
     """Return how the correction of the offsets changes the positions, from the comparison of both runs."""
-    moved = formulas.statistics(agreement.windows.position_m)
+    moved = formulas.statistics(agreement.differences.position_m)
     part = " and ".join(offset.angle for offset in offsets)
     return figure_row("calibration_cost", agreement.condition, part, n=moved.n, value=moved.rmse)
 
@@ -137,17 +137,22 @@ def cost_row(offsets: Sequence[CameraOffset], agreement: Agreement) -> Figure:
 def calibration_table(figures: Sequence[Figure]) -> Table:
     """Return the offsets of the right camera as a table."""
     rows = []
-    for place, row in enumerate(figures):
+    for index, row in enumerate(figures):
         if row.figure in NAMES:
+            unit = PERCENT if row.unit == "1" else fitting(Unit(row.unit), row.value)
             over = f" over {label_of(row.condition)}" if row.condition else ""
-            name = f"{NAMES[row.figure]}{row.part}{over}"
-            cell = Cell.number(row.value, f"figures.{place}.value")
-            interval = Cell.interval(row.interval, f"figures.{place}", Unit())
-            count = Cell.number(row.n, f"figures.{place}.n")
-            advice = Cell(ABSENT)
-            if row.figure == "right_camera" and row.value is not None and row.interval:
-                advice = Cell(advice_of(row.part or "", row.value, row.interval))
-            rows.append((Cell.head(name), Cell(row.unit), cell, interval, count, advice))
+            advice = ABSENT
+            if row.figure == "right_camera" and row.value is not None and row.interval is not None:
+                advice = advice_of(row.part or "", row.value, row.interval)
+            cells = (
+                Cell.head(f"{NAMES[row.figure]}{row.part}{over}"),
+                Cell(unit.symbol),
+                Cell.number(row.value, f"figures.{index}.value", unit),
+                Cell.interval(row.interval, f"figures.{index}", unit),
+                Cell.number(row.n, f"figures.{index}.n"),
+                Cell(advice),
+            )
+            rows.append(cells)
     columns = (
         Column("calibration", words=True),
         Column("unit"),

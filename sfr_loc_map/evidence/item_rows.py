@@ -1,8 +1,8 @@
-"""Items of the tables of a check: the figures with one condition and part, as cells that name their keys."""
+"""Lines of the tables of a check: the figures that have the same condition and part, as cells that name their keys."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.table import Figure
@@ -10,25 +10,27 @@ from sfr_loc_map.report.tables import NONE, Cell, Unit
 
 
 class Item(NamedTuple):
-    """The figures with one condition and part."""
+    """One line of a table: the figures that have the same condition and part."""
 
     condition: str | None
     part: str | None
-    figures: Sequence[Figure]  #: All figures of the check.
-    places: Mapping[str, int]  #: Index of each figure of the item among all figures, by its name.
+    rows: dict[str, Figure]  #: By the name of the figure.
+    indices: dict[str, int]  #: Index of each row in the figures of the check, by the name of the figure.
 
     def number(self, figure: str, name: str = "value") -> float | None:
         """Return a number of a figure."""
-        return self.figures[self.places[figure]].statistic(name)
+        return self.rows[figure].statistic(name)
 
     def cell(self, figure: str, name: str = "value", unit: Unit = NONE) -> Cell:
         """Return a number of a figure as a cell."""
-        return Cell.number(self.number(figure, name), f"figures.{self.places[figure]}.{name}", unit)
+        return Cell.number(self.number(figure, name), f"figures.{self.indices[figure]}.{name}", unit)
 
 
 def items_with(figure: str, figures: Sequence[Figure]) -> list[Item]:
-    """Return the items that have a figure, in the order of the figures."""
-    places: dict[tuple[str | None, str | None], dict[str, int]] = {}
-    for place, row in enumerate(figures):
-        places.setdefault((row.condition, row.part), {})[row.figure] = place
-    return [Item(*keys, figures, at) for keys, at in places.items() if figure in at]
+    """Return the items that have a figure, in the order of the figures of a check."""
+    items: dict[tuple[str | None, str | None], Item] = {}
+    for index, row in enumerate(figures):
+        item = items.setdefault((row.condition, row.part), Item(row.condition, row.part, {}, {}))
+        item.rows[row.figure] = row
+        item.indices[row.figure] = index
+    return [item for item in items.values() if figure in item.rows]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.evidence.agreement import CheckResult
+from sfr_loc_map.evidence.check_result import Check, CheckResult
 from sfr_loc_map.evidence.item_rows import items_with
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.kernels import load_kernels
@@ -61,8 +61,18 @@ class Overlap(NamedTuple):
         return CheckResult.INCONSISTENT if disagrees else CheckResult.CONSISTENT
 
 
+def check_maps(sequence: NavSequence, config: MappingConfig) -> Check:
+    """Map the first `MAX_PAIRS` pairs of a source and compare each two maps that overlap."""
+    overlaps = find_overlaps(sequence, config)
+    return Check(
+        result=result_of_maps(overlaps),
+        figures=tuple(row for overlap in overlaps for row in overlap_rows(overlap)),
+        disagreements=tuple(overlap.disagreement for overlap in overlaps if overlap.disagreement),
+    )
+
+
 def find_overlaps(sequence: NavSequence, config: MappingConfig) -> list[Overlap]:
-    """Map the first `MAX_PAIRS` pairs of a source and return the overlap of each two pairs."""
+    """Map the first `MAX_PAIRS` pairs of a source and return the overlaps of two pairs each."""
     mapper = Mapper(sequence.rig, config)
     load_kernels("mapping")
     pairs = islice(sequence.pairs(), MAX_PAIRS)

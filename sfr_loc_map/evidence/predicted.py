@@ -45,6 +45,7 @@ def predicted_rows(run: Run, condition: Condition) -> Iterator[Figure]:
     if run.estimates.steps is None:
         return
     rows = np.arange(len(poses))
+    # the estimate takes the place of the true poses, because distances are measured along the estimate
     frames = Frames(poses.stamps_ns, poses.positions, poses.quats_xyzw, poses.positions, poses.quats_xyzw, rows)
     starts, ends = select(condition, SPACING, frames, formulas.path_length_m(poses.positions))
     unsound = np.concatenate(([0], np.cumsum(run.estimates.lost | run.estimates.degraded)))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from sfr_loc_map.evidence.agreement import Agreement, Windows, probability_of, rows_at
+from sfr_loc_map.evidence.agreement import Agreement, Differences, probability_of, rows_at
 from sfr_loc_map.evidence.item_rows import items_with
 from sfr_loc_map.evidence.variants import PairsInMemory, Run, run_pairs
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -67,7 +67,7 @@ def find_closures(drive: PairsInMemory, forward: Run, config: LocalisationConfig
         if worth[first, again] == 0.0:
             break
         kept = [*drive.kept[max(first - PAIRS_BEFORE, 0) : first + 1], drive.kept[again]]
-        closure = close(forward, run_pairs(drive, config, "direct", kept), first, again)
+        closure = closure_between(forward, run_pairs(drive, config, "direct", kept), first, again)
         if closure is None:
             rows, columns = (slice(max(at - PAIRS_BEFORE, 0), at + PAIRS_BEFORE + 1) for at in (first, again))
             worth[rows, columns] = 0.0
@@ -93,8 +93,11 @@ def worth_of_visits(forward: Run) -> FloatArray:
     return np.where(is_place & is_known[:, None] & is_known[None], path_m * closeness, 0.0)
 
 
-def close(forward: Run, direct: Run, first: int, again: int) -> Closure | None:
-    """Return the difference of two runs between two pairs; None if the direct run is degraded or lost at a pair."""
+def closure_between(forward: Run, direct: Run, first: int, again: int) -> Closure | None:
+    """Return the misclosure of two runs between two pairs; None if the direct run is degraded or lost at a pair.
+
+    The poses of the direct run take the place of the true poses of `Frames`.
+    """
     poses = forward.estimates.trajectory
     ends = np.array([first, again])
     rows = rows_at(direct, poses.stamps_ns[ends])
@@ -129,9 +132,9 @@ def agreement_at(closures: Sequence[Closure]) -> Agreement:
     squares = np.array([item.square for item in closures if item.square is not None])
     lengths_m = np.zeros((len(closures), 2))
     attitude_deg = np.degrees(np.linalg.norm(errors[:, 3:], axis=1))
-    windows = Windows(errors[:, :3], attitude_deg, squares, lengths_m, apart=len(closures), lost=0)
+    differences = Differences(errors[:, :3], attitude_deg, squares, lengths_m, independent=len(closures))
     probability = probability_of(squares) if len(squares) else None
-    return Agreement(name="forward - direct", condition=None, windows=windows, probability=probability)
+    return Agreement(name="forward - direct", condition=None, differences=differences, probability=probability)
 
 
 def closure_rows(closure: Closure) -> Iterator[Figure]:

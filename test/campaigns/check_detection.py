@@ -64,7 +64,7 @@ def main(arguments: list[str]) -> int:
             print(
                 f"{path.name}; {text or 'none'}; {found.result}; {shown}; at least {1e3 * bound:.2f} mm; "
                 f"true rmse {1e3 * error:.2f} mm; {lost} lost; {closures or 'no revisited place'}; "
-                f"{'; '.join(found.calibration) or 'calibration: nothing'}",
+                f"{'; '.join(offset.text for offset in found.wrong_offsets) or 'calibration: nothing'}",
                 flush=True,
             )
             bounds.append(bound)

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.evidence.agreement import CheckResult, compare, result_of, scale_row, three_cornered_hat
+from sfr_loc_map.evidence.agreement import compare, result_of
 from sfr_loc_map.evidence.calibration import advice_of, calibration_table, offset_rows, right_camera_offsets
+from sfr_loc_map.evidence.check_result import CheckResult
+from sfr_loc_map.evidence.other_estimates import scale_row, three_cornered_hat
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -67,8 +69,8 @@ def test_independent_runs_differ_as_their_covariances_predict(backward: bool) ->
         steps = reversed_steps(turns, moves) if backward else (turns, moves)
         other = run_of("b", *steps, 2 * seed + 1, mirror_ns=int(STAMPS[0] + STAMPS[-1]) * backward)
         found = compare(first, other, CONDITION)
-        squares.append(found.windows.squares)
-        assert len(found.windows.squares) >= 12
+        squares.append(found.differences.squares)
+        assert len(found.differences.squares) >= 12
     mean = np.concatenate(squares).mean()
     assert mean == pytest.approx(6.0, abs=4 * np.sqrt(12.0 / len(np.concatenate(squares))))
 
@@ -80,7 +82,7 @@ def test_a_drift_that_is_not_stated_is_found_and_bounds_the_error() -> None:
     agreeing, differing = compare(first, other, CONDITION), compare(first, drifting, CONDITION)
     assert result_of([agreeing]) is CheckResult.CONSISTENT
     assert result_of([agreeing, differing]) is CheckResult.INCONSISTENT
-    sizes = np.linalg.norm(differing.windows.position_m, axis=1)
+    sizes = np.linalg.norm(differing.differences.position_m, axis=1)
     assert 0.5 * np.sqrt(np.mean(sizes**2)) < 20 * 2e-3 * 1.2, "no more than the drift over 20 steps"
     assert np.mean(sizes) > 0.6 * 20 * 2e-3
 

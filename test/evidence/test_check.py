@@ -13,8 +13,9 @@ from helpers.cli_result import Sfr
 from helpers.loc_drive import drive, run
 from helpers.made_scene import LOC_RIG
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.evidence.agreement import agreement_table
 from sfr_loc_map.evidence.calibration import CameraOffset, calibration_table, corrected_drive
-from sfr_loc_map.evidence.check import check_drive, check_table
+from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.variants import PairsInMemory, Run
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
@@ -35,11 +36,11 @@ def test_a_drive_agrees_with_itself_and_every_comparison_is_a_row() -> None:
     assert [item.name for item in found.agreements] == names
     score = Score(figures=found.figures)
     for item in found.agreements:
-        assert len(item.windows.squares) >= 3
+        assert len(item.differences.squares) >= 3
         row = score.figure("error_at_least", part=item.name)
         assert row.value == pytest.approx(0.5 * score.figure("difference", part=item.name).rmse)
         assert row.value < 0.05
-    assert [row[0].text for row in check_table(found.figures).rows] == names
+    assert [row[0].text for row in agreement_table(found.figures).rows] == names
     again = check_drive(sequence, LocalisationConfig(), [condition], 40, [Run("ours", found.forward.estimates)])
     assert again.result == found.result
     same = Score(figures=again.figures).figure("difference", part="forward - ours")
@@ -59,7 +60,7 @@ def test_a_wrong_calibration_is_to_be_redone_and_its_cost_is_measured(angle: str
     """The drive with the offset taken back has no such offset, and its positions differ by the stated cost."""
     sequence = faulty(f"{angle}:amount=0.3")
     found = check_drive(sequence, LocalisationConfig(), [Condition.parse("frames=5")], 40)
-    assert [angle in text for text in found.calibration] == [True]
+    assert [offset.angle for offset in found.wrong_offsets] == [angle]
     score = Score(figures=found.figures)
     degrees = np.degrees(score.number("right_camera", "value", part=angle) / LOC_RIG.fx)
     assert abs(degrees) == pytest.approx(0.3, abs=0.03)
@@ -70,7 +71,7 @@ def test_a_wrong_calibration_is_to_be_redone_and_its_cost_is_measured(angle: str
     assert advice[f"shift of positions by correction of {angle} over 5 frames"] == "-"
     corrected = corrected_drive(sequence, [CameraOffset(angle, 4, 0.0, 0.0, 0.0, float(degrees), None)])
     again = check_drive(corrected, LocalisationConfig(), [Condition.parse("frames=5")], 40)
-    assert again.calibration == ()
+    assert again.wrong_offsets == ()
     assert not [row for row in again.figures if row.figure == "calibration_cost"]
     advice = {row[0].text: row[-1].text for row in calibration_table(again.figures).rows}
     assert advice["right camera, pitch"] == advice["right camera, roll"] == "keep"

@@ -12,7 +12,7 @@ import pytest
 
 from helpers.cli_result import Sfr
 from helpers.made_scene import NAV_RIG, nav_pair
-from sfr_loc_map.evidence.agreement import CheckResult, result_of_all
+from sfr_loc_map.evidence.check_result import CheckResult, worst_result
 from sfr_loc_map.evidence.overlap import find_overlaps, overlap_rows, overlap_table, result_of_maps
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
@@ -78,9 +78,9 @@ def test_pairs_that_do_not_overlap_are_not_enough_data() -> None:
 
 def test_the_result_of_several_checks_is_the_worst() -> None:
     consistent, few, inconsistent = CheckResult.CONSISTENT, CheckResult.NOT_ENOUGH_DATA, CheckResult.INCONSISTENT
-    assert result_of_all([consistent, few]) is few
-    assert result_of_all([few, inconsistent, consistent]) is inconsistent
-    assert result_of_all([consistent, consistent]) is consistent
+    assert worst_result([consistent, few]) is few
+    assert worst_result([few, inconsistent, consistent]) is inconsistent
+    assert worst_result([consistent, consistent]) is consistent
 
 
 def test_figures_and_table_have_each_overlap() -> None:

@@ -11,9 +11,17 @@ from scipy.spatial.transform import Rotation
 
 from helpers.loc_drive import noisy
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, stereo_pair, true_pose
-from sfr_loc_map.evidence.agreement import CheckResult, result_of
-from sfr_loc_map.evidence.check import check_drive, check_table
-from sfr_loc_map.evidence.revisited import Closure, agreement_at, close, closure_table, find_closures, worth_of_visits
+from sfr_loc_map.evidence.agreement import agreement_table, result_of
+from sfr_loc_map.evidence.check import check_drive
+from sfr_loc_map.evidence.check_result import CheckResult
+from sfr_loc_map.evidence.revisited import (
+    Closure,
+    agreement_at,
+    closure_between,
+    closure_table,
+    find_closures,
+    worth_of_visits,
+)
 from sfr_loc_map.evidence.variants import PairsInMemory, Run, Variant, run_pairs, run_variant
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -79,8 +87,8 @@ def test_the_direct_run_measures_the_true_motion_between_both_visits() -> None:
 def test_a_drift_that_is_not_stated_is_found_and_measured() -> None:
     drive = there_and_back()
     direct = run_pairs(drive, CONFIG, "direct", [drive.kept[0], drive.kept[58]])
-    usual = close(forward(), direct, 0, 58)
-    found = close(drifted(forward(), 0.2), direct, 0, 58)
+    usual = closure_between(forward(), direct, 0, 58)
+    found = closure_between(drifted(forward(), 0.2), direct, 0, 58)
     assert usual is not None
     assert found is not None
     assert found.error[1] - usual.error[1] == pytest.approx(0.2)
@@ -93,7 +101,7 @@ def test_a_direct_run_that_is_not_trusted_gives_no_misclosure() -> None:
     drive = there_and_back()
     black = replace(drive.kept[58], left=np.zeros_like(drive.kept[58].left), right=np.zeros_like(drive.kept[58].right))
     direct = run_pairs(drive, CONFIG, "direct", [drive.kept[0], black])
-    assert close(forward(), direct, 0, 58) is None
+    assert closure_between(forward(), direct, 0, 58) is None
 
 
 def test_a_way_that_does_not_return_and_a_lost_pose_show_no_place() -> None:
@@ -113,7 +121,7 @@ def test_the_check_has_the_places_in_its_figures_and_tables() -> None:
     misclosure_m = score.number("misclosure", "value", part=part)
     assert score.number("misclosure_of_path", "value", part=part) == pytest.approx(misclosure_m / path_m)
     assert score.number("error_at_least", "value", part="forward - direct") == pytest.approx(0.5 * misclosure_m)
-    over = {row[0].text: row[1].text for row in check_table(found.figures).rows}
+    over = {row[0].text: row[1].text for row in agreement_table(found.figures).rows}
     assert over["forward - direct"] == "revisited places"
     (row,) = closure_table(found.figures).rows
     assert [cell.value for cell in row[1:]] == pytest.approx(
@@ -147,7 +155,7 @@ def test_misclosures_are_as_large_as_consistent_covariances_predict() -> None:
     for seed in range(300):
         forward_run = circle(seed, STEPS, (1e-3, 4e-4), heading=0.3)
         direct = circle(1000 + seed, 1, (2e-3, 1e-3), heading=2.0)
-        closure = close(forward_run, direct, 0, STEPS)
+        closure = closure_between(forward_run, direct, 0, STEPS)
         assert closure is not None
         assert closure.square is not None
         squares.append(closure.square)
@@ -160,6 +168,6 @@ def test_the_law_of_several_places_adds_their_squares() -> None:
     """Six squares of 6 are usual; a place without a covariance counts in the difference alone."""
     places = [Closure(0, 10, 2.0, np.full(6, 0.01), 6.0)] * 6 + [Closure(20, 40, 2.0, np.full(6, 0.01), None)]
     found = agreement_at(places)
-    assert len(found.windows.position_m) == 7
-    assert len(found.windows.squares) == 6
+    assert len(found.differences.position_m) == 7
+    assert len(found.differences.squares) == 6
     assert found.probability == pytest.approx(0.47, abs=0.01)

@@ -13,12 +13,8 @@ from typing import Any, ClassVar
 import msgspec
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.evidence.agreement import CheckResult
-from sfr_loc_map.evidence.calibration import calibration_table
-from sfr_loc_map.evidence.check import check_table, hat_table
-from sfr_loc_map.evidence.overlap import overlap_table
-from sfr_loc_map.evidence.predicted import predicted_table
-from sfr_loc_map.evidence.revisited import closure_table
+from sfr_loc_map.evidence.check import check_tables
+from sfr_loc_map.evidence.check_result import CheckResult
 from sfr_loc_map.inputs import MAX_JSON_BYTES, hash_path, read_text
 from sfr_loc_map.metrics.catalogue import statistic_title, title_of
 from sfr_loc_map.metrics.config import label_of
@@ -27,8 +23,6 @@ from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
 from sfr_loc_map.report.test_report import Evidence
 from sfr_loc_map.suite.pages.tables import budget_tables
 from sfr_loc_map.suite.statistics.budget import Budget
-
-CHECK_TABLES = (check_table, closure_table, overlap_table, predicted_table, calibration_table, hat_table)
 
 
 class CheckFile(msgspec.Struct):
@@ -42,7 +36,7 @@ class CheckFile(msgspec.Struct):
 
     def tables(self) -> list[Table]:
         """Return the tables that the command prints."""
-        return [make_table(self.figures) for make_table in CHECK_TABLES]
+        return check_tables(self.figures)
 
     def open_points(self) -> Iterator[str]:
         """Yield the results that are not consistent."""

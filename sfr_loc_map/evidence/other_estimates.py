@@ -1,0 +1,80 @@
+"""Other estimates of a drive, such as wheel odometry: their scale against our run, and the sigma of three estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sfr_loc_map.evidence.agreement import MIN_SUB_TRAJECTORIES, Agreement, compare
+from sfr_loc_map.evidence.variants import Run
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.config import Condition, label_of
+from sfr_loc_map.metrics.intervals import student_quantile
+from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.report.tables import METRE, Cell, Column, Table, fitting
+
+
+def scale_row(agreement: Agreement) -> Figure:
+    """Return the relative excess length of the first run over the other run, with its 95 % interval.
+
+    The interval assumes that sub-trajectories without a common frame are independent. If the other run is wheel
+    odometry without slip, the scale error is that of the ratio of baseline and focal length.
+    """
+    lengths_m = agreement.differences.lengths_m
+    known = lengths_m[(lengths_m > 0.0).all(axis=1)]
+    where = (agreement.condition, agreement.name)
+    count = len(known)
+    independent = float(min(agreement.differences.independent, count))
+    if independent < MIN_SUB_TRAJECTORIES:
+        return figure_row("scale", *where, n=count)
+    scales = known[:, 0] / known[:, 1] - 1.0
+    mean, sigma = float(np.mean(scales)), float(np.std(scales, ddof=1))
+    half = student_quantile(0.975, independent - 1.0) * sigma / np.sqrt(independent)
+    return figure_row("scale", *where, n=count, value=mean, low95=mean - half, high95=mean + half)
+
+
+def hat_rows(runs: Sequence[Run], condition: Condition) -> list[Figure]:
+    """Return the sigma of each of three estimates by the three-cornered hat; no rows for another number of runs."""
+    if len(runs) != 3:
+        return []
+    first, second, third = runs
+    pairs = ((first, second), (first, third), (second, third))
+    differences = [compare(one, other, condition).differences.position_m for one, other in pairs]
+    count = min(map(len, differences))
+    sigmas = three_cornered_hat(*differences) if count > 1 else None
+    return [
+        figure_row("hat_sigma", condition.setting, run.name, n=count, value=None if sigmas is None else sigmas[index])
+        for index, run in enumerate(runs)
+    ]
+
+
+def three_cornered_hat(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float] | None:
+    """Return the sigma of each of three estimates from the differences `(n, 3)` of their errors: a - b, a - c, b - c.
+
+    The method requires independent errors; errors that all three share stay hidden. None if an estimated variance is
+    negative, which can happen by chance for few values.
+    """
+    ab, ac, bc = (float(np.sum(np.var(values, axis=0, ddof=1))) for values in (a, b, c))
+    variances = 0.5 * np.array([ab + ac - bc, ab + bc - ac, ac + bc - ab])
+    if (variances < 0.0).any():
+        return None
+    first, second, third = np.sqrt(variances).tolist()
+    return first, second, third
+
+
+def hat_table(figures: Sequence[Figure]) -> Table:
+    """Return the sigmas of three estimates as a table."""
+    rows = []
+    for index, row in enumerate(figures):
+        if row.figure == "hat_sigma":
+            unit = fitting(METRE, row.value)
+            sigma = Cell.number(row.value, f"figures.{index}.value", unit)
+            count = Cell.number(row.n, f"figures.{index}.n")
+            rows.append((Cell.head(row.part or ""), Cell(label_of(row.condition)), Cell(unit.symbol), sigma, count))
+    columns = (Column("estimate", words=True), Column("over", words=True), Column("unit"), Column("sigma"), Column("n"))
+    note = (
+        "Three-cornered hat: assumes independent errors. Errors that the estimates share, such as those of the "
+        "calibration, are hidden."
+    )
+    return Table("hat", "Three estimates", columns, tuple(rows), note)
