@@ -1,4 +1,4 @@
-"""A stereo pair that a fault affects, and operations on its images: shifts, noise, rounding to grey levels."""
+"""The inputs of a fault function, and operations on images that fault functions share."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Moment(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Affected:
-    """The inputs of a fault function: the affected pair, its neighbours and random values."""
+    """The inputs of a fault function: the affected pair, the previous pair, the next stamp and random values."""
 
     fault: Fault
     pair: StereoPair  #: The pair before this fault, with the previous faults.
     previous: StereoPair | None  #: The last new pair before this fault; None for the first pair.
-    following: StereoPair | None  #: The next pair of the source; None after the last pair.
+    following_ns: int | None  #: Stamp of the next pair of the source, with faults of the clock; None after the last.
     moment: Moment
     rig: StereoRig  #: The true rig.
     fixed: np.random.Generator  #: Random generator with the same seed for all pairs of a drive.

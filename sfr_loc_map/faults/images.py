@@ -43,7 +43,7 @@ def identical(at: Affected) -> StereoPair:
 
 
 def stamp_with_fault(fault: Fault, stamp_ns: int, following_ns: int | None) -> int:
-    """Return the stamp of an affected pair; a late stamp stays before the next stamp of the source, `following_ns`.
+    """Return the stamp of an affected pair; a late stamp stays before the next stamp, `following_ns`.
 
     Other kinds of faults return the stamp unchanged.
     """
@@ -55,10 +55,16 @@ def stamp_with_fault(fault: Fault, stamp_ns: int, following_ns: int | None) -> i
     return stamp_ns
 
 
+def following_stamp(fault: Fault, following_ns: int | None) -> int | None:
+    """Return the next stamp of the source after a fault of this pair; only a fault of the clock affects both pairs."""
+    if following_ns is None or fault.kind is not FaultKind.CLOCK:
+        return following_ns
+    return stamp_with_fault(fault, following_ns, None)
+
+
 def with_stamp(at: Affected) -> StereoPair:
     """Return the pair with the changed stamp."""
-    following_ns = None if at.following is None else at.following.stamp_ns
-    return replace(at.pair, stamp_ns=stamp_with_fault(at.fault, at.pair.stamp_ns, following_ns))
+    return replace(at.pair, stamp_ns=stamp_with_fault(at.fault, at.pair.stamp_ns, at.following_ns))
 
 
 def shifted(at: Affected) -> StereoPair:

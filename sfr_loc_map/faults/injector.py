@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.faults import images, views
 from sfr_loc_map.faults.affected import Affected, Moment
-from sfr_loc_map.faults.images import stamp_with_fault
+from sfr_loc_map.faults.images import following_stamp, stamp_with_fault
 from sfr_loc_map.faults.kinds import Fault, FaultKind
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
@@ -91,6 +91,7 @@ class FaultInjector:
             for fault, bursts in zip(self._faults, self._bursts, strict=True):
                 if bursts[index] != UNAFFECTED:
                     stamp_ns = stamp_with_fault(fault, stamp_ns, following_ns)
+                following_ns = following_stamp(fault, following_ns)
             found.append(stamp_ns)
         return found
 
@@ -101,9 +102,11 @@ class FaultInjector:
             if pair is None or not self.kept[index]:
                 continue
             stages = [pair]  # the input of each fault, then the final pair
+            following_ns = None if following is None else following.stamp_ns
             for number, fault in enumerate(self._faults):
-                old = previous[number] if previous else None
-                stages.append(self._with_fault(index, number, fault, stages[-1], (old, following)))
+                earlier = previous[number] if previous else None
+                stages.append(self._with_fault(number, index, stages[-1], earlier, following_ns))
+                following_ns = following_stamp(fault, following_ns)
             yield index, stages[-1]
             # consecutive repetitions repeat the last new images
             repeats = (f.kind in REPEATING and b[index] >= 0 for f, b in zip(self._faults, self._bursts, strict=True))
@@ -111,22 +114,17 @@ class FaultInjector:
                 previous = stages
 
     def _with_fault(
-        self,
-        index: int,
-        number: int,
-        fault: Fault,
-        pair: StereoPair,
-        beside: tuple[StereoPair | None, StereoPair | None],
+        self, number: int, index: int, pair: StereoPair, previous: StereoPair | None, following_ns: int | None
     ) -> StereoPair:
-        """Return a pair with one more fault; `beside` has the last new pair at this stage and the next pair."""
-        previous, following = beside
+        """Return the pair `index` with the fault `number`; `previous` is the last new pair before the same fault."""
+        fault = self._faults[number]
         first = int(self._bursts[number][index])
         if first == UNAFFECTED:
             return pair
         rng = np.random.default_rng([self._seed, number, index])
         moment = Moment((index - first + 0.5) / fault.burst, index, rng.random(2), rng)
         fixed = np.random.default_rng([self._seed, number, self._count])
-        return CHANGES[fault.kind](Affected(fault, pair, previous, following, moment, self._true_rig, fixed))
+        return CHANGES[fault.kind](Affected(fault, pair, previous, following_ns, moment, self._true_rig, fixed))
 
 
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:

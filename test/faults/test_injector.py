@@ -69,6 +69,13 @@ def digest(injector: FaultInjector) -> list[tuple[int, int, bytes, bytes]]:
     return [(k, pair.stamp_ns, pair.left.tobytes(), pair.right.tobytes()) for k, pair in injector.pairs(pairs())]
 
 
+@pytest.mark.parametrize("shift", [10, -10])
+def test_late_stamps_stay_in_order_after_a_fault_of_the_clock(shift: int) -> None:
+    texts = (f"clock:amount={shift}", "late:share=0.3,amount=0.9")
+    stamps = [pair.stamp_ns for pair in faulty_pairs(*texts).values()]
+    assert (np.diff(stamps) > 0).all()
+
+
 def test_late_stamps_stay_in_order_and_clock_moves_all() -> None:
     stamps = [pair.stamp_ns for pair in faulty_pairs("late:share=1,amount=0.9").values()]
     assert (np.diff(stamps) > 0).all()
