@@ -32,7 +32,8 @@ from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.connections import IDLE_TIMEOUT_S, BoundedConnections
-from sfr_loc_map.live.state import LiveReport, LiveState
+from sfr_loc_map.live.live_report import LiveReport
+from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.viewer import Viewer, text_message
 from sfr_loc_map.signals import stopping
 
@@ -69,7 +70,7 @@ SHUTDOWN_S = 1.0  #: Time for pending requests when the server ends.
 LAST_MESSAGE_S = 0.1  #: Time for the last message to the pages.
 TICK_S = 0.01  #: Changes within this time are sent together.
 END_PERIOD_S = 0.1  #: Period of the check whether the run is over.
-NODES_PERIOD_S = 0.25  #: Period of the nodes' state, also a sign of life of the server.
+LIVE_PERIOD_S = 0.25  #: Period of the state of the run, also a sign of life of the server.
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +106,7 @@ class LiveServer:
         self._viewers: list[Viewer] = []
         self._texts: dict[str, str] = {}  # latest message of each kind that is sent to all pages
         self._begin_s = time.time()
-        self._nodes_sent_s = 0.0
+        self._live_sent_s = 0.0
         self._events_version = -1
         self._report: LiveReport | None = None
         self._connections: BoundedConnections | None = None
@@ -140,7 +141,7 @@ class LiveServer:
         """Tell the pages that the run is over, so that later silence is not reported as stale data."""
         now_s = time.time()
         self.state.stop(now_s)
-        self._nodes_sent_s = 0.0
+        self._live_sent_s = 0.0
         self._notify_viewers(now_s)
 
     def _application(self) -> web.Application:
@@ -183,10 +184,10 @@ class LiveServer:
     # ---- changes
 
     async def _send_changes(self) -> None:
-        """Notify the pages of each change, and periodically of the nodes' state."""
+        """Notify the pages of each change, and periodically of the state of the run."""
         while True:
             with suppress(TimeoutError):
-                async with asyncio.timeout(NODES_PERIOD_S):
+                async with asyncio.timeout(LIVE_PERIOD_S):
                     await self._changed.wait()
             self._changed.clear()
             self._notify_viewers(time.time())
@@ -194,9 +195,9 @@ class LiveServer:
 
     def _notify_viewers(self, now_s: float) -> None:
         state = self.state
-        are_nodes_due = not 0.0 <= now_s - self._nodes_sent_s < NODES_PERIOD_S
+        is_live_due = not 0.0 <= now_s - self._live_sent_s < LIVE_PERIOD_S
         with state.lock:
-            if are_nodes_due:
+            if is_live_due:
                 state.tick(now_s)
             if state.report is not None and state.report is not self._report:
                 self._report = state.report
@@ -204,9 +205,9 @@ class LiveServer:
             if self._events_version != state.timeline.version:
                 self._events_version = state.timeline.version
                 self._texts["events"] = text_message("events", {"events": state.events_to_plain()})
-            if are_nodes_due:
-                self._nodes_sent_s = now_s
-                self._texts["nodes"] = text_message("nodes", state.live_to_plain(now_s) | {"actions": state.actions})
+            if is_live_due:
+                self._live_sent_s = now_s
+                self._texts["live"] = text_message("live", state.live_to_plain(now_s) | {"actions": state.actions})
         for viewer in self._viewers:
             viewer.notify(self._texts)
 

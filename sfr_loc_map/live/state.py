@@ -7,11 +7,9 @@ monitor.
 from __future__ import annotations
 
 import math
-import statistics
 from collections import OrderedDict, deque
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from itertools import islice
+from dataclasses import asdict
 from threading import RLock
 from typing import Any
 
@@ -19,141 +17,17 @@ from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.headline import headline
+from sfr_loc_map.live.live_node import MAX_LETTERS, LiveNode, call_to_plain, state_of_pose
+from sfr_loc_map.live.live_report import LiveReport
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
-from sfr_loc_map.live.timeline import LOCALISATION_NODE, NODE_FRESHNESS, EventKind, LiveTopic, Timeline
-from sfr_loc_map.message_types import Level, StatusKind
-from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.judging.judge import judged_at_the_end
-from sfr_loc_map.metrics.score import SCHEMA, Score
-from sfr_loc_map.metrics.score_json import from_json, to_dict
-from sfr_loc_map.report.limit_bars import limit_bars
-from sfr_loc_map.report.page import overall_of
-from sfr_loc_map.report.score_plots import error_sizes
-from sfr_loc_map.report.score_tables import score_tables
-from sfr_loc_map.report.tables import Cell, Table
+from sfr_loc_map.live.timeline import LOCALISATION_NODE, EventKind, LiveTopic, Timeline
+from sfr_loc_map.metrics.score import SCHEMA
+from sfr_loc_map.metrics.score_json import from_json
 from sfr_loc_map.run_order import AnyOrder, CommonRuns
-from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
 
 MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
-MAX_VALUES, MAX_LETTERS = 100, 300  #: Maximum number of kept values of a node's health, and maximum length of a text.
 MAX_REPORT_CHARACTERS = 8_000_000
-CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Displayed times.
-
-
-@dataclass(slots=True)
-class LiveNode:
-    """The last reports of a node: health, call, and unusable input or internal fault."""
-
-    name: str
-    level: Level = Level.STALE
-    message: str = ""
-    values: dict[str, str] = field(default_factory=dict)
-    call: CallRecord | None = None
-    problem: str | None = None
-    heard_s: float = 0.0
-    health_s: float | None = None
-    in_graph: bool | None = None
-    periods: deque[float] = field(default_factory=lambda: deque(maxlen=5))
-
-    def add(self, update: updates.Call | updates.Status) -> None:
-        """Add a call or a status."""
-        self.heard_s = max(self.heard_s, update.received_s)
-        if isinstance(update, updates.Call):
-            self.call = update.record
-        else:
-            self._add_status(update)
-
-    def _add_status(self, status: updates.Status) -> None:
-        message, now_s = status.message[:MAX_LETTERS], status.received_s
-        if status.kind is not StatusKind.HEALTH:
-            self.problem = message
-        else:
-            self.periods.extend(() if self.health_s is None else (now_s - self.health_s,))
-            self.health_s = now_s
-            self.level = Level(status.level)
-            self.message = message
-            kept = islice(status.values.items(), MAX_VALUES)
-            self.values = {name[:MAX_LETTERS]: text[:MAX_LETTERS] for name, text in kept}
-
-    def is_stale(self, now_s: float) -> bool:
-        """Return whether the node has been silent for longer than `NODE_FRESHNESS`."""
-        period = statistics.median(self.periods) if len(self.periods) > 2 else 0.0
-        return NODE_FRESHNESS.is_stale(now_s - self.heard_s, period)
-
-    def _drops(self) -> dict[str, int]:
-        """Return the number of dropped messages by cause, in words."""
-        counts = {name: text for name, text in self.values.items() if name.startswith("dropped_") and text.isdecimal()}
-        return {name.removeprefix("dropped_").replace("_", " "): int(text) for name, text in counts.items()}
-
-    def to_plain(self, now_s: float) -> dict[str, Any]:
-        """Return the node as JSON values."""
-        stale = self.is_stale(now_s)
-        return {
-            "name": self.name,
-            "stale": stale,
-            "age_s": round(max(now_s - self.heard_s, 0.0), 3) if self.heard_s else None,
-            "level": (Level.STALE if stale else self.level).word,
-            "message": self.message,
-            "lifecycle": self.values.get("lifecycle", "unknown"),
-            **_state_to_plain(self.call),
-            "in_graph": self.in_graph,
-            "problem": self.problem,
-            "values": self.values,
-            "drops": self._drops(),
-        }
-
-
-class LiveReport:
-    """A report: the score, its JSON values, and the displayed tables and bars."""
-
-    def __init__(self, score: Score, received_s: float) -> None:
-        self.score, self.received_s, self.content = score, received_s, to_dict(score)
-        self.overall, self.tables, self.bars = overall_of(score), score_tables(score), limit_bars(score)
-
-    def ended(self, missing: str) -> LiveReport:
-        """Return the report after the end of the run, when the run may be incomplete; the figures are unchanged."""
-        score = judged_at_the_end(self.score, missing)
-        return self if score is self.score else LiveReport(score, self.received_s)
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return the content of a page as JSON values."""
-        return {
-            "overall": asdict(self.overall),
-            "tables": [_table_to_plain(table) for table in self.tables],
-            "limits": [asdict(bar) for bar in self.bars],
-            "errors": _errors_to_plain(self.score),
-            "warnings": list(self.score.warnings),
-            "received_s": self.received_s,
-        }
-
-
-def _errors_to_plain(score: Score) -> dict[str, Any] | None:
-    """Return the position errors, m, over the first condition with their end frames; None without a trajectory."""
-    drive = None if score.details is None else score.details.trajectory
-    if drive is None:
-        return None
-    rows = drive.sub_trajectories[0]
-    return {
-        "over": label_of(rows.condition),
-        "condition": rows.condition,
-        "end_frame": rows.end_frame,
-        "position_m": error_sizes(rows),
-    }
-
-
-def _table_to_plain(table: Table) -> dict[str, Any]:
-    def plain(cell: Cell) -> dict[str, str]:
-        parts = {"text": cell.text, "key": cell.key, "kind": cell.kind.value, "icon": cell.icon}
-        return {name: value for name, value in parts.items() if value}
-
-    return {
-        "name": table.name,
-        "title": table.title,
-        "note": table.note,
-        "columns": [{"heading": column.heading, "words": column.words} for column in table.columns],
-        "rows": [[plain(cell) for cell in row] for row in table.rows],
-    }
 
 
 class LiveState:
@@ -306,12 +180,6 @@ class LiveState:
         with self.lock:
             silent = self._silent_nodes(now_s)
             report, rows = self.report, self.path.rows
-            localisation = None
-            if rows:
-                node = self.nodes.get(LOCALISATION_NODE)
-                localisation = dict(zip(ROW_FIELDS, rows[-1].to_plain(), strict=True))
-                localisation |= _state_to_plain(None if node is None else node.call)
-                localisation["distance_m"] += self.path.before_m
             age_s = None if report is None else round(now_s - min(report.received_s, self._result_s), 3)
             topics = {name: view.to_plain(now_s, self.lost.get(name, 0)) for name, view in sorted(self.topics.items())}
             stale_reasons = self._stale_reasons(topics, silent, now_s)
@@ -337,12 +205,29 @@ class LiveState:
                 "report_age_s": None if report is None else round(now_s - report.received_s, 3),
                 "nodes": [node.to_plain(now_s) | self._actions_of(name) for name, node in sorted(self.nodes.items())],
                 "topics": topics,
-                "localisation": localisation,
+                "localisation": self._localisation_to_plain(now_s),
                 "last_call": {call["node"]: call for call in self.calls},
                 "poses": rows[-1].n + 1 if rows else 0,
                 "problems": list(self.problems),
                 "image_problems": {topic: text for topic, text in self.image_problems.items() if text},
             }
+
+    def _localisation_to_plain(self, now_s: float) -> dict[str, Any] | None:
+        """Return the last pose with its state and age as JSON values; None before the first pose.
+
+        `stale` states whether a newer pose is overdue, or the node is silent.
+        """
+        if not self.path.rows:
+            return None
+        row, node = self.path.rows[-1], self.nodes.get(LOCALISATION_NODE)
+        topic = self.topics.get(ESTIMATE)
+        plain = dict(zip(ROW_FIELDS, row.to_plain(), strict=True))
+        plain |= state_of_pose(None if node is None else node.call, is_lost=row.lost)
+        is_overdue = topic is not None and topic.is_stale(now_s)
+        plain["stale"] = is_overdue or (node is not None and node.is_stale(now_s))
+        plain["age_s"] = round(max(now_s - (row.received_s if topic is None else topic.received_s), 0.0), 3)
+        plain["distance_m"] += self.path.before_m
+        return plain
 
     def _silent_nodes(self, now_s: float) -> dict[str, float]:
         """Return the stale nodes, each with the time of its last report, s."""
@@ -420,25 +305,25 @@ class LiveState:
         for pose in accepted:
             if self.path.is_late(pose):
                 continue
-            if not self.ended:
-                self.timeline.take(pose, pose.received_s)
+            if pose.track is updates.Track.ESTIMATE and not self.ended:
+                self.timeline.take_estimate(pose)
             self.path.add(pose, self._published.get(pose.stamp_ns))
 
     def _take_status(self, update: updates.Status) -> None:
         """Add a node's health, unusable input or internal fault."""
         if not self.ended:
-            self.timeline.take(update, update.received_s)
+            self.timeline.take_status(update)
         if (node := self._node(update.node)) is not None:
             node.add(update)
 
     def _take_call(self, update: updates.Call) -> None:
         """Add a call of a node."""
         if not self.ended:
-            self.timeline.take(update, update.received_s)
+            self.timeline.take_call(update)
         if (node := self._node(update.node)) is not None:
             node.add(update)
             self._result_s = update.received_s
-            self.calls.append(_call_to_plain(self._call_count, update))
+            self.calls.append(call_to_plain(self._call_count, update))
             self._call_count += 1
 
     def _take_stamp(self, update: updates.Sampled) -> None:
@@ -470,19 +355,3 @@ class LiveState:
         if is_new and isinstance(update, updates.CloudSample | updates.ElevationSample):
             self._note_topic(update.topic, update.stamp_ns, update.published_s)
         self.media[update.topic] = update
-
-
-def _state_to_plain(record: CallRecord | None) -> dict[str, str]:
-    """Return the state after a call with its reason as JSON values; both empty before the first call."""
-    if record is None:
-        return {"state": "", "reason": ""}
-    return {"state": record.state, "reason": record.reason[:MAX_LETTERS]}
-
-
-def _call_to_plain(n: int, call: updates.Call) -> dict[str, Any]:
-    """Return a call as JSON values."""
-    record = call.record
-    times = {"processing_time_s": record.processing_time_s, **record.times}
-    known = {name: times[name] for name in CALL_TIMES if name in times and math.isfinite(times[name])}
-    about = {"n": n, "node": call.node, "stamp_ns": str(record.stamp_ns), "received_s": call.received_s}
-    return about | _state_to_plain(record) | {"memory_bytes": record.peak_rss_bytes, **known}

@@ -20,7 +20,8 @@ from rich.text import Text
 from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.live.headline import clock_time
 from sfr_loc_map.live.keyboard import Keyboard
-from sfr_loc_map.live.state import LiveReport, LiveState
+from sfr_loc_map.live.live_report import LiveReport
+from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number, to_rich
 
@@ -172,7 +173,7 @@ def _costs(node: dict[str, Any], live: dict[str, Any]) -> tuple[str, str]:
 def _now(live: dict[str, Any]) -> Iterator[str]:
     """Yield the pose and its error."""
     if (row := live["localisation"]) is not None:
-        word = "lost" if row["lost"] else _state_text(row) or "state unknown"
+        word = _state_text(row) or "state unknown"
         place = " ".join(f"{value:.2f}" for value in row["position_m"])
         yield f"pose {row['n'] + 1}: {word}, at {place} m, {number(row['distance_m'], unit=METRE)} m driven"
         if (error := row["error_m"]) is not None:

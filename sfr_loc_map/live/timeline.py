@@ -33,11 +33,13 @@ NODE_FRESHNESS = Freshness(after_s=1.5, periods=1.6)
 """A node reports its health once a second by a timer, so that one missing report makes it stale."""
 TOPIC_FRESHNESS = Freshness(after_s=1.6, periods=3.0)
 """The period of a topic varies with its source, so that two messages may be missing."""
+RECENT = 8  #: Number of last events among which the previous event of a lane is searched.
 FLICKER_S = 0.5  #: Tracking for less than this time does not separate two intervals of the same kind.
 GAP_S, GAP_PERIODS = 2.0, 20.0
 """A step of the stamps is an event if it exceeds this time, s, and this multiple of the mean step."""
 LOCALISATION_NODE, POSE = Task.LOCALISATION.node, "pose"
 SILENT = "{}: silent"
+COMPILING_ACTIVITY = "compiling"  #: Activity in the health of a node that compiles its kernels.
 
 
 class EventKind(StrEnum):
@@ -102,26 +104,45 @@ class Timeline:
         self._open: dict[str, Event] = {}
         self._call: CallRecord | None = None  # last call of the localiser
         self._pose: LiveTopic | None = None
+        self._is_pose_lost = False  # whether the covariance of the last pose reports a loss
         self._step_s = 0.0  # smoothed step of the stamps of poses
 
-    def take(self, update: updates.Update, at_s: float) -> None:
-        """Process a pose, a call or a status."""
-        if isinstance(update, updates.PoseSample) and update.track is updates.Track.ESTIMATE:
-            self._take_pose(update, at_s)
-        elif isinstance(update, updates.Call):
-            if (now := self._open.get(update.node)) is not None and now.text == SILENT.format(update.node):
-                self.note(update.node, at_s, None)
-            if update.node == LOCALISATION_NODE:
-                self._call = update.record
-                if self._pose is not None and POSE in self._open:
-                    self._note_tracking(at_s, lost=self._open[POSE].kind is EventKind.LOST)
-        elif isinstance(update, updates.Status) and update.kind is StatusKind.HEALTH:
-            # Lost poses have their own events.
-            is_bad = update.level is Level.ERROR and update.node != LOCALISATION_NODE
-            kind = EventKind.NODE if is_bad else None
-            if update.values.get("activity") == EventKind.COMPILING:
-                kind = EventKind.COMPILING
-            self.note(update.node, at_s, kind, f"{update.node}: {update.message}")
+    def take_call(self, call: updates.Call) -> None:
+        """Process a call: its node is no longer silent, and the state of the last pose may change."""
+        node = self._open.get(call.node)
+        if node is not None and node.text == SILENT.format(call.node):
+            self.note(call.node, call.received_s, None)
+        if call.node != LOCALISATION_NODE:
+            return
+        self._call = call.record
+        pose = self._open.get(POSE)
+        if pose is not None and pose.kind is not EventKind.STALE:
+            self._note_state_of_pose(call.received_s)
+
+    def take_status(self, status: updates.Status) -> None:
+        """Process a node's health."""
+        if status.kind is not StatusKind.HEALTH:
+            return
+        # lost poses have their own events
+        is_bad = status.level is Level.ERROR and status.node != LOCALISATION_NODE
+        kind = EventKind.NODE if is_bad else None
+        if status.values.get("activity") == COMPILING_ACTIVITY:
+            kind = EventKind.COMPILING
+        self.note(status.node, status.received_s, kind, f"{status.node}: {status.message}")
+
+    def take_estimate(self, pose: updates.PoseSample) -> None:
+        """Process a pose of the estimate."""
+        at_s = pose.received_s
+        self.look(at_s, {})
+        if self._pose is not None and self._pose.stamp_ns is not None:
+            step_s = (pose.stamp_ns - self._pose.stamp_ns) / NS_PER_S
+            if step_s > max(GAP_S, GAP_PERIODS * self._step_s) and self._step_s > 0.0:
+                self.mark(at_s, EventKind.CLOCK, f"stamps jump forward by {step_s:.1f} s")
+            else:
+                self._step_s = step_s if self._step_s <= 0.0 else 0.8 * self._step_s + 0.2 * step_s
+        self._pose = LiveTopic.after(self._pose, pose.stamp_ns, at_s)
+        self._is_pose_lost = pose.is_lost
+        self._note_state_of_pose(at_s)
 
     def begin_run(self, stamp_ns: int, at_s: float) -> None:
         """Add the jump of the stamps at the start of a new run."""
@@ -158,18 +179,21 @@ class Timeline:
             del self._open[lane]
         if kind is None:
             return
-        before = [event for event in self.events[-8:] if event.lane == lane][-2:]
-        if (
-            len(before) == 2
-            and before[0].kind is kind
-            and before[1] is now
-            and now.kind is EventKind.TRACKING
-            and at_s - now.from_s < FLICKER_S
-        ):
+        if now is not None and (before := self._before_flicker(now, kind, at_s)) is not None:
             self.events.remove(now)
-            before[0].to_s, self._open[lane] = None, before[0]
+            before.to_s = None
+            self._open[lane] = before
             return
         self._open[lane] = self._add(Event(lane, at_s, None, kind, text[:MAX_TEXT]))
+
+    def _before_flicker(self, ended: Event, kind: EventKind, at_s: float) -> Event | None:
+        """Return the event that continues if an event of its kind follows short tracking; None otherwise."""
+        if ended.kind is not EventKind.TRACKING or at_s - ended.from_s >= FLICKER_S:
+            return None
+        recent = [event for event in self.events[-RECENT:] if event.lane == ended.lane]
+        if len(recent) < 2 or recent[-1] is not ended or recent[-2].kind is not kind:
+            return None
+        return recent[-2]
 
     def mark(self, at_s: float, kind: EventKind, text: str) -> None:
         """Add an instantaneous event."""
@@ -194,22 +218,14 @@ class Timeline:
             self._open = {lane: other for lane, other in self._open.items() if other is not ended}
         return event
 
-    def _take_pose(self, pose: updates.PoseSample, at_s: float) -> None:
-        self.look(at_s, {})
-        if self._pose is not None and self._pose.stamp_ns is not None:
-            step_s = (pose.stamp_ns - self._pose.stamp_ns) / NS_PER_S
-            if step_s > max(GAP_S, GAP_PERIODS * self._step_s) and self._step_s > 0.0:
-                self.mark(at_s, EventKind.CLOCK, f"stamps jump forward by {step_s:.1f} s")
-            else:
-                self._step_s = step_s if self._step_s <= 0.0 else 0.8 * self._step_s + 0.2 * step_s
-        self._pose = LiveTopic.after(self._pose, pose.stamp_ns, at_s)
-        self._note_tracking(at_s, lost=pose.is_lost)
-
-    def _note_tracking(self, at_s: float, *, lost: bool) -> None:
+    def _note_state_of_pose(self, at_s: float) -> None:
+        """Start or continue the event of the last pose, by the rule of `live_node.state_of_pose`."""
         state, text = ("", "") if self._call is None else (self._call.state, self._call.outcome)
-        if lost:
-            self.note(POSE, at_s, EventKind.LOST, text if state == TrackingState.LOST else "lost")
+        if state == TrackingState.LOST:
+            self.note(POSE, at_s, EventKind.LOST, text)
+        elif self._is_pose_lost:
+            self.note(POSE, at_s, EventKind.LOST, "lost")
         elif state == TrackingState.DEGRADED:
             self.note(POSE, at_s, EventKind.DEGRADED, text)
         else:
-            self.note(POSE, at_s, EventKind.TRACKING, "tracking")
+            self.note(POSE, at_s, EventKind.TRACKING, state or "state unknown")

@@ -79,7 +79,7 @@ async def check_panels(browser: Browser, server: LiveServer) -> None:
         await choose(browser, "layer", layer)
         await browser.wait_for(f"{traces('map', 'colorbar.title.text')}[0] === '{title}'")
     await browser.wait_for(f"{values('map')} > 100 && {text('map-note')}.includes('cells of')")
-    await browser.wait_for(f"{values('error')} >= 3 && {traces('error', 'name')}.some((n) => n.startsWith('limit '))")
+    await browser.wait_for(f"{values('errors')} >= 3 && {traces('errors', 'name')}.some((n) => n.startsWith('limit '))")
     await browser.wait_for(f"{values('time')} >= 120 && {values('memory')} >= 40 && {values('events')} >= 2")
     assert set(await browser.value(traces("path", "name"))) > {"estimate", "truth", "last pose"}
     assert await browser.value("document.querySelectorAll('#nodes .node').length") == 3
@@ -102,6 +102,12 @@ async def check_panels(browser: Browser, server: LiveServer) -> None:
 
 async def check_states(browser: Browser, state: LiveState) -> None:
     """What is lost, stale or cannot be shown is reported."""
+    look = "document.getElementById('state').className"
+    state.put(call(79, time.time(), "lost", "diverged"))
+    await browser.wait_for(f"{text('state')}.includes('lost: diverged') && {look} === 'pill fail'")
+    await browser.wait_for("document.querySelector('.frame.lost .badge')?.textContent === 'LOST: DIVERGED'")
+    state.put(call(79, time.time(), ""))
+    await browser.wait_for(f"{text('state')}.includes('state unknown') && {look} === 'pill open'")
     for update in frame(81, time.time() + AHEAD_S, lost=True):
         state.put(update)
     state.put(call(81, time.time(), "lost", "few_landmarks"))

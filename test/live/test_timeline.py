@@ -65,6 +65,36 @@ def test_what_happened_is_told_with_its_times() -> None:
     assert ended["stale_reasons"] == []
 
 
+def test_a_pose_is_lost_by_its_covariance_or_by_its_call_and_its_state_may_be_unknown() -> None:
+    state = LiveState()
+
+    def put(number: int, word: str | None, *, is_lost: bool = False) -> tuple[str, str]:
+        state.put(pose_pair(number, 0.1 * number, lost=is_lost)[1])
+        if word is not None:
+            state.put(call(number, 0.1 * number, word, "diverged" if word == "lost" else ""))
+        shown = state.live_to_plain(0.1 * number)["localisation"]
+        return shown["state"], shown["reason"]
+
+    assert put(0, None) == ("", "")
+    assert state.events_to_plain()[-1]["text"] == "state unknown"
+    assert put(1, None, is_lost=True) == ("lost", "")
+    assert put(2, "tracking") == ("tracking", "")
+    assert put(3, "tracking", is_lost=True) == ("lost", "")
+    assert put(4, "lost", is_lost=True) == ("lost", "diverged")
+    assert put(5, "tracking") == ("tracking", "")
+    assert put(6, "lost") == ("lost", "diverged"), "an external localiser may publish a small covariance"
+    told = [(event["kind"], event["text"]) for event in state.events_to_plain()]
+    assert told[-1] == ("lost", "lost: diverged")
+
+
+def test_a_call_without_a_pose_leaves_the_poses_stale() -> None:
+    state = LiveState()
+    drive(state, range(20))
+    state.tick(8.0)
+    state.put(call(21, 8.1))
+    assert [event["kind"] for event in state.events_to_plain() if event["kind"] != "node"] == ["tracking", "stale"]
+
+
 def test_events_are_bounded() -> None:
     line = Timeline()
     for number in range(3 * MAX_EVENTS):

@@ -1,61 +1,78 @@
 // The page: receives the messages of the server and draws the panels whose data have changed.
 
+import { showCalls } from "./calls.js";
+import { showCameras } from "./cameras.js";
 import { Connection, command } from "./connection.js";
 import { byId } from "./dom.js";
+import { showErrors } from "./errors.js";
+import { showEvents } from "./events.js";
+import { showFigures } from "./figures.js";
 import { showHeader } from "./header.js";
-import { showImages } from "./images.js";
+import { showLimits } from "./limits.js";
+import { showMap } from "./map.js";
 import { showNodes } from "./nodes.js";
-import { showCalls, showEvents, showLimits, showMap } from "./panels.js";
-import { showError, showPath } from "./path.js";
+import { showPath } from "./path.js";
 import { Run } from "./run.js";
-import { showTables } from "./tables.js";
 import { dressAllHelp } from "./terms.js";
 
-const PLOT_MS = 500; // minimum interval between two drawings of a plot
-const TICK_MS = 100;
+const TICK_MS = 100; // interval between two checks for new data
+const PLOT_MS = 500; // minimum interval between two drawings of a panel
+const ANSWER_MS = 1500; // time for which the button shows the answer to a bookmark
+const VIEWS = ["images", "maps"]; // costly data, which the server sends only to a visible page
+
 const run = new Run();
-const state = { isOpen: false, lostMs: 0, nowMs: Date.now() };
-
-// Each panel with its data. A panel is redrawn when a value or object of its data has changed.
-const panels = [
-  { id: "figures", show: showLimits, data: () => [run.report] },
-  { id: "path", show: showPath, data: () => [run.poses, run.ended] },
-  { id: "growth", show: showError, data: () => [run.report, run.poses.length > 0] },
-  { id: "events", show: showEvents, data: () => [run.events, run.nodes] },
-  { id: "cameras", show: showImages, data: () => [...run.images.values(), run.nodes, run.poses, byId("rig").value], everyMs: TICK_MS },
-  { id: "elevation", show: showMap, data: () => [run.map, byId("layer").value] },
-  { id: "calls", show: showCalls, data: () => [run.calls, run.report] },
-  { id: "numbers", show: showTables, data: () => [run.report] },
-  { id: "health", show: showNodes, data: () => [run.nodes] },
-];
-for (const panel of panels) Object.assign(panel, { drawn: null, drawnMs: -PLOT_MS, isVisible: true });
-
 const connection = new Connection({
-  figures: (message) => run.take(message),
-  media: (header, bytes) => run.takeMedia(header, bytes),
-  state(isOpen) {
-    if (isOpen) state.lostMs = 0;
-    else if (state.isOpen) state.lostMs = Date.now();
-    state.isOpen = isOpen;
-  },
+  onMessage: (message) => run.take(message),
+  onMedia: (header, bytes) => run.takeMedia(header, bytes),
 });
+const isDark = matchMedia("(prefers-color-scheme: dark)");
+
+// Each panel with its section and its data. A panel is redrawn when a value or object of its data has changed.
+const panels = [
+  { id: "events", show: showEvents, data: () => [run.events, run.live] },
+  { id: "limits", show: showLimits, data: () => [run.report] },
+  { id: "path", show: showPath, data: () => [run.poses, run.beforeM] },
+  { id: "cameras", show: showCameras, everyMs: TICK_MS, data: camerasData },
+  { id: "errors", show: showErrors, data: () => [run.report, run.poses.length > 0] },
+  { id: "map", show: showMap, data: () => [run.map, byId("layer").value] },
+  { id: "calls", show: showCalls, data: () => [run.calls, run.report] },
+  { id: "nodes", show: showNodes, data: () => [run.live] },
+  { id: "figures", show: showFigures, data: () => [run.report] },
+].map((panel) => ({ everyMs: PLOT_MS, drawn: null, drawnMs: -PLOT_MS, isVisible: true, ...panel }));
+
+function camerasData() {
+  return [run.live, byId("rig").value, ...run.images.values()];
+}
 
 function draw() {
   if (document.hidden) return;
-  state.nowMs = Date.now();
-  showHeader(run, state);
-  for (const panel of panels) drawPanel(panel);
+  showHeader(run, connection);
+  panels.forEach(drawPanel);
   document.documentElement.dataset.poses = String(run.poses.length);
 }
 
 function drawPanel(panel) {
   const data = [...panel.data(), innerWidth, isDark.matches];
   const isSame = panel.drawn?.length === data.length && data.every((value, place) => value === panel.drawn[place]);
-  const isEarly = performance.now() - panel.drawnMs < (panel.everyMs ?? PLOT_MS);
+  const isEarly = performance.now() - panel.drawnMs < panel.everyMs;
   if (isSame || isEarly || !panel.isVisible) return;
   panel.drawn = data;
   panel.drawnMs = performance.now();
   panel.show(run);
+}
+
+/** Draw only the panels that are on the screen or close to it. */
+function watchVisibility() {
+  const watcher = new IntersectionObserver((entries) => {
+    for (const entry of entries) {
+      panels.find((panel) => panel.id === entry.target.id).isVisible = entry.isIntersecting;
+    }
+  }, { rootMargin: "200px" });
+  for (const panel of panels) watcher.observe(byId(panel.id));
+}
+
+function tellViews() {
+  connection.want(document.hidden ? [] : VIEWS);
 }
 
 async function bookmark() {
@@ -66,18 +83,13 @@ async function bookmark() {
   } catch (error) {
     button.textContent = error.message.slice(0, 40);
   }
-  setTimeout(() => (button.textContent = "Bookmark"), 1500);
+  setTimeout(() => (button.textContent = "Bookmark"), ANSWER_MS);
 }
 
-const isDark = matchMedia("(prefers-color-scheme: dark)");
-const watcher = new IntersectionObserver((entries) => {
-  for (const entry of entries) panels.find((panel) => panel.id === entry.target.id).isVisible = entry.isIntersecting;
-}, { rootMargin: "200px" });
-for (const panel of panels) watcher.observe(byId(panel.id));
-const tellViews = () => connection.want(document.hidden ? [] : ["images", "maps"]);
+dressAllHelp();
+watchVisibility();
 document.addEventListener("visibilitychange", tellViews);
 byId("bookmark").addEventListener("click", bookmark);
-dressAllHelp();
 tellViews();
 setInterval(draw, TICK_MS);
 Object.assign(window, { sfrLive: { run, connection } }); // for tests

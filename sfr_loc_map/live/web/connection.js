@@ -2,13 +2,16 @@
 
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 2000;
-const SILENT_MS = 1500; // the server sends the nodes' state four times a second
+const SILENT_MS = 1500; // the server sends the state of the run four times a second
 const WATCH_MS = 500;
 
 export class Connection {
-  /** Connect. `on` has the callbacks figures(message), media(header, bytes) and state(isConnected). */
-  constructor(on) {
-    this.on = on;
+  /** Connect; call `onMessage(message)` for each JSON message and `onMedia(header, bytes)` for each image or map. */
+  constructor({ onMessage, onMedia }) {
+    this.onMessage = onMessage;
+    this.onMedia = onMedia;
+    this.isHeard = false; // whether the server sends
+    this.lostMs = 0; // time since which the server is no longer heard; 0 while it is heard, and before the first time
     this.views = [];
     this.waitMs = FIRST_WAIT_MS;
     this.heardMs = 0;
@@ -27,7 +30,7 @@ export class Connection {
     };
     this.socket.onmessage = (event) => this.receive(event.data);
     this.socket.onclose = () => {
-      this.on.state(false);
+      this.note(false);
       setTimeout(() => this.connect(), this.waitMs);
       this.waitMs = Math.min(this.waitMs * 2, LONGEST_WAIT_MS);
     };
@@ -43,20 +46,26 @@ export class Connection {
     if (this.isOpen) this.socket.send(JSON.stringify({ type: "want", views }));
   }
 
-  /** Report an open but silent connection as lost. */
+  /** An open but silent connection counts as lost. */
   watch() {
-    if (this.isOpen) this.on.state(performance.now() - this.heardMs < SILENT_MS);
+    if (this.isOpen) this.note(performance.now() - this.heardMs < SILENT_MS);
+  }
+
+  note(isHeard) {
+    if (isHeard) this.lostMs = 0;
+    else if (this.isHeard) this.lostMs = Date.now();
+    this.isHeard = isHeard;
   }
 
   receive(data) {
     this.heardMs = performance.now();
     if (typeof data === "string") {
-      this.on.figures(JSON.parse(data));
+      this.onMessage(JSON.parse(data));
       return;
     }
     const size = new DataView(data).getUint32(0, true);
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, size)));
-    this.on.media(header, data.slice(4 + size));
+    this.onMedia(header, data.slice(4 + size));
   }
 }
 

@@ -2,8 +2,8 @@
 
 export const byId = (id) => document.getElementById(id);
 
-/** Return an element with a class, a text and children. */
-export function element(tag, className = "", text = "", ...children) {
+/** Return an element with a class of the style sheet, a text and children. */
+export function element(tag, { className = "", text = "" } = {}, ...children) {
   const made = document.createElement(tag);
   if (className) made.className = className;
   if (text !== "") made.textContent = text;
@@ -16,8 +16,8 @@ export function setText(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
 
-/** Set style, sign and text of a pill. */
-export function setPill(pill, style, icon, text, title = "") {
+/** Set the style, the sign and the text of a pill, and the title that is shown while the pointer is on it. */
+export function setPill(pill, { style, icon, text, title = "" }) {
   pill.className = `pill ${style}`;
   setText(pill.querySelector(".icon"), icon);
   setText(pill.querySelector("b"), text);

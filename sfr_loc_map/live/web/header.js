@@ -3,84 +3,85 @@
 import { byId, clockTime, dateTime, setPill, setText } from "./dom.js";
 
 const NO_HEADLINE = { icon: "–", style: "open", word: "waiting", age: "", text: "" };
+const STATES = {
+  lost: { style: "fail", icon: "✖" },
+  degraded: { style: "open", icon: "!" },
+  "": { style: "open", icon: "?" }, // unknown
+};
+const WORKING = { style: "pass", icon: "✔" };
+const UNKNOWN = { style: "stale", icon: "○" };
+const WAITING = { style: "open", icon: "…" };
+const ENDED = { style: "stale", icon: "■" };
 const shortName = (node) => node.name.replace("_node", "");
 
-/** Show the header. `connection` has isOpen, lostMs (0 while it is open) and nowMs. */
+/** Show the header. Without a connection, the state of the run is unknown. */
 export function showHeader(run, connection) {
-  const isCut = !connection.isOpen && connection.lostMs > 0 && !run.ended;
+  const isCut = connection.lostMs > 0 && !run.ended;
+  const problem = run.live?.problems.at(-1) ?? "";
   setText(byId("title"), run.title);
-  showVerdict(run, isCut, connection);
-  showState(run, isCut);
-  showNodesPill(run, isCut);
-  showConnection(run, isCut, connection);
+  showHeadline(isCut ? headlineWithoutConnection(run, connection) : (run.live?.headline ?? NO_HEADLINE));
+  setPill(byId("state"), isCut ? { ...UNKNOWN, text: "unknown" } : localisationPill(run));
+  setPill(byId("nodes-pill"), isCut ? { ...UNKNOWN, text: "nodes unknown" } : nodesPill(run));
+  setPill(byId("connection"), connectionPill(run, connection, isCut));
   byId("bookmark").hidden = run.ended;
-  byId("report").hidden = !run.nodes?.has_report;
-  const problem = run.nodes?.problems.at(-1) ?? "";
+  byId("report").hidden = !run.live?.has_report;
   byId("notice").hidden = !problem;
   setText(byId("notice"), problem);
+  document.title = [byId("verdict").textContent.trim(), run.title, "sfr live"].filter(Boolean).join(" · ");
   document.body.classList.toggle("cut", isCut);
 }
 
-/** Show the headline of the server; without a connection, the last verdict with its age. */
-function showVerdict(run, isCut, connection) {
-  const pill = byId("verdict");
-  const { icon, style, word, age, text } = run.nodes?.headline ?? NO_HEADLINE;
-  if (isCut) {
-    const verdict = run.report?.overall.state ?? "waiting";
-    const seconds = ageWithoutConnection(run.nodes, connection);
-    setPill(pill, "stale", "○", seconds === null ? verdict : `${verdict}, ${seconds.toFixed(0)} s old`);
-  } else {
-    setPill(pill, style, icon, word);
+function showHeadline({ icon, style, word, age, text }) {
+  setPill(byId("verdict"), { style, icon, text: word });
+  setText(byId("age"), age);
+  setText(byId("overall"), text);
+}
+
+/** Return the last headline with its present age. */
+function headlineWithoutConnection(run, connection) {
+  const verdict = run.report?.overall.state ?? "waiting";
+  const lostForS = (Date.now() - connection.lostMs) / 1000;
+  const isAgeKnown = Number.isFinite(run.live?.age_s);
+  const word = isAgeKnown ? `${verdict}, ${(run.live.age_s + lostForS).toFixed(0)} s old` : verdict;
+  const { text } = run.live?.headline ?? NO_HEADLINE;
+  return { ...UNKNOWN, word, age: "", text: `no connection since ${clockTime(connection.lostMs / 1000)}. ${text}` };
+}
+
+function localisationPill(run) {
+  if (!run.localisation) return noPosePill(run);
+  const { state, text, stale, age_s: age } = run.localisation;
+  if (run.ended) return { ...ENDED, style: state === "lost" ? "fail" : "stale", text: `last: ${text}` };
+  if (stale) return { ...UNKNOWN, text: `stale: no pose for ${age.toFixed(1)} s` };
+  return { ...(STATES[state] ?? WORKING), text };
+}
+
+function noPosePill(run) {
+  const compiling = run.live?.nodes.find((node) => node.values.activity === "compiling");
+  if (compiling) return { ...WAITING, text: `${shortName(compiling)} ${compiling.message}` };
+  return { ...WAITING, text: run.ended ? "no pose" : "no pose yet" };
+}
+
+function nodesPill(run) {
+  const nodes = run.live?.nodes ?? [];
+  const stale = nodes.filter((node) => node.stale);
+  const failed = nodes.filter((node) => node.level === "error" && !node.stale);
+  const warned = nodes.filter((node) => node.level === "warning");
+  const names = (some) => some.map(shortName).join(", ");
+  if (!nodes.length) return { ...WAITING, text: run.ended ? "no node" : "no node yet" };
+  if (run.ended) return { ...ENDED, text: `${nodes.length} nodes ended` };
+  if (failed.length) return { ...STATES.lost, text: `${names(failed)}: error`, title: failed[0].message };
+  if (stale.length) {
+    const areGone = stale.every((node) => node.in_graph === false);
+    return { ...UNKNOWN, text: `${names(stale)}: ${areGone ? "gone" : "silent"}` };
   }
-  setText(byId("age"), isCut ? "" : age);
-  setText(byId("overall"), isCut ? `no connection since ${clockTime(connection.lostMs / 1000)}. ${text}` : text);
-  document.title = [pill.textContent.trim(), run.title, "sfr live"].filter(Boolean).join(" · ");
+  if (warned.length) return { ...STATES.degraded, text: `${names(warned)}: warning`, title: warned[0].message };
+  return { ...WORKING, text: `${nodes.length} nodes` };
 }
 
-function ageWithoutConnection(nodes, connection) {
-  if (!Number.isFinite(nodes?.age_s)) return null;
-  return nodes.age_s + (connection.nowMs - connection.lostMs) / 1000;
-}
-
-function showState(run, isCut) {
-  const pill = byId("state");
-  const { nodes, lastPose } = run;
-  const { state, text } = run.localisation;
-  const compiling = nodes?.nodes.find((node) => node.values.activity === "compiling");
-  const localisation = nodes?.nodes.find((node) => node.name === "localisation_node");
-  const age = nodes?.topics["localisation/odometry"]?.age_s ?? 0;
-  if (isCut) setPill(pill, "stale", "○", "unknown");
-  else if (!lastPose && compiling) setPill(pill, "open", "…", `${shortName(compiling)} ${compiling.message}`);
-  else if (!lastPose) setPill(pill, "open", "…", run.ended ? "no pose" : "no pose yet");
-  else if (run.ended) setPill(pill, lastPose.lost ? "fail" : "stale", "■", `last: ${text}`);
-  else if (nodes?.stale || localisation?.stale) setPill(pill, "stale", "○", `stale: no pose for ${age.toFixed(1)} s`);
-  else if (lastPose.lost) setPill(pill, "fail", "✖", text);
-  else if (state === "degraded") setPill(pill, "open", "!", text);
-  else setPill(pill, "pass", "✔", text);
-}
-
-function showNodesPill(run, isCut) {
-  const pill = byId("nodes-pill");
-  const all = run.nodes?.nodes ?? [];
-  const names = (nodes) => nodes.map(shortName).join(", ");
-  const stale = all.filter((node) => node.stale);
-  const failed = all.filter((node) => node.level === "error" && !node.stale);
-  const warned = all.filter((node) => node.level === "warning");
-  const areGone = stale.every((node) => node.in_graph === false);
-  if (!all.length) setPill(pill, "open", "…", run.ended ? "no node" : "no node yet");
-  else if (isCut) setPill(pill, "stale", "○", "nodes unknown");
-  else if (run.ended) setPill(pill, "stale", "■", `${all.length} nodes ended`);
-  else if (failed.length) setPill(pill, "fail", "✖", `${names(failed)}: error`, failed[0].message);
-  else if (stale.length) setPill(pill, "stale", "○", `${names(stale)}: ${areGone ? "gone" : "silent"}`);
-  else if (warned.length) setPill(pill, "open", "!", `${names(warned)}: warning`, warned[0].message);
-  else setPill(pill, "pass", "✔", `${all.length} nodes`);
-}
-
-function showConnection(run, isCut, connection) {
-  const pill = byId("connection");
-  if (run.nodes?.aborted) setPill(pill, "fail", "■", `aborted ${dateTime(run.nodes.aborted.at)}`);
-  else if (run.ended) setPill(pill, "open", "■", `ended ${dateTime(run.nodes.ended_at)}`);
-  else if (isCut) setPill(pill, "fail", "✖", `no connection since ${clockTime(connection.lostMs / 1000)}`);
-  else if (connection.isOpen) setPill(pill, "pass", "●", "connected");
-  else setPill(pill, "open", "…", "connecting");
+function connectionPill(run, connection, isCut) {
+  if (run.live?.aborted) return { style: "fail", icon: "■", text: `aborted ${dateTime(run.live.aborted.at)}` };
+  if (run.ended) return { style: "open", icon: "■", text: `ended ${dateTime(run.live.ended_at)}` };
+  if (isCut) return { style: "fail", icon: "✖", text: `no connection since ${clockTime(connection.lostMs / 1000)}` };
+  if (connection.isHeard) return { style: "pass", icon: "●", text: "connected" };
+  return { ...WAITING, text: "connecting" };
 }

@@ -1,7 +1,7 @@
-// The path from above, and the judged position errors.
+// The path from above.
 
 import { byId, element, length, short } from "./dom.js";
-import { LEGEND_LINE_PX, axis, colour, draw, fitting, limitLine, scaleOf } from "./plots.js";
+import { axis, colour, draw } from "./plots.js";
 
 const ERROR_LINES = 120; // maximum number of drawn errors, evenly spread over the path
 const ERROR_SHARE = 0.12; // length of the largest drawn error, as a fraction of the extent
@@ -11,32 +11,48 @@ const ELLIPSE_POINTS = 48;
 export function showPath(run) {
   const poses = run.poses;
   const withTruth = poses.filter((pose) => pose.truth_m);
+  const lost = poses.filter((pose) => pose.lost);
   const extent = extentOf(poses);
-  const errors = poses.filter((pose) => pose.error_m && !pose.lost).map((pose) => Math.hypot(pose.error_m[0], pose.error_m[1]));
-  const gain = gainOf(errors.reduce((a, b) => Math.max(a, b), 0), extent);
-  const sigma = run.lastPose?.covariance_xy_m2 ? Math.sqrt(Math.max(...run.lastPose.covariance_xy_m2.slice(0, 2))) : 0;
-  const ellipseGain = gainOf(3 * sigma, extent);
+  const gain = gainOf(largestError(poses), extent);
+  const ellipseGain = gainOf(3 * largestSigma(run.lastPose), extent);
+  const ellipse = ellipseOf(run.lastPose, 3 * ellipseGain);
+  const estimate = line("estimate", positions(poses), { color: colour("estimate"), width: 2.5 });
   const traces = [
     line(`error × ${short(gain)}`, errorLines(withTruth, gain), { color: colour("error"), width: 1 }),
-    line("estimate", poses.map((pose) => pose.position_m), { color: colour("estimate"), width: 2.5 }, poses.map(describe)),
+    { ...estimate, text: poses.map(describe), hoverinfo: "text" },
     line("truth", withTruth.map((pose) => pose.truth_m), { color: colour("truth"), width: 1.5, dash: "dot" }),
-    line(`3 sigma × ${short(ellipseGain)}`, ellipseOf(run.lastPose, 3 * ellipseGain), { color: colour("estimate"), width: 1 }),
-    dots("lost", poses.filter((pose) => pose.lost).map((pose) => pose.position_m), colour("lost"), "x"),
-    dots("last pose", poses.slice(-1).map((pose) => pose.position_m), colour("estimate"), "circle"),
-  ].filter((trace) => trace.x.length);
+    line(`3 sigma × ${short(ellipseGain)}`, ellipse, { color: colour("estimate"), width: 1 }),
+    dots("lost", positions(lost), colour("lost"), "x"),
+    dots("last pose", positions(poses.slice(-1)), colour("estimate"), "circle"),
+  ];
   const layout = { xaxis: axis("x, m"), yaxis: axis("y, m", { scaleanchor: "x" }) };
-  draw("path-plot", traces, layout, "no pose yet");
+  draw("path-plot", traces.filter((trace) => trace.x.length), layout, "no pose yet");
   showFacts(run);
 }
 
-function line(name, points, style, texts = null) {
-  const trace = { name, mode: "lines", line: style, x: points.map((point) => point[0]), y: points.map((point) => point[1]) };
-  return texts ? { ...trace, text: texts, hoverinfo: "text" } : { ...trace, hoverinfo: "skip" };
+const positions = (poses) => poses.map((pose) => pose.position_m);
+const coordinates = (points) => ({ x: points.map((point) => point[0]), y: points.map((point) => point[1]) });
+
+function line(name, points, style) {
+  return { name, mode: "lines", line: style, hoverinfo: "skip", ...coordinates(points) };
 }
 
 function dots(name, points, fill, symbol) {
   const marker = { color: fill, size: 9, symbol };
-  return { name, mode: "markers", marker, hoverinfo: "skip", x: points.map((point) => point[0]), y: points.map((point) => point[1]) };
+  return { name, mode: "markers", marker, hoverinfo: "skip", ...coordinates(points) };
+}
+
+/** Return the largest horizontal error of the poses that are not lost, m. */
+function largestError(poses) {
+  const known = poses.filter((pose) => pose.error_m && !pose.lost);
+  return known.reduce((largest, { error_m: [x, y] }) => Math.max(largest, Math.hypot(x, y)), 0);
+}
+
+/** Return the larger standard deviation of x and y, m; 0 if unknown. */
+function largestSigma(pose) {
+  if (!pose?.covariance_xy_m2) return 0;
+  const [xx, yy] = pose.covariance_xy_m2;
+  return Math.sqrt(Math.max(xx, yy));
 }
 
 function describe(pose) {
@@ -65,9 +81,9 @@ function gainOf(size, extent) {
 /** Return enlarged lines from truth to estimate, separated by gaps. */
 function errorLines(poses, gain) {
   const every = Math.max(Math.ceil(poses.length / ERROR_LINES), 1);
-  return poses
-    .filter((_, place) => place % every === 0 || place === poses.length - 1)
-    .flatMap(({ truth_m: truth, error_m: error }) => [truth, [truth[0] + gain * error[0], truth[1] + gain * error[1]], [null, null]]);
+  const shown = poses.filter((_, place) => place % every === 0 || place === poses.length - 1);
+  const endOf = ({ truth_m: truth, error_m: error }) => [truth[0] + gain * error[0], truth[1] + gain * error[1]];
+  return shown.flatMap((pose) => [pose.truth_m, endOf(pose), [null, null]]);
 }
 
 /** Return the ellipse of a pose's covariance at a number of standard deviations. */
@@ -79,44 +95,29 @@ function ellipseOf(pose, deviations) {
   const major = deviations * Math.sqrt(mean + root);
   const minor = deviations * Math.sqrt(Math.max(mean - root, 0));
   const angle = 0.5 * Math.atan2(2 * xy, xx - yy);
+  const [cos, sin] = [Math.cos(angle), Math.sin(angle)];
+  const [x, y] = pose.position_m;
   return Array.from({ length: ELLIPSE_POINTS + 1 }, (_, place) => {
     const turn = (2 * Math.PI * place) / ELLIPSE_POINTS;
-    const [along, across] = [major * Math.cos(turn), minor * Math.sin(turn)];
-    const [x, y] = pose.position_m;
-    return [x + along * Math.cos(angle) - across * Math.sin(angle), y + along * Math.sin(angle) + across * Math.cos(angle)];
+    const along = major * Math.cos(turn);
+    const across = minor * Math.sin(turn);
+    return [x + along * cos - across * sin, y + along * sin + across * cos];
   });
 }
 
 function showFacts(run) {
-  const last = run.lastPose;
-  const facts = !last ? [] : [
-    ["poses", String(last.n + 1)],
-    ["path travelled", `${(run.beforeM + last.distance_m).toFixed(2)} m`],
-    ["position", `${last.position_m.map((value) => value.toFixed(2)).join(", ")} m`],
-    ["error now", last.error_m ? length(Math.hypot(...last.error_m)) : "no truth"],
-    ["sigma (x, y)", last.covariance_xy_m2 ? length(Math.sqrt(last.covariance_xy_m2[0] + last.covariance_xy_m2[1])) : "unknown"],
-  ];
-  byId("path-facts").replaceChildren(...facts.map(([name, value]) => element("div", "", "", element("dt", "", name), element("dd", "", value))));
+  const facts = run.lastPose ? factsOf(run.lastPose, run.beforeM) : [];
+  const boxOf = ([name, text]) => element("div", {}, element("dt", { text: name }), element("dd", { text }));
+  byId("path-facts").replaceChildren(...facts.map(boxOf));
 }
 
-/** Show the position error of each sub-trajectory of the monitor's report, with its limits. */
-export function showError(run) {
-  const errors = run.report?.errors;
-  const frames = errors?.end_frame ?? [];
-  const limits = (run.report?.limits ?? []).filter((limit) => limit.figure === "position" && limit.condition === errors?.condition);
-  const traces = frames.length ? [
-    {
-      name: `error over ${errors.over}`,
-      mode: frames.length < 60 ? "lines+markers" : "lines",
-      line: { color: colour("error"), width: 1.5 },
-      x: frames,
-      y: errors.position_m.map((value) => (value === null ? null : value * 1000)),
-    },
-    ...limits.map((limit) => limitLine(frames, limit.bound * 1000, fitting("error-plot", `limit ${limit.limit} of ${limit.name}`, LEGEND_LINE_PX))),
-  ] : [];
-  const scale = scaleOf(traces.flatMap((trace) => trace.y));
-  const layout = { xaxis: axis("frame at the end"), yaxis: axis("position error, mm", scale) };
-  const hasTruth = run.poses.some((pose) => pose.truth_m);
-  const waiting = hasTruth ? "no sub-trajectory has ended yet" : "no ground truth: the error is unknown";
-  draw("error-plot", traces, layout, run.poses.length ? waiting : "no pose yet");
+function factsOf(pose, beforeM) {
+  const { covariance_xy_m2: covariance, error_m: error } = pose;
+  return [
+    ["poses", String(pose.n + 1)],
+    ["path travelled", `${(beforeM + pose.distance_m).toFixed(2)} m`],
+    ["position", `${pose.position_m.map((value) => value.toFixed(2)).join(", ")} m`],
+    ["error now", error ? length(Math.hypot(...error)) : "no truth"],
+    ["sigma (x, y)", covariance ? length(Math.sqrt(covariance[0] + covariance[1])) : "unknown"],
+  ];
 }

@@ -1,30 +1,36 @@
-// The data of the run: the latest messages, and the poses and calls so far.
+// The data of the run: the latest message of each kind, and the poses and calls so far.
 
 const MAX_CALLS = 600;
 
 export class Run {
   constructor() {
     this.title = "";
+    this.live = null; // state of the run: headline, localisation, nodes, topics
+    this.report = null; // tables, limits and errors of the latest report
+    this.events = [];
     this.poses = [];
     this.beforeM = 0; // distance travelled before the first pose
     this.calls = [];
-    this.report = null;
-    this.nodes = null;
-    this.events = [];
     this.images = new Map(); // by topic
-    this.map = null;
+    this.map = null; // map from above
   }
 
-  /** Add a message of figures. */
+  /** Add a JSON message. */
   take(message) {
     switch (message.type) {
       case "hello":
         this.title = message.server.title;
         this.rowFields = message.row_fields;
-        this.calls = [];
+        this.calls = []; // all calls are sent again
+        break;
+      case "live":
+        this.live = message;
         break;
       case "report":
         this.report = message;
+        break;
+      case "events":
+        this.events = message.events;
         break;
       case "path":
         this.takePath(message);
@@ -32,41 +38,39 @@ export class Run {
       case "calls":
         this.calls = this.calls.concat(message.calls).slice(-MAX_CALLS);
         break;
-      case "nodes":
-        this.nodes = message;
-        break;
-      case "events":
-        this.events = message.events;
-        break;
     }
   }
 
   /** Add poses, whose fields were named by the server's first message. */
   takePath(message) {
-    const poses = message.rows.map((row) => Object.fromEntries(this.rowFields.map((name, place) => [name, row[place]])));
+    const poseOf = (row) => Object.fromEntries(this.rowFields.map((name, place) => [name, row[place]]));
+    const poses = message.rows.map(poseOf);
     this.poses = message.whole ? poses : this.poses.concat(poses);
     this.beforeM = message.before_m;
   }
 
   /** Add an image or a map from above. */
   takeMedia(header, bytes) {
-    if (header.type === "image") this.images.set(header.topic, { ...header, blob: new Blob([bytes], { type: "image/jpeg" }) });
-    else this.map = { ...header, values: new Float32Array(bytes) };
+    if (header.type === "image") {
+      this.images.set(header.topic, { ...header, blob: new Blob([bytes], { type: "image/jpeg" }) });
+    } else {
+      this.map = { ...header, values: new Float32Array(bytes) };
+    }
   }
 
   get ended() {
-    return Boolean(this.nodes?.ended);
+    return Boolean(this.live?.ended);
   }
 
   get lastPose() {
     return this.poses.at(-1);
   }
 
-  /** The state of localisation and its text; a lost pose may arrive before the call of its node. */
+  /** The last pose, its state and the text of the state; null before the first pose. */
   get localisation() {
-    const node = this.nodes?.nodes.find(({ name }) => name === "localisation_node");
-    const state = node?.state || "tracking";
-    if (this.lastPose?.lost && state !== "lost") return { state: "lost", text: "lost" };
-    return { state, text: node?.reason ? `${state}: ${node.reason}` : state };
+    const localisation = this.live?.localisation;
+    if (!localisation) return null;
+    const text = [localisation.state || "state unknown", localisation.reason].filter(Boolean).join(": ");
+    return { ...localisation, text };
   }
 }

@@ -1,18 +1,18 @@
-// The images of both cameras. The server has drawn the feature tracks on the left image.
+// The images of both cameras of a rig. The server has drawn the feature tracks on the left image.
 
 import { byId, element, setText } from "./dom.js";
 
-const slots = new Map();
+const slots = new Map(); // elements of an image and its texts, by side
 
 /** Show the images of the chosen rig, or why an image is missing. A red frame indicates that tracking is lost. */
-export function showImages(run) {
+export function showCameras(run) {
   const rig = byId("rig").value;
   for (const side of ["left", "right"]) {
     const topic = `${rig}/${side}`;
     const image = run.images.get(topic);
-    const problem = run.nodes?.image_problems[topic] ?? "";
-    const lost = rig === "loc" && !run.ended && run.lastPose?.lost ? run.localisation.text : "";
-    showState(slotOf(side), { problem: problem || (image ? "" : "no image yet"), lost });
+    const problem = run.live?.image_problems[topic] || (image ? "" : "no image yet");
+    const isLost = rig === "loc" && !run.ended && run.localisation?.state === "lost";
+    showState(slotOf(side), { problem, lost: isLost ? run.localisation.text : "" });
     showImage(slotOf(side), image, topic);
   }
 }
@@ -24,13 +24,13 @@ function slotOf(side) {
 
 function makeSlot() {
   const image = element("img");
+  const badge = element("span", { className: "badge" });
+  const reason = element("p", { className: "reason" });
+  const caption = element("figcaption", { className: "note" });
+  const frame = element("div", { className: "frame" }, image, badge, reason);
   image.hidden = true;
-  const badge = element("span", "badge");
-  const reason = element("p", "reason");
-  const caption = element("figcaption", "note");
-  const frame = element("div", "frame", "", image, badge, reason);
-  byId("images").append(element("figure", "", "", frame, caption));
-  return { image, badge, reason, caption, frame, shown: null };
+  byId("images").append(element("figure", {}, frame, caption));
+  return { image, badge, reason, caption, frame, shown: null, topic: null };
 }
 
 function showState(slot, { problem, lost }) {

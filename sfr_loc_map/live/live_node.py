@@ -1,0 +1,110 @@
+"""A node of a run and its calls: the last reports, and the JSON values that all views show."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections import deque
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any
+
+from sfr_loc_map.live import updates
+from sfr_loc_map.live.timeline import NODE_FRESHNESS
+from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.message_types import Level, StatusKind
+from sfr_loc_map.runs.calls import CallRecord
+
+MAX_VALUES = 100  #: Maximum number of kept values of a node's health.
+MAX_LETTERS = 300  #: Maximum length of a kept text.
+CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Displayed times.
+
+
+@dataclass(slots=True)
+class LiveNode:
+    """The last reports of a node: health, call, and unusable input or internal fault."""
+
+    name: str
+    level: Level = Level.STALE
+    message: str = ""
+    values: dict[str, str] = field(default_factory=dict)
+    call: CallRecord | None = None
+    problem: str | None = None
+    heard_s: float = 0.0
+    health_s: float | None = None
+    in_graph: bool | None = None
+    periods: deque[float] = field(default_factory=lambda: deque(maxlen=5))
+
+    def add(self, update: updates.Call | updates.Status) -> None:
+        """Add a call or a status."""
+        self.heard_s = max(self.heard_s, update.received_s)
+        if isinstance(update, updates.Call):
+            self.call = update.record
+        else:
+            self._add_status(update)
+
+    def _add_status(self, status: updates.Status) -> None:
+        message, now_s = status.message[:MAX_LETTERS], status.received_s
+        if status.kind is not StatusKind.HEALTH:
+            self.problem = message
+        else:
+            self.periods.extend(() if self.health_s is None else (now_s - self.health_s,))
+            self.health_s = now_s
+            self.level = Level(status.level)
+            self.message = message
+            kept = islice(status.values.items(), MAX_VALUES)
+            self.values = {name[:MAX_LETTERS]: text[:MAX_LETTERS] for name, text in kept}
+
+    def is_stale(self, now_s: float) -> bool:
+        """Return whether the node has been silent for longer than `NODE_FRESHNESS`."""
+        period = statistics.median(self.periods) if len(self.periods) > 2 else 0.0
+        return NODE_FRESHNESS.is_stale(now_s - self.heard_s, period)
+
+    def _drops(self) -> dict[str, int]:
+        """Return the number of dropped messages by cause, in words."""
+        counts = {name: text for name, text in self.values.items() if name.startswith("dropped_") and text.isdecimal()}
+        return {name.removeprefix("dropped_").replace("_", " "): int(text) for name, text in counts.items()}
+
+    def to_plain(self, now_s: float) -> dict[str, Any]:
+        """Return the node as JSON values."""
+        stale = self.is_stale(now_s)
+        return {
+            "name": self.name,
+            "stale": stale,
+            "age_s": round(max(now_s - self.heard_s, 0.0), 3) if self.heard_s else None,
+            "level": (Level.STALE if stale else self.level).word,
+            "message": self.message,
+            "lifecycle": self.values.get("lifecycle", "unknown"),
+            **state_after(self.call),
+            "in_graph": self.in_graph,
+            "problem": self.problem,
+            "values": self.values,
+            "drops": self._drops(),
+        }
+
+
+def state_after(call: CallRecord | None) -> dict[str, str]:
+    """Return the state after a call with its reason as JSON values; both empty before the first call."""
+    if call is None:
+        return {"state": "", "reason": ""}
+    return {"state": call.state, "reason": call.reason[:MAX_LETTERS]}
+
+
+def state_of_pose(call: CallRecord | None, *, is_lost: bool) -> dict[str, str]:
+    """Return the state of the last pose like `state_after`; `is_lost` states whether its covariance reports a loss.
+
+    A pose is lost if its covariance or its call reports a loss, as in the score. The call may arrive after the pose.
+    """
+    found = state_after(call)
+    if is_lost and found["state"] != TrackingState.LOST:
+        return {"state": TrackingState.LOST.value, "reason": ""}
+    return found
+
+
+def call_to_plain(n: int, call: updates.Call) -> dict[str, Any]:
+    """Return a call and its number in the run as JSON values."""
+    record = call.record
+    times = {"processing_time_s": record.processing_time_s, **record.times}
+    known = {name: times[name] for name in CALL_TIMES if name in times and math.isfinite(times[name])}
+    about = {"n": n, "node": call.node, "stamp_ns": str(record.stamp_ns), "received_s": call.received_s}
+    return about | state_after(record) | {"memory_bytes": record.peak_rss_bytes, **known}
