@@ -321,11 +321,11 @@ MUTATIONS = (
     Mutation("suite/statistics/pooling.py", "size > worst[drive][0]", "size < worst[drive][0]"),
     Mutation("suite/statistics/group_verdicts.py", "items_under_test(scores)) > 1", "items_under_test(scores)) > 2"),
     # a suite must not hide drives that were run, and its plan must match its files
-    Mutation(STORE, "if same.isdisjoint((", "if not same.isdisjoint(("),
+    Mutation(STORE, "if same_work.isdisjoint((", "if not same_work.isdisjoint(("),
     Mutation(STORE, ".update((self._place(job.source.path), job.source.sha256))", ".update((job.source.sha256,))"),
-    Mutation(STORE, 'about.get("suite.source_sha256"))):', "0)):"),
-    Mutation(STORE, "if failure.source not in paths:", "if failure.source in paths:"),
-    Mutation(STORE, "fault_seed if faults else 0, repeat)", "fault_seed if faults else 0)"),
+    Mutation(STORE, 'description.get("source_sha256"))):', "0)):"),
+    Mutation(STORE, ', *sorted(self.failures.glob("*.json"))', ""),
+    Mutation("suite/running/job.py", "fault_seed if faults else 0, repeat)", "fault_seed if faults else 0)"),
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
     Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),
     # edited scores

@@ -45,7 +45,7 @@ def run_suite(
     interrupted = False
     with store.locked():
         planned, refusals = planned_jobs(specification, store)
-        store.plan(planned, refusals, specification.limits, specification.files)
+        store.save_plan(planned, refusals, specification.limits, specification.files)
         for refusal in refusals:
             say(f"skipped: {refusal.reason}")
         jobs = open_jobs(planned, store, settings, retry_failed=retry_failed)

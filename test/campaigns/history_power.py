@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sfr_loc_map.suite.statistics.figures import FigureKind
+from sfr_loc_map.suite.statistics.figures import ComparedKind
 from sfr_loc_map.suite.statistics.history import FALSE_ALARM_RATE, SCALES, changes_of
 
 DRIVES = 45
@@ -42,13 +42,13 @@ def simulated(rng: np.random.Generator, nights: int) -> dict[str, np.ndarray]:
     alone = rng.random((DRIVES, nights)) < 0.003
     of_host = rng.random((DRIVES, nights)) < (2.0 / DRIVES) * (rng.random(nights) < 0.01)
     return errors | {
-        FigureKind.NEES: log_normal(rng, nights, 0.1, 0.01, 0.01),
-        FigureKind.LOST: rng.poisson(rate * rng.gamma(2.0, 0.5, (DRIVES, nights))) * 1.0,
-        FigureKind.DEGRADED: rng.poisson(4.0 * rate * rng.gamma(2.0, 0.5, (DRIVES, nights))) * 1.0,
-        FigureKind.MISSING: rng.poisson(0.1, (DRIVES, nights)) * 1.0,
-        FigureKind.FAILED: (alone | of_host) * 1.0,
-        FigureKind.TIME: 0.1 * host * log_normal(rng, nights, 0.02, 0.0, 0.002),
-        FigureKind.MEMORY: 4e8 * log_normal(rng, nights, 0.005, 0.003, 0.001),
+        ComparedKind.NEES: log_normal(rng, nights, 0.1, 0.01, 0.01),
+        ComparedKind.LOST: rng.poisson(rate * rng.gamma(2.0, 0.5, (DRIVES, nights))) * 1.0,
+        ComparedKind.DEGRADED: rng.poisson(4.0 * rate * rng.gamma(2.0, 0.5, (DRIVES, nights))) * 1.0,
+        ComparedKind.MISSING: rng.poisson(0.1, (DRIVES, nights)) * 1.0,
+        ComparedKind.FAILED: (alone | of_host) * 1.0,
+        ComparedKind.TIME: 0.1 * host * log_normal(rng, nights, 0.02, 0.0, 0.002),
+        ComparedKind.MEMORY: 4e8 * log_normal(rng, nights, 0.005, 0.003, 0.001),
     }
 
 
@@ -63,22 +63,22 @@ def times(factor: float, drives: int, *figures: str) -> Callable[[dict[str, np.n
 
 
 def more_lost(history: dict[str, np.ndarray], night: int) -> None:
-    history[FigureKind.LOST][:, night:] += 8.0
+    history[ComparedKind.LOST][:, night:] += 8.0
 
 
 def failures(history: dict[str, np.ndarray], night: int) -> None:
-    history[FigureKind.FAILED][:15, night:] = 1.0
+    history[ComparedKind.FAILED][:15, night:] = 1.0
 
 
 CHANGES: Mapping[str, tuple[Callable[[dict[str, np.ndarray], int], None], tuple[str, ...]]] = {
     "all drives 1.1 times worse": (times(1.1, DRIVES, *ERRORS), ERRORS),
     "three drives 5 times worse": (times(5.0, 3, *ERRORS), ERRORS),
     "one drive 10 times worse": (times(10.0, 1, *ERRORS), ERRORS),
-    "8 more frames lost": (more_lost, (FigureKind.LOST,)),
-    "15 drives without a result": (failures, (FigureKind.FAILED,)),
-    "calls 1.3 times slower": (times(1.3, DRIVES, FigureKind.TIME), (FigureKind.TIME,)),
-    "NEES 2 times larger": (times(2.0, DRIVES, FigureKind.NEES), (FigureKind.NEES,)),
-    "memory 1.2 times larger": (times(1.2, DRIVES, FigureKind.MEMORY), (FigureKind.MEMORY,)),
+    "8 more frames lost": (more_lost, (ComparedKind.LOST,)),
+    "15 drives without a result": (failures, (ComparedKind.FAILED,)),
+    "calls 1.3 times slower": (times(1.3, DRIVES, ComparedKind.TIME), (ComparedKind.TIME,)),
+    "NEES 2 times larger": (times(2.0, DRIVES, ComparedKind.NEES), (ComparedKind.NEES,)),
+    "memory 1.2 times larger": (times(1.2, DRIVES, ComparedKind.MEMORY), (ComparedKind.MEMORY,)),
 }
 
 
@@ -113,11 +113,11 @@ def main(arguments: list[str]) -> int:
         first: list[tuple[int, bool, bool]] = []
         nights["none" if apply is None else "changed"] += length
         for name, values in history.items():
-            scale = SCALES[FigureKind.ACCURACY if name in ERRORS else FigureKind(name)]
+            scale = SCALES[ComparedKind.ACCURACY if name in ERRORS else ComparedKind(name)]
             for found in changes_of(scale.apply(values), scale, FALSE_ALARM_RATE / len(history)):
                 if name in changed and found.seen >= night and not any(item[0] < found.seen for item in first):
                     true = {"three drives 5 times worse": 3, "one drive 10 times worse": 1}.get(
-                        kind, 15 if name == FigureKind.FAILED else DRIVES
+                        kind, 15 if name == ComparedKind.FAILED else DRIVES
                     )
                     named = set(found.drives) if len(found.drives) < found.of else set(range(DRIVES))
                     right = (

@@ -18,7 +18,6 @@ from sfr_loc_map.inputs import Task, hash_path
 from sfr_loc_map.io.source_config import config_beside
 from sfr_loc_map.methods.isolation import code_of
 from sfr_loc_map.methods.registry import find_method
-from sfr_loc_map.metrics.records import MethodKind
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.suite.running.job import JobSource, SourceKind, digest
 
@@ -35,7 +34,7 @@ HASHED = (".py", ".json", ".xml")  #: Suffixes of code and its data files. XML f
 def file_state(path: Path) -> str:
     """Return a hash of names, sizes, modification times and inodes of a file, or of the visible files of a folder.
 
-    Raise InputError if the path does not exist or is not readable.
+    Raise InputError if the path does not exist or a file is not readable.
     """
     try:
         files = [path] if path.is_file() else _files(path)
@@ -55,20 +54,20 @@ def _files(folder: Path) -> list[str]:
     return sorted(found)
 
 
-_known: dict[tuple[Path, Callable[[Path], object]], tuple[str, object]] = {}
+_cached: dict[tuple[Path, Callable[[Path], object]], tuple[str, object]] = {}
 
 
-def known(path: Path, read: Callable[[Path], T]) -> T:
+def cached(path: Path, read: Callable[[Path], T]) -> T:
     """Return the content of a file or folder, which is cached until the `file_state` changes."""
     state = file_state(path)
-    if (before := _known.get((path, read))) is None or before[0] != state:
-        before = _known[path, read] = state, read(path)
+    if (before := _cached.get((path, read))) is None or before[0] != state:
+        before = _cached[path, read] = state, read(path)
     return cast(T, before[1])
 
 
 def code_facts() -> dict[str, str]:
     """Return the hash of the code and the versions of the libraries that can change a figure."""
-    return {"sfr_loc_map": known(PACKAGE, hash_package), **_versions()}
+    return {"sfr_loc_map": cached(PACKAGE, hash_package), **_versions()}
 
 
 @functools.cache
@@ -94,17 +93,19 @@ def code_fingerprint() -> str:
 
 
 def method_hash(spec: str, task: Task, config: str) -> str:
-    """Return the hash of the file or the package of a method; empty for built-in methods."""
-    method = find_method(spec, task, config)
-    if method.sha256 is not None or method.kind is not MethodKind.PYTHON:
-        return method.sha256 or ""
-    hashes = [known(path, _hash_files) for path in code_of(method) if path.exists()]
+    """Return the hash of the code of a method that isolation permits (`code_of`); empty for a built-in method.
+
+    Files in SFR_METHOD_FILES, and installed packages that the method imports, are not part of the hash.
+    """
+    hashes = [cached(path, _hash_code) for path in code_of(find_method(spec, task, config)) if path.exists()]
+    if not hashes:
+        return ""
     return hashes[0] if len(hashes) == 1 else digest(hashes)
 
 
-def _hash_files(path: Path) -> str:
+def _hash_code(path: Path) -> str:
     """Return the hash of a file, or of the files of a folder without compiled Python code."""
-    return digest([hash_path(Path(name)) for name in ([path] if path.is_file() else _files(path))])
+    return hash_path(path) if path.is_file() else digest([hash_path(Path(name)) for name in _files(path)])
 
 
 def data_hash(source: JobSource) -> str:
@@ -124,7 +125,7 @@ def files_hash(*paths: str) -> str:
     """Return a hash of files or folders and of their configurations."""
     places = [Path(path) for path in paths if path]
     configurations = [path for path in map(config_beside, places) if path is not None]
-    hashes = [known(path, hash_path) for path in (*places, *configurations)]
+    hashes = [cached(path, hash_path) for path in (*places, *configurations)]
     return hashes[0] if len(hashes) == 1 else digest(hashes)
 
 

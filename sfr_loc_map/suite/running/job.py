@@ -13,6 +13,7 @@ from sfr_loc_map.metrics.score_json import to_plain
 
 KEY_LENGTH = 32  #: Hexadecimal digits of a key. The probability of a collision among 10^9 results is 10^-21.
 SHORT_KEY = 12  #: Displayed digits of a key.
+OF_SUITE = "suite."  #: Prefix of the description of a job in the provenance of its score.
 NO_CONFIGURATION = "-"  #: Name of the configuration of jobs without parameters.
 
 
@@ -78,6 +79,23 @@ class Job:
         return digest([self.kind, [self.source.kind, self.source.sha256], *faults, *how, self.code])
 
     @property
+    def description(self) -> dict[str, object]:
+        """Description of the job that its result and its failure contain, by which both are assigned to the job."""
+        return {
+            "task": self.kind.value,
+            "source": self.source.name,
+            "source_sha256": self.source.sha256,
+            "path": self.source.path,
+            "key": self.key,
+            "faults": self.faults,
+            "fault_seed": self.fault_seed,
+            "configuration": self.configuration,
+            "repeat": self.repeat,
+            "start": self.start,
+            "code": self.code,
+        }
+
+    @property
     def alteration(self) -> str:
         """Variant of a budget or faults by which the source was changed; empty if there are none."""
         return self.source.variant or self.faults
@@ -101,6 +119,17 @@ class Job:
         """Hash of work and data, by which jobs of two suites are paired in a comparison."""
         data = [self.kind, self.source.kind, self.source.sha256, self.faults, self.fault_seed, self.repeat]
         return digest([*data, self.start, self.scoring])
+
+
+def work_of(description: Mapping[str, object]) -> tuple[object, ...]:
+    """Return the identity of the work of a described job, which other code, configuration or data do not change.
+
+    Without faults, the seed of the faults has no effect.
+    """
+    task, source, faults, fault_seed, repeat = (
+        description.get(name) for name in ("task", "source", "faults", "fault_seed", "repeat")
+    )
+    return (task, source, faults, fault_seed if faults else 0, repeat)
 
 
 class FailureCause(StrEnum):

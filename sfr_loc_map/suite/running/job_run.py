@@ -38,12 +38,9 @@ from sfr_loc_map.runs.offline import DriveRun, UnderTest, drive, panorama, start
 from sfr_loc_map.scoring.inputs import CloudToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_run
-from sfr_loc_map.suite.running.job import Job, JobKind
+from sfr_loc_map.suite.running.job import OF_SUITE, Job, JobKind
 from sfr_loc_map.suite.running.sources import local_path
 from sfr_loc_map.suite.running.specification import METHOD_KEYS, chosen_method
-
-PROVENANCE_KEYS = ("key", "faults", "fault_seed", "configuration", "repeat", "start", "code")
-"""Fields of the job in the provenance of a score."""
 
 
 def run_job(job: Job, scratch: Path, cache: Path) -> Score:
@@ -143,12 +140,9 @@ def _section(job: Job, section: str) -> dict[str, object]:
 
 
 def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Provenance:
-    """Return the provenance with the fields of the job. Names and paths are those of the suite, not of `scratch`."""
+    """Return the provenance with the description of the job. Paths are those of the suite, not of `scratch`."""
     known = provenance or Provenance(version="")
-    about = {"task": job.kind.value, "source": job.source.name, "source_sha256": job.source.sha256}
-    about["path"] = job.source.path
-    about |= {name: getattr(job, name) for name in PROVENANCE_KEYS}
-    of_suite = {f"suite.{name}": value for name, value in about.items()}
+    of_suite = {f"{OF_SUITE}{name}": value for name, value in job.description.items()}
     host = {**known.host, "threads": str(job.threads)}
     inputs = {
         role: struct_replace(item, path=item.path.removeprefix(f"{scratch}/")) for role, item in known.inputs.items()

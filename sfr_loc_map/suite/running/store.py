@@ -14,7 +14,7 @@ import fcntl
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -26,15 +26,13 @@ from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.suite.running.digests import file_state
-from sfr_loc_map.suite.running.job import FailureCause, Job, JobOutcome, WorkerRecord
+from sfr_loc_map.suite.running.job import OF_SUITE, FailureCause, Job, JobOutcome, WorkerRecord, work_of
 from sfr_loc_map.suite.running.plan import SourceFacts, inspect_source
 from sfr_loc_map.suite.running.provenance import about_run
 from sfr_loc_map.suite.running.specification import Refusal, limits_in
 
 PLAN, WORKERS = "plan.json", "workers.json"
 ADVICE = "delete this file and run the suite again"
-WORK = ("task", "source", "faults", "fault_seed", "repeat")
-"""Keys in the provenance of a result that identify the work."""
 T = TypeVar("T")
 
 
@@ -49,6 +47,7 @@ class JobFailure:
     message: str
     configuration: str = ""
     pairing: str = ""  #: Hash that the same job in other suites shares.
+    description: Mapping[str, object] = field(default_factory=dict)  #: `Job.description`.
 
 
 class Store:
@@ -98,7 +97,7 @@ class Store:
         self._plan["sources"][str(path.absolute())] = {"stamp": state, "facts": to_plain(facts)}
         return facts
 
-    def plan(
+    def save_plan(
         self,
         jobs: Sequence[Job],
         refusals: Sequence[Refusal] = (),
@@ -156,28 +155,25 @@ class Store:
         return (*unread, *self.left_over())
 
     def left_over(self) -> tuple[Refusal, ...]:
-        """Return the sources that have a result or a failure in the folder, but no job of the same task in the plan.
+        """Return the sources that have a result or a failure in the folder, but no job of the same work in the plan.
 
-        Otherwise a suite would be complete after its bad drive was removed. Results of a source that is run again with
-        other code, configuration or data are superseded. Sources are identified by path or data, because names may be
-        equal.
+        Otherwise a suite would be complete after its bad drive was removed. Results and failures of work that is
+        planned with other code, configuration or data are superseded. Sources are identified by path or data, because
+        names may be equal.
         """
         keys = {job.key for job in self.jobs}
         planned: dict[object, set[object]] = {}
         for job in self.jobs:
-            work = _work(job.kind.value, job.source.name, job.faults, job.fault_seed, job.repeat)
-            planned.setdefault(work, set()).update((self._place(job.source.path), job.source.sha256))
-        paths = {job.source.path for job in self.jobs}
+            same_work = planned.setdefault(work_of(job.description), set())
+            same_work.update((self._place(job.source.path), job.source.sha256))
         found = []
-        for path in sorted(path for path in self.results.glob("*.json") if path.stem not in keys):
-            about = _read(path).get("provenance", {}).get("configuration", {})
-            same = planned.get(_work(*(about.get(f"suite.{name}") for name in WORK)), set())
-            if same.isdisjoint((self._place(str(about.get("suite.path"))), about.get("suite.source_sha256"))):
-                found.append(_left_over(str(about.get("suite.source")), path))
-        for path in sorted(path for path in self.failures.glob("*.json") if path.stem not in keys):
-            failure = self.failure(path.stem)
-            if failure.source not in paths:
-                found.append(_left_over(failure.source, path))
+        for path in (*sorted(self.results.glob("*.json")), *sorted(self.failures.glob("*.json"))):
+            if path.stem in keys:
+                continue
+            description = _description_in(path)
+            same_work = planned.get(work_of(description), set())
+            if same_work.isdisjoint((self._place(str(description.get("path"))), description.get("source_sha256"))):
+                found.append(_left_over(str(description.get("source")), path))
         return tuple(found)
 
     def _place(self, path: str) -> str:
@@ -203,11 +199,11 @@ class Store:
         """Return the score of a job; raise InputError if the file contains the score of another job."""
         path = self.results / f"{job.key}.json"
         score = from_dict(_read(path), f"'{path}'")
-        about = {} if score.provenance is None else score.provenance.configuration
-        if "suite.key" not in about:
-            raise InputError(f"'{path}' does not name its job (suite.key in its provenance): {ADVICE}")
-        if about["suite.key"] != job.key:
-            raise InputError(f"'{path}' is the result of '{about.get('suite.source')}', not of '{job.label}': {ADVICE}")
+        description = {} if score.provenance is None else _description_of_suite(score.provenance.configuration)
+        if "key" not in description:
+            raise InputError(f"'{path}' does not name its job ({OF_SUITE}key in its provenance): {ADVICE}")
+        if description["key"] != job.key:
+            raise InputError(f"'{path}' is the result of '{description.get('source')}', not of '{job.label}': {ADVICE}")
         return score
 
     def failure(self, key: str) -> JobFailure:
@@ -222,8 +218,17 @@ class Store:
             write_text(outcome.result or "", self.results / f"{job.key}.json")
             failed.unlink(missing_ok=True)
             return
-        what = (job.key, job.label, job.source.path, outcome.cause, outcome.message, job.configuration, job.pairing)
-        write_text(json_line(JobFailure(*what)), failed)
+        failure = JobFailure(
+            key=job.key,
+            label=job.label,
+            source=job.source.path,
+            cause=outcome.cause,
+            message=outcome.message,
+            configuration=job.configuration,
+            pairing=job.pairing,
+            description=job.description,
+        )
+        write_text(json_line(failure), failed)
 
     @property
     def jobs(self) -> tuple[Job, ...]:
@@ -233,9 +238,17 @@ class Store:
         return self._jobs
 
 
-def _work(task: object, source: object, faults: object, fault_seed: object, repeat: object) -> tuple[object, ...]:
-    """Return the key of the work on a source. Without faults, the seed of the faults has no effect."""
-    return (task, source, faults, fault_seed if faults else 0, repeat)
+def _description_in(path: Path) -> Mapping[str, object]:
+    """Return the description of the job of a result or of a failure; empty if the file has none."""
+    content = _read(path)
+    if "description" in content:
+        return dict(content["description"])
+    return _description_of_suite(content.get("provenance", {}).get("configuration", {}))
+
+
+def _description_of_suite(configuration: Mapping[str, object]) -> dict[str, object]:
+    """Return the description of the job in the configuration of a provenance."""
+    return {name.removeprefix(OF_SUITE): value for name, value in configuration.items() if name.startswith(OF_SUITE)}
 
 
 def _left_over(source: str, path: Path) -> Refusal:

@@ -95,7 +95,7 @@ def run_search(
     try:
         return _search(specification, points, at_random=at_random)
     finally:  # also after an interruption, the folder has the plan of its results
-        store.plan(list(points.planned.values()))
+        store.save_plan(list(points.planned.values()))
 
 
 class _Points:

@@ -38,6 +38,21 @@ def test_a_package_of_the_working_directory_has_another_digest_after_a_change(
     assert found[0] != found[1]
 
 
+@pytest.mark.parametrize("beside", ["helper.py", "tools/__init__.py", "libfast.so"])
+def test_a_method_has_another_digest_after_a_change_of_the_code_beside_its_file(beside: str, tmp_path: Path) -> None:
+    """The method may import this code: isolation permits the modules, packages and libraries in its folder."""
+    (tmp_path / "mine.py").write_text("class Mine: pass")
+    (tmp_path / "notes.txt").write_text("first")
+    (tmp_path / beside).parent.mkdir(exist_ok=True)
+    found = []
+    for text in ("first", "other"):
+        (tmp_path / beside).write_text(text)
+        found.append(digests.method_hash(f"{tmp_path / 'mine.py'}:Mine", Task.LOCALISATION, ""))
+    assert found[0] != found[1]
+    (tmp_path / "notes.txt").write_text("other")
+    assert digests.method_hash(f"{tmp_path / 'mine.py'}:Mine", Task.LOCALISATION, "") == found[1]
+
+
 def test_calls_are_data_of_their_estimate(tmp_path: Path) -> None:
     for name in ("drive.csv", "truth.csv", "drive.stats.csv"):
         (tmp_path / name).write_text(name)
@@ -63,14 +78,14 @@ def test_a_file_is_read_again_when_path_size_time_or_inode_differ(tmp_path: Path
         return len(reads)
 
     path.write_text("one")
-    assert [digests.known(path, read), digests.known(path, read)] == [1, 1]
+    assert [digests.cached(path, read), digests.cached(path, read)] == [1, 1]
     before = path.stat()
     (tmp_path / "b").write_text("two")
     os.replace(tmp_path / "b", path)
     os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
-    assert digests.known(path, read) == 2, "another inode of the same size and time"
+    assert digests.cached(path, read) == 2, "another inode of the same size and time"
     os.utime(path, ns=(0, 1))
-    assert digests.known(path, read) == 3
+    assert digests.cached(path, read) == 3
 
 
 @pytest.mark.parametrize(

@@ -12,19 +12,18 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.suite.running.job import FailureCause, Job, JobOutcome
+from sfr_loc_map.suite.running.job import OF_SUITE, FailureCause, Job, JobOutcome, SourceKind
 from sfr_loc_map.suite.running.store import Store
+
+CRASHED = JobOutcome(cause=FailureCause.DIED, message="its worker process was killed or crashed")
 
 
 def result_of(job: Job) -> JobOutcome:
-    about = {"key": job.key, "task": job.kind.value, "source": job.source.name, "faults": job.faults}
-    about |= {"fault_seed": job.fault_seed, "repeat": job.repeat}
-    about |= {"path": job.source.path, "source_sha256": job.source.sha256}
-    configuration = {f"suite.{name}": value for name, value in about.items()}
+    configuration = {f"{OF_SUITE}{name}": value for name, value in job.description.items()}
     return JobOutcome(result=to_json(Score(figures=(), provenance=Provenance(version="", configuration=configuration))))
 
 
-def test_a_source_that_was_run_and_is_in_no_task_is_reported(tmp_path: Path) -> None:
+def test_a_source_that_was_run_and_is_in_no_job_is_reported(tmp_path: Path) -> None:
     store = Store(tmp_path)
     bad = replace(JOB, source=replace(JOB.source, name="b", path="b.mcap", sha256="1"))
     gone = replace(JOB, source=replace(JOB.source, name="c", path="c.mcap", sha256="2"))
@@ -32,12 +31,31 @@ def test_a_source_that_was_run_and_is_in_no_task_is_reported(tmp_path: Path) -> 
     for job in (JOB, bad, again):
         store.save(job, result_of(job))
     store.save(gone, JobOutcome(cause=FailureCause.BAD_INPUT, message="cut off"))
-    store.plan([JOB, bad, gone, again])
+    store.save_plan([JOB, bad, gone, again])
     assert not store.refusals
-    store.plan([JOB])
-    assert sorted(item.path for item in store.refusals) == ["a", "b", "c.mcap"], "a repeat is work of its own"
-    store.plan([replace(job, code="other", fault_seed=7) for job in (JOB, bad, gone, again)])
+    store.save_plan([JOB])
+    assert sorted(item.path for item in store.refusals) == ["a", "b", "c"], "a repeat is work of its own"
+    store.save_plan([replace(job, code="other", fault_seed=7) for job in (JOB, bad, gone, again)])
     assert not store.refusals, "with other code, and with a seed of no faults, the same work is done again"
+
+
+@pytest.mark.parametrize("removed", ["seed", "fault", "repeat"])
+def test_a_failed_job_cannot_be_removed_from_a_suite(removed: str, tmp_path: Path) -> None:
+    """All seeds of a scenario have one path, and a fault or a repeat has the path of the source without it."""
+    first = replace(JOB, source=replace(JOB.source, kind=SourceKind.SIMULATED, name="rocky-1", path="rocky.yaml"))
+    failed = {
+        "seed": replace(first, source=replace(first.source, name="rocky-2", sha256="2", seed=2)),
+        "fault": replace(first, faults="black"),
+        "repeat": replace(first, repeat=1),
+    }[removed]
+    store = Store(tmp_path)
+    store.save(failed, CRASHED)
+    store.save_plan([first, failed])
+    assert not store.refusals
+    store.save_plan([first, replace(failed, code="other")])
+    assert not store.refusals, "the job is repeated with other code"
+    store.save_plan([first])
+    assert [item.path for item in store.refusals] == [failed.source.name]
 
 
 def test_another_source_of_the_same_name_supersedes_nothing(tmp_path: Path) -> None:
@@ -52,13 +70,13 @@ def test_another_source_of_the_same_name_supersedes_nothing(tmp_path: Path) -> N
     }
     found = {}
     for name, source in others.items():
-        store.plan([replace(bad, source=source, code="other")])
+        store.save_plan([replace(bad, source=source, code="other")])
         found[name] = [item.path for item in store.refusals]
     assert found == {"another drive": ["a"], "new data": [], "the same data elsewhere": [], "another version": ["a"]}
     fetched = replace(bad, source=replace(others["another version"], path=f"{store.cache.absolute()}/fetched/1/a.mcap"))
     (store.results / f"{bad.key}.json").unlink()
     store.save(fetched, result_of(fetched))
-    store.plan([replace(bad, source=replace(others["another version"], sha256="3"), code="other")])
+    store.save_plan([replace(bad, source=replace(others["another version"], sha256="3"), code="other")])
     assert not store.refusals, "a server has a new version of its file"
 
 
@@ -69,7 +87,7 @@ def test_a_plan_is_compared_with_its_files(tmp_path: Path) -> None:
     store = Store(tmp_path / "out")
 
     def planned(peak: int) -> None:
-        store.plan([JOB], limits={"memory": {"localisation_peak_bytes": peak}}, files=(suite, limits))
+        store.save_plan([JOB], limits={"memory": {"localisation_peak_bytes": peak}}, files=(suite, limits))
 
     planned(5)
     assert store.check_files() == ()

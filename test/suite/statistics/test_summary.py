@@ -158,7 +158,7 @@ def test_a_bound_over_drives_within_the_error_of_the_truth_decides_nothing() -> 
 
 def test_a_sequential_decision_reads_each_result_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store, jobs = Store(tmp_path), [dataclasses.replace(JOB, repeat=number) for number in range(3)]
-    store.plan(jobs)
+    store.save_plan(jobs)
     read: list[str] = []
     score_of_job = Store.score
 
