@@ -92,7 +92,7 @@ random-faults: $(COMPILED)  ## Localise 100 drives with random faults: is one wr
 history-power: $(COMPILED)  ## Simulate 2000 histories of suites: false alarms, what is found, nights needed (SEED=N)
 	$(CAMPAIGN) history-power --seed $(SEED)
 
-mutants: $(DEV_STAMP)  ## Change one place of metrics, geometry, scores, suites or methods at a time: is there a test that fails (WORDS=)
+mutants: $(COMPILED)  ## Change one place of metrics, geometry, scores, suites or methods at a time: is there a test that fails (WORDS=)
 	$(BIN)/python tools/mutants.py $(WORDS)
 
 kernels: $(CORE)  ## Compile all kernels as after an installation: seconds of each

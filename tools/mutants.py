@@ -487,11 +487,11 @@ MUTATIONS = (
 
 
 def copied(folder: Path) -> Path:
-    """Copy the files that the tests need to a folder."""
+    """Copy the files that the tests need, and the compiled kernels, to a folder."""
     for name in COPIED:
         source = ROOT / name
         if source.is_dir():
-            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__", ".hypothesis"))
+            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("*.pyc", ".hypothesis"))
         elif source.exists():
             shutil.copy(source, folder / name)
     return folder
