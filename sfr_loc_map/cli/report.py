@@ -231,8 +231,16 @@ def _write_control_document(scores: dict[str, Score], control: Path, report: tup
 def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, json_path: str | None) -> None:
     """Compare scores of the same data, of one method or of several, paired by sub-trajectory."""
     from sfr_loc_map.metrics.comparison import compare_scores
-    from sfr_loc_map.report.comparison import comparison_tables, methods_plots, methods_tables, names_of, summary_of
+    from sfr_loc_map.report.comparison import (
+        FIRST_TABLES,
+        comparison_tables,
+        methods_plots,
+        methods_tables,
+        names_of,
+        summary_of,
+    )
     from sfr_loc_map.report.page import render_overview
+    from sfr_loc_map.report.summary import Overall
 
     if page is not None and page.suffix not in HTML_SUFFIXES:
         raise ConfigError(f"'-o {page}': a comparison is a page: name it *.html")
@@ -240,9 +248,8 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
     result = compare_scores(scores, names)
     tables = [*methods_tables(scores, names), *comparison_tables(result)]
     if page is not None:
-        heading, text = summary_of(result)
-        plots = methods_plots(scores, names)
-        write_text(render_overview("Comparison of scores", None, text, tables, plots, heading=heading), page)
+        overall, plots = Overall.without_verdict(*summary_of(result)), methods_plots(scores, names)
+        write_text(render_overview("Comparison of scores", overall, tables, plots, FIRST_TABLES), page)
         propose(f"open {page} in a browser")
     else:
         propose("... -o comparison.html", why="the same as a page with figures")
@@ -252,7 +259,8 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
 
 def _compare_suites(folders: list[Path], page: Path | None, json_path: str | None) -> None:
     """Compare two suites over their common drives: better, worse, or no difference shown."""
-    from sfr_loc_map.report.page import render_tables
+    from sfr_loc_map.report.page import render_overview
+    from sfr_loc_map.report.summary import Overall
     from sfr_loc_map.suite.pages.tables import comparison_tables
     from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.statistics.comparison import compare_suites
@@ -265,7 +273,7 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
     result = compare_suites(reference, compared, (str(folders[0]), str(folders[1])))
     tables = comparison_tables(result)
     if page is not None:
-        write_text(render_tables("Comparison of suites", tables), page)
+        write_text(render_overview("Comparison of suites", Overall.without_verdict("tables", ""), tables), page)
         propose(f"open {page} in a browser")
     else:
         propose("sfr", "suite", "history", *folders, why="when and where the figures became worse")

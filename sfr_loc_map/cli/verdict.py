@@ -28,8 +28,9 @@ def is_judged(score: Score) -> bool:
 def present(score: Score, json_path: str | None, html: Path | None) -> None:
     """Write and print a score, its verdict and the first item to look at; raise ConfigError if the score is empty."""
     from sfr_loc_map.metrics.score_json import to_dict
-    from sfr_loc_map.report.page import look_first, overall_of, run_facts, write_page
+    from sfr_loc_map.report.page import write_page
     from sfr_loc_map.report.score_tables import summary_tables
+    from sfr_loc_map.report.summary import look_first, overall_of, run_facts
 
     tables = summary_tables(score)
     if not tables and json_path != STANDARD_OUTPUT:

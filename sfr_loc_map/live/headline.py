@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from sfr_loc_map.report.limit_bars import LimitBar
-from sfr_loc_map.report.page import NO_VERDICT_ICON, Overall
+from sfr_loc_map.report.summary import Overall
 
-NO_FIGURES = Overall("waiting", "No figures yet: waiting for metrics/report of the monitor.", "open", NO_VERDICT_ICON)
+NO_FIGURES = Overall.without_verdict("waiting", "No figures yet: waiting for metrics/report of the monitor.")
 
 
 @dataclass(frozen=True, slots=True)

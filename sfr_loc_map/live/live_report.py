@@ -10,9 +10,9 @@ from sfr_loc_map.metrics.judging.judge import judged_at_the_end
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.report.limit_bars import limit_bars
-from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.score_plots import error_sizes
 from sfr_loc_map.report.score_tables import score_tables
+from sfr_loc_map.report.summary import overall_of
 from sfr_loc_map.report.tables import Cell, Table
 
 

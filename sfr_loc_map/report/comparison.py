@@ -18,13 +18,14 @@ from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report import plots
-from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.score_plots import growth, path_errors, path_of, range_rows
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text, row_title
+from sfr_loc_map.report.summary import overall_of
 from sfr_loc_map.report.tables import ABSENT, MARKS, NONE, Cell, Column, Row, Table, Unit, fitting, number
 
 NEUTRAL = ("frames",)  #: Columns without a best and a worst figure.
 SYMBOLS = ("circle", "square", "diamond")
+FIRST_TABLES = ("pairs", "methods")  #: Tables above the plots of a page.
 Named = Sequence[tuple[str, Score]]
 
 
@@ -154,7 +155,7 @@ def _methods(named: Named) -> Table:
         f"{MARKS['best']} best, {MARKS['worst']} worst of the column."
     )
     heads = (Column("method", words=True), *(column for column, _ in shown))
-    return Table("counts", "Methods", heads, rows_of_all, note)
+    return Table("methods", "Methods", heads, rows_of_all, note)
 
 
 def compared_rows(score: Score) -> list[Figure]:

@@ -10,8 +10,7 @@ from typing import NamedTuple
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report.plots import error_scale, largest
-from sfr_loc_map.report.score_plots import error_sizes, map_of, plotted_conditions
-from sfr_loc_map.report.score_tables import limits_on
+from sfr_loc_map.report.score_plots import error_sizes, limits_on, map_of, plotted_conditions
 from sfr_loc_map.report.tables import UNKNOWN, number
 
 WIDTH, HEIGHT = 640.0, 220.0  #: Size of the drawing, px.

@@ -14,6 +14,7 @@ from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.details import ErrorImage, MapDetails, PathRows, PointRows, SubTrajectoryRows
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.report.notes import HOST
 from sfr_loc_map.report.plots import (
     COLORS,
     TRAVELLED,
@@ -34,7 +35,6 @@ from sfr_loc_map.report.plots import (
     segments,
     span,
 )
-from sfr_loc_map.report.score_tables import HOST, limits_on
 from sfr_loc_map.report.tables import MIB
 
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
@@ -129,6 +129,22 @@ def plotted_conditions(score: Score) -> list[PlottedCondition]:
             travelled = np.interp(rows.end_frame, np.arange(len(known)) * every, known)
             parts.append(PlottedCondition(rows, [round(value, 4) for value in travelled.tolist()]))
     return parts
+
+
+def limits_on(
+    score: Score, figure: str, condition: str | None = None, part: str | None = None
+) -> list[tuple[str, float]]:
+    """Return the limits on a figure with their statistics; two requirements can limit the same statistic."""
+    found = [
+        (item.statistic, item.limit)
+        for item in score.verdicts
+        if item.figure == figure
+        and item.condition == condition
+        and item.statistic is not None
+        and (part is None or item.part == part)
+        and not item.is_of_target
+    ]
+    return list(dict.fromkeys(found))
 
 
 def _limit_lines(

@@ -1,11 +1,12 @@
 """The tables of a score: views of the rows of its table of figures. Each cell names its key in the JSON.
 
-Figures without a table are shown in a final table, so that every report contains every row of the score.
+A predicate selects the rows of each table (`VIEWS`), and `figure_table` lays them out. Rows that no view selects are in
+a final table, so that every report contains every row of the score. `report.tables` writes a table as text.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,7 +19,8 @@ from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.row_part import Place
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import NUMBERS, Figure
-from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.report import notes
+from sfr_loc_map.report.glossary import glossary
 from sfr_loc_map.report.tables import (
     ABSENT,
     NOT_ENOUGH,
@@ -32,75 +34,24 @@ from sfr_loc_map.report.tables import (
     number,
     to_markdown,
 )
-from sfr_loc_map.report.verdict_view import name_of, verdict_views
+from sfr_loc_map.report.verdict_view import verdict_views
 
-SUMMARY = (
-    *("headline", "aligned", "map", "time", "memory", "target-time", "target-memory", "external", "method"),
-    *("readings", "covered", "verdicts"),
-)
-"""Tables of the terminal. The verdicts are last, so that they stay visible."""
-HOST = "host"  #: First word of the name of a clock of the host.
 UNNAMED = "not named"
-EXACT = "The truth is assumed exact; --set truth.sigma_m=M and truth.sigma_deg=DEG of sfr score set its noise."
-NO_INTERVAL = (
-    "Only mean + 3 sigma over sub-trajectories has a 95 % interval, if at least two sub-trajectories are independent. "
-    "Without an interval no verdict is certain (-)."
-)
-EVIDENCE = (
-    "Mean + 3 sigma of n independent sub-trajectories exceeds the stated fraction of all position errors with this "
-    "confidence, if errors are normally distributed. A dominant axis lowers the confidence."
-)
 CALL_PARTS = (None, FIRST, AFTER_FIRST)  #: Parts of the times of complete calls on this host.
-READINGS = {
-    Rebase.POSE: "the estimate is re-based at the start by its full pose, then poses are compared",
-    Rebase.DISPLACEMENT: "displacements in DS and changes of attitude and heading since the start are compared, as the "
-    "document literally states; an attitude error at the start counts in the position error",
-    Rebase.POSITION: "the estimate is re-based at the start by its position only; earlier attitude errors count",
-}
-TERMS: Mapping[str, str] = {
-    "sub-trajectory": "the part of the drive from a start to the frame at which the condition is met",
-    "re-based": "the estimate is moved to the true pose at each start, so that errors before the start do not count",
-    "position error": "estimated minus true position at the end, as a vector; the mean is the norm of the mean vector",
-    "attitude error": "angle between the estimated and the true attitude at the end of a sub-trajectory",
-    "heading error": "estimated minus true heading (about the vertical) at the end, signed",
-    "chord error": "straight distance from start to end, estimated minus true; requires no attitudes",
-    "fitted": "aligned by one rotation (about the vertical unless z is tilted) and one translation per drive",
-    "mean + 3 sigma": "norm of the mean plus three standard deviations, the statistic that the specification limits",
-    "95 % interval": "confidence interval that contains the true mean + 3 sigma in 95 of 100 such drives",
-    "independent": "number of sub-trajectories divided by the mean number of overlapping sub-trajectories",
-    "rmse": "root mean square of the norms of the errors",
-    "p50, p95, p99": "quantiles: 50, 95 or 99 % of the norms of the errors are at most this large",
-    "not enough data": "the figure is undefined, or computed from fewer values than the limits require",
-    "DS": "the fixed world frame of the drive: x east, y north, z up",
-    "LM": "the local map frame of the map coordinates: fixed to the ground, z up",
-    "along, across": "in the direction of the true path, and to its left",
-    "NEES": "squared error normalised by its covariance; equal to the number of components on average if consistent",
-    "point error": "distance from a map point to the true point of its pixel",
-    "distance to the nearest true point": "distance from a map point to any true point; at most the point error",
-    "coverage": "fraction of the true points in the scored range that have a map point",
-    "disparity error": "depth error converted to disparity, in pixels; it does not grow with range",
-    "time": "duration of a call of the localiser or mapper, without transport and queueing",
-    "first call": "reported separately, because it may include one-time initialisation",
-    "peak memory": "largest resident memory of the process during a call",
-    "above the idle process": "peak memory minus the resident memory between start and first call",
-    "certain": "the 95 % interval lies on one side of the limit",
-    "margin": "distance from the value to the limit; negative if the limit is missed",
-    "missing": "images without an estimate; if the images are unknown, true poses in gaps between estimates",
-    "judged fraction": "fraction of images with an estimate; if unknown, fraction of the true path outside gaps",
-    "lost": "no pose could be estimated; scored with the last known pose",
-    "degraded": "a pose was estimated, but a check failed; its covariance is inflated and a reason is reported",
-}
-"""Definitions of the terms in the tables."""
 
 
-class Placed(NamedTuple):
-    """A row of the table of figures and its index in the score."""
-
-    place: int
-    row: Figure
+# ---- which rows a table shows
 
 
-# ---- assignment of rows to tables
+class View(NamedTuple):
+    """A table of figures: name, title, selected rows, note and statistics."""
+
+    name: str
+    title: str
+    shows: Callable[[Score, Figure], bool]
+    note: Callable[[Score], str] = lambda score: ""
+    #: Statistics of a row, in addition to limited statistics; None for a detailed table, which has all statistics.
+    statistics: Callable[[Figure], Sequence[str]] | None = None
 
 
 def is_headline(score: Score, row: Figure) -> bool:
@@ -120,27 +71,6 @@ def is_limited(score: Score, row: Figure) -> bool:
         score.row_of(item) is row and item.subject is not Subject.COMPLETENESS and item.value is not None
         for item in score.verdicts
     )
-
-
-class View(NamedTuple):
-    """A table of figures: name, title, selected rows and explanation."""
-
-    name: str
-    title: str
-    shows: Callable[[Score, Figure], bool]
-    note: Callable[[Score], str] = lambda score: ""
-    #: Statistics of a row, in addition to limited ones.
-    columns: Callable[[Figure], Sequence[str]] = lambda row: NUMBERS
-
-
-def shown_statistics(row: Figure) -> Sequence[str]:
-    """Return the statistics of a figure that every view shows, from the catalogue."""
-    return KINDS[row.figure].shown if row.figure in KINDS else NUMBERS
-
-
-def compared_statistics(row: Figure) -> Sequence[str]:
-    """Return the statistics by which runs are compared, from the catalogue."""
-    return KINDS[row.figure].compared if row.figure in KINDS else NUMBERS
 
 
 def is_of_a_reading(score: Score, row: Figure) -> bool:
@@ -169,11 +99,6 @@ def is_deadline(score: Score, row: Figure) -> bool:
     return row.subject is Subject.TIMING and row.figure not in [*CallKind] and row.place is not Place.TARGET
 
 
-def deadline_note(score: Score) -> str:
-    """Return the explanation of the period."""
-    return "The period is the median difference of the stamps of the pairs. Times are of one call, wall-clock."
-
-
 def is_by_direction(score: Score, row: Figure) -> bool:
     """Return whether a row has the position errors along one direction."""
     return row.subject is Subject.TRAJECTORY and row.part in DIRECTIONS
@@ -184,33 +109,72 @@ def is_memory(score: Score, row: Figure) -> bool:
     return row.subject is Subject.MEMORY and row.place is not Place.TARGET
 
 
-def memory_note(score: Score) -> str:
-    """Return the method of the memory measurement."""
-    return f"Method: {UNKNOWN if score.calls is None else score.calls.memory_method or UNKNOWN}."
+def shown_statistics(row: Figure) -> Sequence[str]:
+    """Return the statistics of a figure that every view shows, from the catalogue."""
+    return KINDS[row.figure].shown if row.figure in KINDS else NUMBERS
 
 
-def directions_note(score: Score) -> str:
-    """Return the explanation of errors by direction."""
-    return "x, y, z of DS. Means are signed."
+def compared_statistics(row: Figure) -> Sequence[str]:
+    """Return the statistics by which runs are compared, from the catalogue."""
+    return KINDS[row.figure].compared if row.figure in KINDS else NUMBERS
 
 
-def stages_note(score: Score) -> str:
-    """Return the explanation of the times of stages."""
-    return "Over the calls that ran the stage."
+def about(subject: Subject) -> Callable[[Score, Figure], bool]:
+    """Return a predicate that is true for rows about a subject."""
+    return lambda score, row: row.subject is subject
+
+
+def on_target(subject: Subject) -> Callable[[Score, Figure], bool]:
+    """Return a predicate that is true for rows about a subject that were measured on the target."""
+    return lambda score, row: row.subject is subject and row.place is Place.TARGET
+
+
+VIEWS = (
+    View("headline", "Figures", is_headline, notes.headline_note, shown_statistics),
+    View("covered", "Completeness", about(Subject.COMPLETENESS), notes.covered_note),
+    View("readings", "Each reading of the document", is_of_a_reading, notes.readings_note, compared_statistics),
+    View("aligned", "Absolute and relative pose error", lambda score, row: row.figure in ALIGNED, notes.aligned_note),
+    View("growth", "Error against the length of the sub-trajectory", is_growth),
+    View("directions", "Position error by direction", is_by_direction, notes.directions_note),
+    View("map", "Map", about(Subject.MAP), notes.map_note),
+    View("evidence", "Confidence", about(Subject.EVIDENCE), notes.evidence_note),
+    View("consistency", "Consistency of the uncertainty", about(Subject.CONSISTENCY), notes.nees_note),
+    View("time", "Time per call", is_time, notes.clock_text),
+    View("deadline", "Calls against the period", is_deadline, notes.deadline_note),
+    View("stages", "Time of stages", is_stage, notes.stages_note),
+    View("memory", "Peak resident memory during a call", is_memory, notes.memory_note),
+    View("target-time", "Time per call on the target", on_target(Subject.TIMING), notes.target_note),
+    View("target-memory", "Peak memory on the target", on_target(Subject.MEMORY), notes.target_note),
+)
+"""The tables of figures, in the order of a page. Other rows are in a final table."""
+FIRST_TABLES = ("verdicts", "headline", "covered", "readings")
+"""Tables above the plots of a page."""
+SUMMARY = (
+    *("headline", "aligned", "map", "time", "memory", "target-time", "target-memory", "external", "method"),
+    *("readings", "covered", "verdicts"),
+)
+"""Tables of the terminal. The verdicts are last, so that they stay visible."""
+
+
+# ---- the tables
+
+
+IndexedRow = tuple[int, Figure]
+"""A row of the table of figures with its index in the score."""
 
 
 def score_tables(score: Score) -> list[Table]:
     """Return all non-empty tables of a score, the most important first."""
-    placed = [Placed(place, row) for place, row in enumerate(score.figures)]
-    shown: set[int] = set()
-    found = []
-    for view in VIEWS:
-        rows = [item for item in placed if view.shows(score, item.row)]
-        shown |= {item.place for item in rows}
-        found.append(figure_table(view.name, view.title, rows, view.note(score), columns_of(view, score, rows)))
-    others = [item for item in placed if item.place not in shown]
-    found.append(figure_table("others", "Other figures", others))
-    tables = [verdict_table(score), *found, external_table(score), method_table(score), association_table(score)]
+    shown = {index for view in VIEWS for index, _ in rows_of(view, score)}
+    others = [(index, row) for index, row in enumerate(score.figures) if index not in shown]
+    tables = [
+        verdict_table(score),
+        *(view_table(view, score) for view in VIEWS),
+        figure_table("others", "Other figures", others),
+        external_table(score),
+        method_table(score),
+        association_table(score),
+    ]
     return [table for table in tables if table.rows]
 
 
@@ -218,31 +182,15 @@ def summary_tables(score: Score) -> list[Table]:
     """Return the tables for the terminal. Completeness is shown without zeros and without the note of the verdict."""
     named = {table.name: table for table in score_tables(score)}
     if (covered := named.get("covered")) is not None:
-        rows = tuple(row for row in covered.rows if any(cell.value for cell in row))
+        at = [column.title for column in covered.columns].index("value")
+        rows = tuple(row for row in covered.rows if row[at].value != 0.0)
         named["covered"] = replace(covered, rows=rows, note="")
     return [named[name] for name in SUMMARY if name in named]
 
 
 def table_of(score: Score, name: str) -> Table:
     """Return one of the tables of figures, which may have no rows."""
-    view = next(view for view in VIEWS if view.name == name)
-    placed = (Placed(place, row) for place, row in enumerate(score.figures))
-    rows = [item for item in placed if view.shows(score, item.row)]
-    return figure_table(name, view.title, rows, view.note(score), columns_of(view, score, rows))
-
-
-def columns_of(view: View, score: Score, placed: Sequence[Placed]) -> tuple[str, ...]:
-    """Return the statistics that a table shows: those of its rows, and the limited statistics."""
-    wanted = {item.statistic for item in score.verdicts}
-    for _, row in placed:
-        wanted.update(view.columns(row))
-    return tuple(key for key in NUMBERS if key in wanted)
-
-
-def glossary() -> Table:
-    """Return the terms of the tables with their definitions."""
-    rows = tuple((Cell.head(word), Cell(text)) for word, text in TERMS.items())
-    return Table("words", "Words", (Column("word", words=True), Column("meaning", words=True)), rows)
+    return view_table(next(view for view in VIEWS if view.name == name), score)
 
 
 def score_markdown(score: Score) -> str:
@@ -250,38 +198,67 @@ def score_markdown(score: Score) -> str:
     return to_markdown([*score_tables(score), glossary()], "Score")
 
 
-# ---- the one renderer of figures
+def rows_of(view: View, score: Score) -> list[IndexedRow]:
+    """Return the rows of a view."""
+    return [(index, row) for index, row in enumerate(score.figures) if view.shows(score, row)]
+
+
+def view_table(view: View, score: Score) -> Table:
+    """Return the table of a view: the statistics of its rows, and the limited statistics."""
+    rows, note = rows_of(view, score), view.note(score)
+    if view.statistics is None:
+        return figure_table(view.name, view.title, rows, note)
+    wanted = {item.statistic for item in score.verdicts}
+    for _, row in rows:
+        wanted.update(view.statistics(row))
+    statistics = [name for name in NUMBERS if name in wanted]
+    return figure_table(view.name, view.title, rows, note, statistics, is_detailed=False)
+
+
+# ---- a table of figures
 
 
 def figure_table(
-    name: str, title: str, placed: Sequence[Placed], note: str = "", wanted: Sequence[str] = NUMBERS
+    name: str,
+    title: str,
+    indexed: Sequence[IndexedRow],
+    note: str = "",
+    statistics: Sequence[str] = NUMBERS,
+    *,
+    is_detailed: bool = True,
 ) -> Table:
-    """Return rows of the table of figures as a table; columns that no row has are omitted."""
-    rows = [item.row for item in placed]
-    statistics = [key for key in wanted if any(row.statistic(key) is not None for row in rows)]
-    has_interval = any(row.interval for row in rows)
-    is_detailed = tuple(wanted) == NUMBERS
-    has_independent = is_detailed and any(row.independent is not None for row in rows)
+    """Return rows of the table of figures as a table; columns that no row has are omitted.
+
+    Only a detailed table has the number of independent values.
+    """
+    figures = [row for _, row in indexed]
+    shown = [key for key in statistics if any(row.statistic(key) is not None for row in figures)]
+    has_interval = any(row.interval for row in figures)
+    has_independent = is_detailed and any(row.independent is not None for row in figures)
     columns = [Column("figure", words=True), Column("unit", words=True)]
-    columns += [Column(statistic_title(key)) for key in statistics]
+    columns += [Column(statistic_title(key)) for key in shown]
     columns += [Column("95 % interval")] if has_interval else []
     columns.append(Column("n"))
     columns += [Column("independent")] if has_independent else []
-    cells: list[Row] = []
-    for index, row in placed:
-        unit, place = row_unit(row), f"figures.{index}"
-        line = [Cell.head(row_title(row)), Cell(unit.symbol)]
-        for key in statistics:
-            value = row.statistic(key)
-            line.append(Cell.number(value, "" if value is None else f"{place}.{key}", unit, undefined_of(row, key)))
+    rows: list[Row] = []
+    for index, row in indexed:
+        unit, key = row_unit(row), f"figures.{index}"
+        cells = [Cell.head(row_title(row)), Cell(unit.symbol)]
+        for statistic in shown:
+            value = row.statistic(statistic)
+            value_key = "" if value is None else f"{key}.{statistic}"
+            cells.append(Cell.number(value, value_key, unit, undefined_of(row, statistic)))
         if has_interval:
-            line.append(Cell.interval(row.interval, place, unit, ABSENT))
-        line.append(Cell(ABSENT) if row.n is None else Cell.number(row.n, f"{place}.n"))
+            cells.append(Cell.interval(row.interval, key, unit, ABSENT))
+        cells.append(_count(row.n, f"{key}.n"))
         if has_independent:
-            independent = row.independent
-            line.append(Cell(ABSENT) if independent is None else Cell.number(independent, f"{place}.independent"))
-        cells.append(tuple(line))
-    return Table(name, title, tuple(columns), tuple(cells), note)
+            cells.append(_count(row.independent, f"{key}.independent"))
+        rows.append(tuple(cells))
+    return Table(name, title, tuple(columns), tuple(rows), note)
+
+
+def _count(value: float | None, key: str) -> Cell:
+    return Cell(ABSENT) if value is None else Cell.number(value, key)
 
 
 def undefined_of(row: Figure, statistic: str) -> str:
@@ -331,138 +308,8 @@ def verdict_table(score: Score) -> Table:
     titles = ("unit", "value", "limit", "margin", "95 % interval", "n", "certain")
     columns = (Column("figure", words=True), *(Column(title) for title in titles))
     heads = (Column("verdict", words=True), *([Column("requirement", words=True)] if has_ids else []))
-    note = NO_INTERVAL if any(item.certain is None for item in score.verdicts) else ""
+    note = notes.NO_INTERVAL if any(item.certain is None for item in score.verdicts) else ""
     return Table("verdicts", "Verdicts", (*heads, *columns), tuple(rows), note)
-
-
-def limits_on(
-    score: Score, figure: str, condition: str | None = None, part: str | None = None
-) -> list[tuple[str, float]]:
-    """Return the limits on a figure with their statistics; two requirements can limit the same statistic."""
-    found = [
-        (item.statistic, item.limit)
-        for item in score.verdicts
-        if item.figure == figure
-        and item.condition == condition
-        and item.statistic is not None
-        and (part is None or item.part == part)
-        and not item.is_of_target
-    ]
-    return list(dict.fromkeys(found))
-
-
-# ---- notes
-
-
-def headline_note(score: Score) -> str:
-    """Return the explanation of the figures of the specification."""
-    note = f"n: sub-trajectories, map points or calls. {NO_INTERVAL} "
-    if (drive := score.association) is not None:
-        note += f"{drive.matched} frames of {drive.estimate_poses} estimates, {drive.lost} lost, "
-        note += f"{drive.degraded} degraded; re-based by {drive.rebase.replace('_', ' ')}. "
-        if drive.rebase.is_fit:
-            note += "Position errors are those of the estimate fitted to the truth. "
-    return f"{note}{truth_text(score)}{clock_text(score)}".rstrip()
-
-
-def covered_note(score: Score) -> str:
-    """Return the reason why the estimate does not cover the whole drive."""
-    return f"Incomplete: {score.incomplete}." if score.incomplete else ""
-
-
-DS_IS_COMMON = (
-    "The readings by displacement and by position compare vectors in DS. They require an estimate that starts at a "
-    "true pose (--start truth, initialpose)."
-)
-
-
-def readings_note(score: Score) -> str:
-    """Return the definitions of the readings, and the verdicts that depend on the reading."""
-    note = "".join(f"{rebase.capitalize()}: {text}. " for rebase, text in READINGS.items())
-    judged = [item for item in score.verdicts if item.by_reading]
-    if not judged:
-        return note
-    said = [f"{name_of(item)}: {readings_text(item)}" for item in judged if len(set(item.by_reading.values())) > 1]
-    if not said:
-        return note + "Each reading gives the same verdicts."
-    return f"{note}The verdict depends on the reading: {'; '.join(said)}. {DS_IS_COMMON}"
-
-
-def readings_text(item: Verdict) -> str:
-    """Return the verdict by each reading of the document."""
-    return ", ".join(f"{state} by {name}" for name, state in item.by_reading.items())
-
-
-def aligned_note(score: Score) -> str:
-    """Return the settings of APE and RPE."""
-    if (how := score.alignment) is None:
-        return ""
-    return (
-        f"Alignment: {how.align}. {how.association}, within {how.max_difference_s:g} s. RPE over "
-        f"{label_of(how.rpe_delta)}, consecutive. Not figures of the specification."
-    )
-
-
-def map_note(score: Score) -> str:
-    """Return the explanation of coverage."""
-    if (cloud := score.cloud) is None:
-        return ""
-    low, high = (number(bound) for bound in cloud.scored_range_m)
-    kind = f"The cloud is {cloud.kind}. " if cloud.kind is not None else ""
-    return f"{kind}Coverage: fraction of the true points from {low} to {high} m, or in the named range."
-
-
-def evidence_note(score: Score) -> str:
-    """Return the explanation of the confidence in the figures."""
-    return EVIDENCE
-
-
-def nees_note(score: Score) -> str:
-    """Return the explanation of the consistency of the uncertainty."""
-    return (
-        "value: the expected mean. For consistent covariances, 95 of 100 means are in the interval. Above the interval "
-        "the estimated sigma is too small, below it too large. n: sub-trajectories without a common frame, or points "
-        "of distant blocks. The covariance of our localiser assumes a baseline error within 0.1 %. The sigma of a map "
-        "point assumes the errors of baseline, focal length and yaw in mapping.calibration, which are unobservable in "
-        f"a pair. {truth_text(score) or EXACT}"
-    )
-
-
-def target_note(score: Score) -> str:
-    """Return the name of the target on which calls were measured."""
-    if (target := score.target) is None:
-        return ""
-    method = "" if target.memory_method is None else f" Memory: {target.memory_method}."
-    return f"Target and clock: {target.name}.{method}"
-
-
-def clock_text(score: Score) -> str:
-    """Return the clock of the times, with a remark if the times are of the host."""
-    clocks = [] if score.calls is None else sorted(set(score.calls.clocks.values()))
-    if not clocks:
-        return ""
-    text = f"Clock: {', '.join(clocks)}."
-    if any(clock.startswith(HOST) for clock in clocks):
-        target = "" if score.target is None else f", not of {score.target.name}"
-        text += f" Host times are of the machine of the run{target}."
-    return text
-
-
-def truth_text(score: Score) -> str:
-    """Return the properties of a truth with noise or without attitudes; empty for an exact truth."""
-    about, said = score.truth, []
-    if about is None or about.is_exact:
-        return ""
-    if about.sigma_m or about.sigma_deg:
-        sigmas = ((about.sigma_m, "m"), (about.sigma_deg, "deg"))
-        named = ", ".join(f"{number(value)} {unit}" for value, unit in sigmas if value)
-        said.append(f"Noise of the truth: {named} (standard deviation along an axis), counted in NEES. ")
-    if not about.attitude:
-        point = ", ".join(map(number, about.lever_arm_m))
-        said.append(f"The truth has no attitudes{f' and refers to a point at {point} m in RB' if point else ''}. ")
-        tilt = "" if about.tilt_deg is None else f", a tilt of {number(about.tilt_deg)} deg"
-        said.append(f"The estimate was aligned to the truth: yaw {number(about.yaw_deg)} deg{tilt} and a translation. ")
-    return "".join(said)
 
 
 # ---- facts
@@ -538,36 +385,3 @@ def external_table(score: Score) -> Table:
     note += f" Processes: {node.process.method}." if node.process is not None else ""
     note += f" The node {node.ended}." if node.ended else ""
     return Table("external", f"External node: {node.task}", columns, rows, note)
-
-
-# ---- the tables of figures
-
-
-def about(subject: Subject) -> Callable[[Score, Figure], bool]:
-    """Return a predicate that is true for rows about a subject."""
-    return lambda score, row: row.subject is subject
-
-
-def on_target(subject: Subject) -> Callable[[Score, Figure], bool]:
-    """Return a predicate that is true for rows about a subject that were measured on the target."""
-    return lambda score, row: row.subject is subject and row.place is Place.TARGET
-
-
-VIEWS = (
-    View("headline", "Figures", is_headline, headline_note, shown_statistics),
-    View("covered", "Completeness", about(Subject.COMPLETENESS), covered_note),
-    View("readings", "Each reading of the document", is_of_a_reading, readings_note, compared_statistics),
-    View("aligned", "Absolute and relative pose error", lambda score, row: row.figure in ALIGNED, aligned_note),
-    View("growth", "Error against the length of the sub-trajectory", is_growth),
-    View("directions", "Position error by direction", is_by_direction, directions_note),
-    View("map", "Map", about(Subject.MAP), map_note),
-    View("evidence", "Confidence", about(Subject.EVIDENCE), evidence_note),
-    View("consistency", "Consistency of the uncertainty", about(Subject.CONSISTENCY), nees_note),
-    View("time", "Time per call", is_time, clock_text),
-    View("deadline", "Calls against the period", is_deadline, deadline_note),
-    View("stages", "Time of stages", is_stage, stages_note),
-    View("memory", "Peak resident memory during a call", is_memory, memory_note),
-    View("target-time", "Time per call on the target", on_target(Subject.TIMING), target_note),
-    View("target-memory", "Peak memory on the target", on_target(Subject.MEMORY), target_note),
-)
-"""The tables of figures. Other rows are in a final table."""

@@ -18,9 +18,11 @@ from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
 from sfr_loc_map.metrics.records import TargetRecord
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.report.deviations import caveats_of, deviations_of
-from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of
+from sfr_loc_map.report.notes import NO_INTERVAL
+from sfr_loc_map.report.page import from_template
 from sfr_loc_map.report.printed_plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, printed_plots
-from sfr_loc_map.report.score_tables import NO_INTERVAL, table_of
+from sfr_loc_map.report.score_tables import table_of
+from sfr_loc_map.report.summary import NO_VERDICT, Overall, overall_of
 from sfr_loc_map.report.tables import OPEN, UNKNOWN, Table, to_html
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 

@@ -9,7 +9,7 @@ from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.records import InputFile, MethodKind, MethodRecord, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.verdict import Verdict
-from sfr_loc_map.report.page import look_first
+from sfr_loc_map.report.summary import look_first
 
 FAIL, PASS = VerdictState.FAIL, VerdictState.PASS
 

@@ -11,7 +11,7 @@ from sfr_loc_map.metrics.records import Association
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.verdict import Verdict
-from sfr_loc_map.report.score_tables import score_markdown, score_tables
+from sfr_loc_map.report.score_tables import score_markdown, score_tables, summary_tables
 from sfr_loc_map.report.tables import Table, to_csv
 
 
@@ -101,6 +101,18 @@ def test_every_cell_leads_back_to_its_figure_and_tables_keep_their_shape() -> No
 
 
 @pytest.mark.clause("4.2.1", "4.2.2")
+def test_the_terminal_shows_completeness_without_zeros_but_with_what_is_unknown() -> None:
+    rows = (
+        figure_row("missing", n=300, value=0.5),
+        figure_row("lost", n=300, value=0.0),
+        figure_row("degraded", n=300, value=None),
+    )
+    score = Score(figures=rows)
+    (covered,) = (item for item in summary_tables(score) if item.name == "covered")
+    assert [row[0].text for row in covered.rows] == ["missing", "degraded"]
+    assert len(table(score, "covered").rows) == 3, "every other view has each row"
+
+
 def test_host_times_and_those_of_a_target_stand_apart_under_their_names() -> None:
     score = whole_score()
     of_target, target = score_target(calls(300, 2), "GR740")

@@ -24,10 +24,10 @@ from sfr_loc_map.metrics.score_json import load_score
 from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.deviations import deviations_of, is_of_stage
 from sfr_loc_map.report.junit import junit
-from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.printed_plot import printed_plots
 from sfr_loc_map.report.score_plots import error_sizes
 from sfr_loc_map.report.score_tables import score_tables, table_of
+from sfr_loc_map.report.summary import overall_of
 from sfr_loc_map.report.test_report import CLAUSES, clauses_used, render_test_report
 from sfr_loc_map.report.verdict_view import VerdictView
 

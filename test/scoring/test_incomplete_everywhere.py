@@ -28,7 +28,8 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.report.junit import junit
-from sfr_loc_map.report.page import overall_of, render_page
+from sfr_loc_map.report.page import render_page
+from sfr_loc_map.report.summary import overall_of
 from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.runs.calls import CallRecord, stats_of
 from sfr_loc_map.runs.collected_run import CollectedRun

@@ -28,7 +28,7 @@ from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore, MethodKind,
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.nodes.replay.external_poses import with_converted_poses
-from sfr_loc_map.report.page import overall_of
+from sfr_loc_map.report.summary import overall_of
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.runs.collected_run import CollectedRun, ExternalRun
 from sfr_loc_map.runs.offline import MapRun, map_pairs

@@ -11,8 +11,9 @@ from sfr_loc_map.metrics.table import Figure, find_rows
 from sfr_loc_map.metrics.verdict import counts_of
 from sfr_loc_map.report.page import render_overview, render_page
 from sfr_loc_map.report.plots import Plot, Values, axis, error_scale, largest, log_axis, marks, plain, scaled, span
+from sfr_loc_map.report.summary import Overall
 from sfr_loc_map.suite.pages.export import write_parquet
-from sfr_loc_map.suite.pages.tables import PAGES, history_tables, linked, suite_tables
+from sfr_loc_map.suite.pages.tables import FIRST_TABLES, PAGES, history_tables, linked, suite_tables
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.budget import Budget
 from sfr_loc_map.suite.statistics.history import History
@@ -41,7 +42,8 @@ def render_summary(summary: Summary) -> str:
     sections = [("Error budget", [budget_plot(budget)]) for budget in summary.budgets[:1]]
     if plots := _error_plots(summary):
         sections.append(("Errors", plots))
-    return render_overview("Suite of runs", summary.verdict, text, suite_tables(summary), sections)
+    overall = Overall.of(summary.verdict, text)
+    return render_overview("Suite of runs", overall, suite_tables(summary), sections, FIRST_TABLES)
 
 
 def _error_plots(summary: Summary) -> list[Plot]:
@@ -101,7 +103,8 @@ def render_history(history: History) -> str:
         trace = marks("all drives", _columns([*enumerate(values, 1)]), "@one")
         layout = {"xaxis": axis("night", dtick=None), "yaxis": axis(figure)}
         plots.append(Plot(f"history-{number}", figure, caption, [trace], layout))
-    return render_overview("History of suites", None, text, history_tables(history), [("Figures", plots)], heading)
+    overall = Overall.without_verdict(heading, text)
+    return render_overview("History of suites", overall, history_tables(history), [("Figures", plots)])
 
 
 def _columns(rows: Sequence[tuple[int, float | None]], factor: float = 1.0) -> list[Values]:

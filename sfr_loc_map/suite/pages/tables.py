@@ -127,6 +127,7 @@ HISTORY: Columns = (
     ("95 % interval", INTERVAL, "ci95"),
     ("see", WORDS, "command"),
 )
+FIRST_TABLES = ("verdicts", "failures", "counts", "groups")  #: Tables above the plots of the page of a suite.
 NAMED = 5  #: Maximum number of named drives of a change.
 
 
