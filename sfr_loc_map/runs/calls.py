@@ -21,7 +21,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, Task, read_table_text, refusing
-from sfr_loc_map.io.tables.text_table import parse_stamp_ns
+from sfr_loc_map.io.tables.stamps import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.metrics.call_meter import METHOD, CallUsage

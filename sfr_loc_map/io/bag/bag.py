@@ -28,7 +28,7 @@ from sfr_loc_map.io.bag.encoding import readable
 from sfr_loc_map.io.bag.files import is_unfinished, reader_paths
 from sfr_loc_map.io.bag.frames import pose_row, trajectory_of
 from sfr_loc_map.io.bag.readers import BagReader, reader_of
-from sfr_loc_map.io.tables.text_table import check_order
+from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.message_types import (
     CAMERA_INFO,
     COMPRESSED,

@@ -24,7 +24,7 @@ from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
 from sfr_loc_map.inputs import MAX_CLOUD_BYTES, expansion_limit, read_bytes, refusing
 from sfr_loc_map.io.clouds.array_file import parse_npz
-from sfr_loc_map.io.tables.text_table import parse_count
+from sfr_loc_map.io.tables.number_text import parse_count
 
 _log = logging.getLogger(__name__)
 Columns = dict[str, NDArray[Any]]  # values of each field, one per point

@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.images.codec import SampleDepth, read_samples
-from sfr_loc_map.io.tables.text_table import check_order
+from sfr_loc_map.io.tables.stamps import check_order
 
 _log = logging.getLogger(__name__)
 NAMED_FILES = 3  #: Maximum number of missing files in a message.

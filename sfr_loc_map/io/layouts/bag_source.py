@@ -26,7 +26,7 @@ from sfr_loc_map.io.layouts.head_pose import head_poses
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.sequence import RecordedBag, Source, SourceFormat
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
-from sfr_loc_map.io.tables.text_table import check_order
+from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.truth.config import AS_THE_SOURCE_HAS_IT
 from sfr_loc_map.io.truth.read import resolve_truth, truth_of_file
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE

@@ -27,7 +27,8 @@ from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.text_table import check_order, parse_stamp_ns, read_lines
+from sfr_loc_map.io.tables.stamps import check_order, parse_stamp_ns
+from sfr_loc_map.io.tables.text_table import read_lines
 from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat, read_trajectory_file, save_trajectory
 from sfr_loc_map.io.truth.config import TrackedPoses
 

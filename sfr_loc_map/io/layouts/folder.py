@@ -28,7 +28,8 @@ from sfr_loc_map.io.images.codec import checked_points, encode_png
 from sfr_loc_map.io.images.files import ImageFiles, ImageFileSequence, ImagePair, read_pair, whole_pairs
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
-from sfr_loc_map.io.tables.text_table import check_order, parse_number, parse_stamp_ns
+from sfr_loc_map.io.tables.number_text import parse_number
+from sfr_loc_map.io.tables.stamps import check_order, parse_stamp_ns
 from sfr_loc_map.io.tables.trajectory_file import CSV_HEADER, TrajectoryFormat, read_trajectory_file, save_trajectory
 
 LOC_COLUMNS = ("stamp_ns", "left", "right")

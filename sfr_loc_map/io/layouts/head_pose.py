@@ -17,7 +17,7 @@ from sfr_loc_map.inputs import refusing, stamp_of
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.frames import chain_above, read_frames
 from sfr_loc_map.io.source_config import FramesConfig
-from sfr_loc_map.io.tables.text_table import check_order
+from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.message_types import JOINTS
 
 RECORDING = "from before the first pair until after the last pair, at 1 Hz or more"

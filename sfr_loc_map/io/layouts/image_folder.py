@@ -16,8 +16,7 @@ from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.pose_columns import TIMES, time_unit
-from sfr_loc_map.io.tables.text_table import parse_decimal
+from sfr_loc_map.io.tables.stamps import TIMES, parse_decimal, time_unit
 
 SIDES_OF = (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("image_left", "image_right"), ("l", "r"))
 """Names of the folders of left and right images."""

@@ -27,7 +27,9 @@ from sfr_loc_map.io.images.codec import encode_png, read_grey
 from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, whole_pairs
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
-from sfr_loc_map.io.tables.text_table import parse_number, parse_table, read_lines, seconds_text
+from sfr_loc_map.io.tables.number_text import parse_number
+from sfr_loc_map.io.tables.stamps import seconds_text
+from sfr_loc_map.io.tables.text_table import parse_table, read_lines
 from sfr_loc_map.io.tables.trajectory_file import read_times
 
 CAMERAS = ((0, 1), (2, 3))  #: Numbers of the left and right cameras, in the order of preference: grey, colour.

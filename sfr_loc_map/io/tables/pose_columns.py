@@ -22,14 +22,17 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import plausible_quats, plausible_rotations
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.io.tables.text_table import (
+from sfr_loc_map.io.tables.number_text import number_or_nan, parse_number
+from sfr_loc_map.io.tables.stamps import (
+    TIMES,
+    UTC_UNIT,
     parse_decimal,
     parse_nanoseconds,
-    parse_number,
     parse_seconds,
     parse_utc,
-    split_cells,
+    time_unit,
 )
+from sfr_loc_map.io.tables.text_table import split_cells
 
 STAMP, SECONDS, NANOSECONDS, FRAME = "t", "sec", "nsec", "frame"
 POSITION = ("x", "y", "z")
@@ -51,14 +54,7 @@ NAMES |= {
     for axis in "xyzw"
 }
 """Names of columns in lower case without `_`, `.`, `-` and spaces; earlier names take precedence."""
-NANOSECOND_DIGITS = 9  #: Decimals of a stamp in seconds with nanosecond resolution.
-EARLIEST_CLOCK_S = 3e8  #: Stamps of clocks are in 1979 or later; smaller stamps count from the start of a program.
-LATEST_CLOCK_S = 4.62e9  #: 146 years after 1970, the limit of stamps; larger numbers have a smaller unit.
-LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps in seconds.
 METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
-TIMES = {"s": NS_PER_S, "sec": NS_PER_S, "secs": NS_PER_S, "seconds": NS_PER_S}
-TIMES |= {"ms": 1_000_000, "msec": 1_000_000, "us": 1_000, "usec": 1_000, "ns": 1, "nsec": 1, "nanoseconds": 1}
-UTC_UNIT = "utc"  #: Unit of times written as `2026-05-04 10:22:01.25`.
 COVARIANCES = {
     "Pr": ("attitude", ("11", "12", "13", "22", "23", "33")),
     "Pt": ("position", ("11", "12", "13", "22", "23", "33")),
@@ -459,7 +455,7 @@ def _table(rows: Sequence[Sequence[str]], width: int) -> FloatArray:
     table = np.full((len(rows), width), np.nan)
     for row, cells in enumerate(rows):
         for column, cell in enumerate(cells[:width]):
-            table[row, column] = _float(cell)
+            table[row, column] = number_or_nan(cell)
     return table
 
 
@@ -545,36 +541,3 @@ def _with_time_unit(found: PoseColumns, rows: Sequence[Sequence[str]], name: str
             f"(s, ms, us or ns), for example {option.replace('COLUMNS', 't[ns],x,y,z,qx,qy,qz,qw')}"
         )
     return replace(found, units={**found.units, STAMP: unit}, inferred="" if unit == "s" else unit)
-
-
-def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
-    """Return the unit of stamps, inferred from their magnitude; empty if several units are possible.
-
-    Stamps of a clock are between 1979 and 2116 in only one unit. Other stamps are in seconds if they have decimals,
-    or in the only unit with steps of a sensor (1 ms to 10 s). `is_seconds`: the layout prescribes seconds.
-    """
-    numbers = np.array([_float(text) for text in texts])
-    numbers = numbers[np.isfinite(numbers)]
-    if not len(numbers):
-        return "s"
-    magnitude = float(np.partition(np.abs(numbers), (len(numbers) - 1) // 2)[(len(numbers) - 1) // 2])
-    for unit, unit_ns in (("ms", 1_000_000), ("us", 1_000), ("ns", 1)):
-        if EARLIEST_CLOCK_S <= magnitude * unit_ns / NS_PER_S <= LATEST_CLOCK_S < magnitude:
-            return unit
-    has_decimals = any(len(text.partition(".")[2]) >= NANOSECOND_DIGITS for text in texts)
-    if magnitude <= LATEST_CLOCK_S and (has_decimals or (numbers != np.floor(numbers)).any()):
-        return "s"
-    steps = np.abs(np.diff(numbers))
-    step = float(np.median(steps)) if len(steps) > 1 else 0.0
-    ranges = ((10.0, "s"), (1e4, ""), (1e6, "us"), (1e7, ""), (np.inf, "ns"))  # largest step, unit if unambiguous
-    unit = next(unit for high, unit in ranges if step <= high)
-    if unit == "s" and not is_seconds and magnitude < EARLIEST_CLOCK_S:  # the unit may also be milliseconds
-        return ""
-    return unit or ("s" if is_seconds and step <= LONGEST_STEP_S else "")
-
-
-def _float(text: str) -> float:
-    try:
-        return float(text.replace(",", "."))
-    except ValueError:
-        return np.nan

@@ -1,124 +1,29 @@
-"""Strict reading of numbers and tables in text files, with stamps exact to the nanosecond.
+"""Tables of numbers in text files, with a stamp in each row or without.
 
-Python's own conversions accept more than is valid in files: underscores, digits of other scripts, `nan` and
-`infinity`, integers of any length. Stamps are converted to and from integer nanoseconds by integer arithmetic, never
-by floating-point numbers. A table is read in blocks; only a block that fails is read line by line to find the errors.
+A table is read in blocks. numpy reads all rows of a block at once, and accepts only cells that `parse_number` accepts.
+A block that numpy rejects is read line by line, so that quotes, decimal commas and missing values are read and invalid
+rows are found.
 """
 
 from __future__ import annotations
 
 import csv
-import math
-import re
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
-from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.inputs import NS_PER_S, read_table_text
+from sfr_loc_map.inputs import read_table_text
+from sfr_loc_map.io.tables.number_text import parse_number
+from sfr_loc_map.io.tables.stamps import STAMP_LENGTH, parse_stamps
 
-MAX_NUMBER_LENGTH = 400
-STAMP_LENGTH = 64
-UNIT_WORDS = {1: "nanoseconds", 1_000: "microseconds", 1_000_000: "milliseconds", NS_PER_S: "seconds"}
-STAMP_LIMIT = 2**62  #: 146 years from 1970, ns; differences of two stamps fit 64 bits.
 BOM = b"\xef\xbb\xbf"
 COMMENTS = b"#%"  #: First characters of comment lines.
 NO_VALUE = ("", "nan", "null", "none", "-")  #: Cells without a value (target not observed), in lower case.
 MAX_BROKEN = 0.1  #: Largest fraction of invalid lines that are skipped.
-_WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
-_COUNT = re.compile(r"[0-9]{1,12}")
-_DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
-
-
-def parse_stamp_ns(text: str) -> int:
-    """Return integer nanoseconds; surrounding spaces are allowed."""
-    if _WHOLE.fullmatch(text.strip(" \t")) and -STAMP_LIMIT <= int(text) < STAMP_LIMIT:
-        return int(text)
-    raise ValueError(f"stamp '{text[:40]}' is not an integer number of nanoseconds within 146 years of 1970")
-
-
-def parse_seconds(text: str) -> int:
-    """Return decimal seconds as nanoseconds, exactly; more than nine decimals are rounded half to even."""
-    word = text.strip(" \t")
-    whole, _, fraction = word.partition(".")
-    if 0 < len(whole) <= 10 and len(fraction) <= 9 and (whole + fraction).isdecimal() and word.isascii():
-        stamp = int(whole) * NS_PER_S + int(fraction.ljust(9, "0"))  # fast path for the common form
-        if stamp < STAMP_LIMIT:
-            return stamp
-    elif _is_decimal(word):
-        with suppress(InvalidOperation):
-            stamp = int(Decimal(word).scaleb(9).quantize(Decimal(1), ROUND_HALF_EVEN))
-            if -STAMP_LIMIT <= stamp < STAMP_LIMIT:
-                return stamp
-    hint = " (are these nanoseconds?)" if word.isdigit() else ""
-    raise ValueError(f"stamp '{word[:40]}' is not a number of seconds{hint}")
-
-
-def parse_decimal(text: str, unit_ns: int) -> int:
-    """Return the nanoseconds of a decimal number in a unit of `unit_ns` nanoseconds, rounded half to even."""
-    word = text.strip(" \t").replace(",", ".")
-    if _is_decimal(word):
-        with suppress(InvalidOperation):
-            stamp = int((Decimal(word) * unit_ns).quantize(Decimal(1), ROUND_HALF_EVEN))
-            if -STAMP_LIMIT <= stamp < STAMP_LIMIT:
-                return stamp
-    raise ValueError(f"stamp '{word[:40]}' is not a number of {UNIT_WORDS[unit_ns]} up to 146 years from 1970")
-
-
-def parse_nanoseconds(text: str) -> int:
-    """Return the nanoseconds in a text that may have decimals or an exponent: `1700000000000000000.000`."""
-    try:
-        return parse_stamp_ns(text)
-    except ValueError:
-        return parse_decimal(text, 1)
-
-
-def parse_utc(text: str) -> int:
-    """Return the nanoseconds of a time written as `2026-05-04 10:22:01.25`, UTC unless the text has a zone."""
-    moment = datetime.fromisoformat(text.strip())
-    since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - datetime.fromtimestamp(0, UTC)
-    return since // timedelta(microseconds=1) * 1000
-
-
-def seconds_text(stamp_ns: int) -> str:
-    """Return nanoseconds as seconds with nine decimals, exactly."""
-    whole, rest = divmod(abs(stamp_ns), NS_PER_S)
-    return f"{'-' if stamp_ns < 0 else ''}{whole}.{rest:09d}"
-
-
-def parse_count(text: str) -> int:
-    """Return a count in a header."""
-    if not _COUNT.fullmatch(text):
-        raise ValueError(f"'{text[:40]}' is not a count: a whole number is required")
-    return int(text)
-
-
-def parse_number(text: str) -> float:
-    """Return a finite decimal number; surrounding spaces are allowed."""
-    word = text.strip(" \t")
-    value = float(word) if _is_decimal(word) else math.nan
-    if not math.isfinite(value):
-        raise ValueError(f"'{word[:40]}' is not a finite number")
-    return value
-
-
-def check_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:
-    """Check that stamps do not decrease; `strict`: that they increase."""
-    stamps = np.asarray(stamps_ns, dtype=np.int64)
-    wrong = np.diff(stamps) < (1 if strict else 0)
-    if wrong.any():
-        first = int(np.argmax(wrong))
-        word = "is not later than" if strict else "is earlier than"
-        raise InputError(
-            f"{name}: stamp {stamps[first + 1]} (entry {first + 2}) {word} {stamps[first]}: stamps must be in order"
-        )
 
 
 def read_lines(path: Path) -> list[str]:
@@ -231,7 +136,7 @@ class _RowReader:
         if self.stamp:
             kinds = [("stamp", f"S{STAMP_LENGTH}"), ("values", np.float64, (columns,))]
             found = np.loadtxt(rows, kinds, None, self.separator, usecols=used, ndmin=1, encoding="ascii")
-            stamps_ns, values = _stamps_of(found["stamp"], self.stamp), found["values"]
+            stamps_ns, values = parse_stamps(found["stamp"], self.stamp), found["values"]
         else:
             values = np.loadtxt(rows, np.float64, None, self.separator, usecols=used, ndmin=2, encoding="ascii")
         if values.shape[1] != columns:
@@ -264,28 +169,3 @@ def split_cells(text: str, separator: str | None) -> list[str]:
     if separator is None:
         return [cell.strip('"') for cell in text.split()]
     return [cell.strip() for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])]
-
-
-def _stamps_of(texts: NDArray[np.bytes_], stamp: Callable[[str], int]) -> IntArray:
-    """Return the nanoseconds of stamps; vectorised if all have the same number of digits before the point."""
-    chars = np.ascontiguousarray(texts).view(np.uint8).reshape(len(texts), STAMP_LENGTH)
-    point = int(stamp is parse_seconds)
-    places = texts[0].find(b".") if point else len(texts[0]) - 9
-    used = places + point + 9
-    digits, ended = chars[:, :used] - np.uint8(ord("0")), chars[:, :used] == 0
-    alike = 0 < places <= 10 and not chars[:, used:].any() and not ended[:, : places if point else None].any()
-    if alike and point:
-        alike = bool((chars[:, places] == ord(".")).all())
-        digits = np.delete(np.where(ended, np.uint8(0), digits), places, axis=1)
-        ended = ended[:, places + 1 :]
-    powers = 10.0 ** np.arange(9, -1, -1)  # sums of ten digits are exact
-    alike = alike and stamp in (parse_seconds, parse_stamp_ns, parse_nanoseconds)
-    whole = digits[:, :places] @ powers[-places:] if alike else np.zeros(1)
-    if not alike or digits.max() > 9 or (ended[:, :-1] > ended[:, 1:]).any() or whole.max() >= STAMP_LIMIT // NS_PER_S:
-        return np.array([stamp(text.decode("ascii")) for text in texts.tolist()], np.int64)
-    fraction = digits[:, places:] @ powers[1:]
-    return np.asarray(whole.astype(np.int64) * NS_PER_S + fraction.astype(np.int64))
-
-
-def _is_decimal(text: str) -> bool:
-    return len(text) <= MAX_NUMBER_LENGTH and _DECIMAL.fullmatch(text) is not None

@@ -41,7 +41,8 @@ from sfr_loc_map.io.tables.pose_columns import (
     PoseColumns,
     pose_columns,
 )
-from sfr_loc_map.io.tables.text_table import BOM, Table, parse_seconds, parse_stamp_ns, parse_table, seconds_text
+from sfr_loc_map.io.tables.stamps import parse_seconds, parse_stamp_ns, seconds_text
+from sfr_loc_map.io.tables.text_table import BOM, Table, parse_table
 
 CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
     f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)

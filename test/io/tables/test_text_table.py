@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import read_table
-from sfr_loc_map.io.tables.text_table import parse_seconds, parse_stamp_ns, parse_table, seconds_text
+from sfr_loc_map.io.tables.stamps import parse_seconds, parse_stamp_ns, seconds_text
+from sfr_loc_map.io.tables.text_table import parse_table
 
 finite = st.floats(-1e308, 1e308)  # which no form rounds to infinity
 forms = st.sampled_from(("{!r}", "{:.9f}", "{:.17e}", "{:.3g}", "{:.0f}"))

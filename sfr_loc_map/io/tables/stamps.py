@@ -1,0 +1,149 @@
+"""The rules for stamps: how a stamp is read and written, in which unit, up to which size, and in which order.
+
+A stamp is an integer number of nanoseconds. It is converted from and to text by integer arithmetic, never by
+floating-point numbers. The rules apply to stamps in tables, in names of images and in messages of bags.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime, timedelta
+from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.tables.number_text import is_decimal, number_or_nan
+
+STAMP_LENGTH = 64  #: Maximum length of a stamp in text, characters.
+STAMP_LIMIT = 2**62  #: 146 years from 1970, ns; differences of two stamps fit 64 bits.
+TIMES = {"s": NS_PER_S, "sec": NS_PER_S, "secs": NS_PER_S, "seconds": NS_PER_S}
+TIMES |= {"ms": 1_000_000, "msec": 1_000_000, "us": 1_000, "usec": 1_000, "ns": 1, "nsec": 1, "nanoseconds": 1}
+"""Units of stamps, ns."""
+UTC_UNIT = "utc"  #: Unit of times written as `2026-05-04 10:22:01.25`.
+UNIT_WORDS = {1: "nanoseconds", 1_000: "microseconds", 1_000_000: "milliseconds", NS_PER_S: "seconds"}
+NANOSECOND_DIGITS = 9  #: Decimals of a stamp in seconds with nanosecond resolution.
+EARLIEST_CLOCK_S = 3e8  #: Stamps of clocks are in 1979 or later; smaller stamps count from the start of a program.
+LATEST_CLOCK_S = 4.62e9  #: 146 years after 1970, the limit of stamps; larger numbers have a smaller unit.
+LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps in seconds.
+_WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
+
+
+def parse_stamp_ns(text: str) -> int:
+    """Return integer nanoseconds; surrounding spaces are allowed."""
+    if _WHOLE.fullmatch(text.strip(" \t")) and -STAMP_LIMIT <= int(text) < STAMP_LIMIT:
+        return int(text)
+    raise ValueError(f"stamp '{text[:40]}' is not an integer number of nanoseconds within 146 years of 1970")
+
+
+def parse_seconds(text: str) -> int:
+    """Return decimal seconds as nanoseconds, exactly; more than nine decimals are rounded half to even."""
+    word = text.strip(" \t")
+    whole, _, fraction = word.partition(".")
+    if 0 < len(whole) <= 10 and len(fraction) <= 9 and (whole + fraction).isdecimal() and word.isascii():
+        stamp = int(whole) * NS_PER_S + int(fraction.ljust(9, "0"))  # fast path for the common form
+        if stamp < STAMP_LIMIT:
+            return stamp
+    elif is_decimal(word):
+        with suppress(InvalidOperation):
+            stamp = int(Decimal(word).scaleb(9).quantize(Decimal(1), ROUND_HALF_EVEN))
+            if -STAMP_LIMIT <= stamp < STAMP_LIMIT:
+                return stamp
+    hint = " (are these nanoseconds?)" if word.isdigit() else ""
+    raise ValueError(f"stamp '{word[:40]}' is not a number of seconds{hint}")
+
+
+def parse_decimal(text: str, unit_ns: int) -> int:
+    """Return the nanoseconds of a decimal number in a unit of `unit_ns` nanoseconds, rounded half to even."""
+    word = text.strip(" \t").replace(",", ".")
+    if is_decimal(word):
+        with suppress(InvalidOperation):
+            stamp = int((Decimal(word) * unit_ns).quantize(Decimal(1), ROUND_HALF_EVEN))
+            if -STAMP_LIMIT <= stamp < STAMP_LIMIT:
+                return stamp
+    raise ValueError(f"stamp '{word[:40]}' is not a number of {UNIT_WORDS[unit_ns]} up to 146 years from 1970")
+
+
+def parse_nanoseconds(text: str) -> int:
+    """Return the nanoseconds in a text that may have decimals or an exponent: `1700000000000000000.000`."""
+    try:
+        return parse_stamp_ns(text)
+    except ValueError:
+        return parse_decimal(text, 1)
+
+
+def parse_utc(text: str) -> int:
+    """Return the nanoseconds of a time written as `2026-05-04 10:22:01.25`, UTC unless the text has a zone."""
+    moment = datetime.fromisoformat(text.strip())
+    since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - datetime.fromtimestamp(0, UTC)
+    return since // timedelta(microseconds=1) * 1000
+
+
+def seconds_text(stamp_ns: int) -> str:
+    """Return nanoseconds as seconds with nine decimals, exactly."""
+    whole, rest = divmod(abs(stamp_ns), NS_PER_S)
+    return f"{'-' if stamp_ns < 0 else ''}{whole}.{rest:09d}"
+
+
+def parse_stamps(texts: NDArray[np.bytes_], stamp: Callable[[str], int]) -> IntArray:
+    """Return the nanoseconds of texts that `stamp` reads; vectorised if all have as many digits before the point."""
+    chars = np.ascontiguousarray(texts).view(np.uint8).reshape(len(texts), STAMP_LENGTH)
+    point = int(stamp is parse_seconds)
+    places = texts[0].find(b".") if point else len(texts[0]) - 9
+    used = places + point + 9
+    digits, ended = chars[:, :used] - np.uint8(ord("0")), chars[:, :used] == 0
+    alike = 0 < places <= 10 and not chars[:, used:].any() and not ended[:, : places if point else None].any()
+    if alike and point:
+        alike = bool((chars[:, places] == ord(".")).all())
+        digits = np.delete(np.where(ended, np.uint8(0), digits), places, axis=1)
+        ended = ended[:, places + 1 :]
+    powers = 10.0 ** np.arange(9, -1, -1)  # sums of ten digits are exact
+    alike = alike and stamp in (parse_seconds, parse_stamp_ns, parse_nanoseconds)
+    whole = digits[:, :places] @ powers[-places:] if alike else np.zeros(1)
+    if not alike or digits.max() > 9 or (ended[:, :-1] > ended[:, 1:]).any() or whole.max() >= STAMP_LIMIT // NS_PER_S:
+        return np.array([stamp(text.decode("ascii")) for text in texts.tolist()], np.int64)
+    fraction = digits[:, places:] @ powers[1:]
+    return np.asarray(whole.astype(np.int64) * NS_PER_S + fraction.astype(np.int64))
+
+
+def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
+    """Return the unit of stamps, inferred from their magnitude; empty if several units are possible.
+
+    Stamps of a clock are between 1979 and 2116 in only one unit. Other stamps are in seconds if they have decimals,
+    or in the only unit with steps of a sensor (1 ms to 10 s). `is_seconds`: the layout prescribes seconds.
+    """
+    numbers = np.array([number_or_nan(text) for text in texts])
+    numbers = numbers[np.isfinite(numbers)]
+    if not len(numbers):
+        return "s"
+    magnitude = float(np.partition(np.abs(numbers), (len(numbers) - 1) // 2)[(len(numbers) - 1) // 2])
+    for unit, unit_ns in (("ms", 1_000_000), ("us", 1_000), ("ns", 1)):
+        if EARLIEST_CLOCK_S <= magnitude * unit_ns / NS_PER_S <= LATEST_CLOCK_S < magnitude:
+            return unit
+    has_decimals = any(len(text.partition(".")[2]) >= NANOSECOND_DIGITS for text in texts)
+    if magnitude <= LATEST_CLOCK_S and (has_decimals or (numbers != np.floor(numbers)).any()):
+        return "s"
+    steps = np.abs(np.diff(numbers))
+    step = float(np.median(steps)) if len(steps) > 1 else 0.0
+    ranges = ((10.0, "s"), (1e4, ""), (1e6, "us"), (1e7, ""), (np.inf, "ns"))  # largest step, unit if unambiguous
+    unit = next(unit for high, unit in ranges if step <= high)
+    if unit == "s" and not is_seconds and magnitude < EARLIEST_CLOCK_S:  # the unit may also be milliseconds
+        return ""
+    return unit or ("s" if is_seconds and step <= LONGEST_STEP_S else "")
+
+
+def check_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:
+    """Check that stamps do not decrease; `strict`: that they increase."""
+    stamps = np.asarray(stamps_ns, dtype=np.int64)
+    wrong = np.diff(stamps) < (1 if strict else 0)
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        word = "is not later than" if strict else "is earlier than"
+        raise InputError(
+            f"{name}: stamp {stamps[first + 1]} (entry {first + 2}) {word} {stamps[first]}: stamps must be in order"
+        )
