@@ -6,6 +6,7 @@ itself would raise (`OSError`, `ValueError`, `yaml.YAMLError`). Each reader then
 
 from __future__ import annotations
 
+import codecs
 import csv
 import errno
 import hashlib
@@ -48,6 +49,7 @@ FREE_BYTES = 64 * 2**20  #: Decompressed size that is always accepted.
 LARGEST_RATIO = 20
 """Maximum ratio of decompressed to compressed size above `FREE_BYTES`. Images and points of real sensors have lower
 ratios."""
+HEAD_BYTES = 4096  #: Size of the head of a file that shows whether it is a text.
 MAX_DEPTH = 64  #: Maximum nesting depth of JSON and YAML.
 MAX_NODES = 100_000  #: Maximum number of values of a YAML file after expansion of its aliases.
 MAX_DIGITS = 20  #: Maximum length of an integer in JSON and YAML: 64 bits have 19 digits and a sign.
@@ -172,6 +174,14 @@ def read_bytes(path: Path, limit: int) -> bytes:
     return data
 
 
+def check_text(data: bytes) -> None:
+    """Raise ValueError if the first bytes of a file are not those of a text in ASCII or UTF-8."""
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise ValueError("it is a text in UTF-16: save it in UTF-8")
+    if b"\0" in data[:HEAD_BYTES]:
+        raise ValueError("it is a binary file: a text file is required")
+
+
 def read_table(path: Path, needed: str = "the data set requires it") -> Iterator[bytes]:
     """Yield a text table in blocks of whole lines.
 
@@ -184,6 +194,8 @@ def read_table(path: Path, needed: str = "the data set requires it") -> Iterator
             size = os.fstat(stream.fileno()).st_size
             while block := stream.read(BLOCK_BYTES):
                 block += stream.readline(MAX_TABLE_BYTES)
+                if not read:
+                    check_text(block)
                 read += len(block)
                 lines += block.count(b"\n") + block.count(b"\r")
                 if max(size, read) > MAX_TABLE_BYTES:
@@ -208,7 +220,9 @@ def read_table_text(path: Path, needed: str = "the data set requires it") -> str
 
 def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
     """Return the text of a regular file in UTF-8, with or without a byte order mark."""
-    return read_bytes(path, limit).decode("utf-8-sig")
+    data = read_bytes(path, limit)
+    check_text(data)
+    return data.decode("utf-8-sig")
 
 
 def expansion_limit(compressed: int) -> int:

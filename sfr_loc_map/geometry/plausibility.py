@@ -93,6 +93,15 @@ def plausible_quats(quats_xyzw: FloatArray) -> Mask:
     return np.asarray((low <= squares) & (squares <= high))
 
 
+def plausible_poses(positions: FloatArray, quats_xyzw: FloatArray) -> Mask:
+    """Return whether each row `(N,)` of positions `(N, 3)`, metres, and quaternions `(N, 4)` is a pose.
+
+    If every quaternion is zero, the rows are positions without attitude.
+    """
+    has_no_attitude = not quats_xyzw.any()  # NaN counts as an attitude
+    return plausible_positions(positions) & (plausible_quats(quats_xyzw) | has_no_attitude)
+
+
 def is_plausible_covariance(covariance: FloatArray) -> bool:
     """Return whether a matrix `(6, 6)` is a valid pose covariance: bounded, symmetric, positive semi-definite."""
     if not (np.abs(covariance) <= MAX_VARIANCE).all():

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.display import Shown, data_frame
 from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_poses
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
@@ -58,8 +58,7 @@ class Trajectory(Shown):
             raise GeometryError(f"a trajectory needs shapes (N,), (N, 3), (N, 4): got {shapes}")
         if not np.issubdtype(self.stamps_ns.dtype, np.signedinteger):
             raise GeometryError(f"stamps are {self.stamps_ns.dtype}: whole nanoseconds, int64, are required")
-        has_valid_attitude = plausible_quats(self.quats_xyzw) | (not self.quats_xyzw.any())
-        is_invalid = ~(plausible_positions(self.positions) & has_valid_attitude)
+        is_invalid = ~plausible_poses(self.positions, self.quats_xyzw)
         if is_invalid.any():
             first = int(np.argmax(is_invalid))
             count_invalid = int(is_invalid.sum())

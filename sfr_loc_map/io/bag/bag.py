@@ -20,7 +20,7 @@ from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.extrinsics import RigInBody, rig_in_body
 from sfr_loc_map.geometry.frame_tree import FrameTree
-from sfr_loc_map.geometry.plausibility import check_extrinsics, plausible_positions, plausible_quats
+from sfr_loc_map.geometry.plausibility import check_extrinsics, plausible_poses
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Task, parse_json, refusing, serialised_stamp
@@ -236,8 +236,7 @@ def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
         rows.append(pose_row(message, message.pose.pose))
         covariances.append(message.pose.covariance)
     where, values = f"'{topic.bag_name}' of bag '{bag.path}'", np.array([row for _, row in rows]).reshape(-1, 7)
-    turned = plausible_quats(values[:, 3:]) | (not values[:, 3:].any())
-    good = np.flatnonzero(plausible_positions(values[:, :3]) & turned)
+    good = np.flatnonzero(plausible_poses(values[:, :3], values[:, 3:]))
     if 0 < len(good) < len(rows):
         _log.warning(f"{where}: {len(rows) - len(good)} of {len(rows)} poses skipped: invalid position or quaternion")
         rows, covariances = [rows[k] for k in good], [covariances[k] for k in good]

@@ -32,9 +32,11 @@ from sfr_loc_map.io.tables.stamps import (
     parse_utc,
     time_unit,
 )
-from sfr_loc_map.io.tables.text_table import split_cells
+from sfr_loc_map.io.tables.text_table import COMMENTS, split_cells
 
 STAMP, SECONDS, NANOSECONDS, FRAME = "t", "sec", "nsec", "frame"
+SMALLER_FRACTIONS = {"us": ("usec", "microsec"), "ms": ("msec", "millisec")}
+"""Units of the fraction of a second other than ns, by the beginning of the name of the column."""
 POSITION = ("x", "y", "z")
 QUATERNION = ("qx", "qy", "qz", "qw")
 MATRIX = tuple(f"m{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3, 4))
@@ -43,7 +45,10 @@ SKIPPED = "_"
 NAMES: dict[str, tuple[str, ...]] = {
     STAMP: ("headerstamp", "timestamp", "stamp", "time", "t", "utime", "unixtime", "timestamps"),
     SECONDS: ("sec", "secs", "headerstampsec", "headerstampsecs", "stampsec", "timesec", "timestampsec"),
-    NANOSECONDS: ("nsec", "nsecs", "nanosec", "nanosecs", "headerstampnanosec", "headerstampnsecs", "stampnanosec"),
+    NANOSECONDS: (
+        *("nsec", "nsecs", "nanosec", "nanosecs", "headerstampnanosec", "headerstampnsecs", "stampnanosec"),
+        *("usec", "usecs", "microsec", "microsecs", "microseconds", "msec", "msecs", "millisec", "millisecs"),
+    ),
     "x": ("x", "px", "tx", "posx", "positionx", "translationx", "xenu", "east", "easting", "e", "prsrx"),
     "y": ("y", "py", "ty", "posy", "positiony", "translationy", "yenu", "north", "northing", "n", "prsry"),
     "z": ("z", "pz", "tz", "posz", "positionz", "translationz", "zenu", "up", "height", "h", "elevation", "prsrz"),
@@ -55,6 +60,7 @@ NAMES |= {
 }
 """Names of columns in lower case without `_`, `.`, `-` and spaces; earlier names take precedence."""
 METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
+UNITS = {*METRES, *TIMES, UTC_UNIT, "rad", "deg", "-", "1"}  #: Contents of a line of units below a header.
 COVARIANCES = {
     "Pr": ("attitude", ("11", "12", "13", "22", "23", "33")),
     "Pt": ("position", ("11", "12", "13", "22", "23", "33")),
@@ -92,6 +98,7 @@ LAYOUTS = (
     Layout("KITTI-360 (frame and 3 x 4 matrix)", (FRAME, *MATRIX), "", (13,)),
     Layout("KITTI-360 (frame and 4 x 4 matrix)", (FRAME, *MATRIX), "", (17,)),
     Layout("MulRan (t and 3 x 4 matrix)", (STAMP, *MATRIX), "", (13,)),
+    Layout("t and 4 x 4 matrix", (STAMP, *MATRIX), "", (17,)),
     Layout("t x y z", (STAMP, *POSITION), "", (4,)),
 )
 """All supported layouts without a header; docs/formats.md has the same table."""
@@ -159,6 +166,11 @@ class PoseColumns:
         return [*poses, *((NANOSECONDS,) if NANOSECONDS in self.places else ()), *covariances]
 
     @property
+    def fraction_ns(self) -> int:
+        """Unit of the column `nsec`, ns."""
+        return TIMES[self.units.get(NANOSECONDS, "ns")]
+
+    @property
     def scales(self) -> list[float]:
         """Factors that convert the columns of the position to metres."""
         return [METRES[self.units.get(key, "")] * (-1.0 if key == DOWN else 1.0) for key in self.position_keys]
@@ -183,16 +195,22 @@ def pose_columns(lines: Sequence[str], name: str, columns: str, option: str) -> 
     lines = lines[:HEAD_LINES]
     first, separator = _first_row(lines)
     if first < 0:
-        raise InputError(f"{name} has no pose: at least one line with a pose is required")
+        number = next((number for number, line in enumerate(lines) if line.strip()), None)
+        found = "it is empty" if number is None else f"line {number + 1} is '{lines[number].strip()[:60]}'"
+        raise InputError(
+            f"{name} has no pose: at least one line with a pose is required, with numbers separated by commas, "
+            f"semicolons, tabs or spaces; {found}: give a csv, TUM, KITTI or EuRoC file"
+        )
     rows = _numbers(lines[first:], separator)
     width = max((len(cells) for cells in rows), default=0) or len(split_cells(lines[first], separator))
     if columns:
-        found = _by_user(lines[:first], name, columns, separator, width)
+        columns_found = _by_user(lines[:first], name, columns, separator, width)
     else:
-        found = _by_header(lines[:first], separator, rows) or _by_layout(lines, first, name, separator, rows, option)
-    found = replace(found, skip=first)
-    _check(found, name, lines[:first], option)
-    return _with_time_unit(found, rows, name, option)
+        by_header = _by_header(lines[:first], name, separator, rows, option)
+        columns_found = by_header or _by_layout(lines, first, name, separator, rows, option)
+    columns_found = replace(columns_found, skip=first)
+    _check(columns_found, name, lines[:first], option)
+    return _with_time_unit(columns_found, rows, name, option)
 
 
 # ---- separators and rows
@@ -202,12 +220,12 @@ def _first_row(lines: Sequence[str]) -> tuple[int, str | None]:
     """Return the index of the first row of numbers, -1 if there is none, and the separator of its cells."""
     for number, line in enumerate(lines):
         text = line.strip()
-        if not text or text[0] in "#%" or text.startswith("//"):
+        if not text or text.startswith(COMMENTS):
             continue
         separator = _separator(text)
         cells = split_cells(text, separator)
         numeric = sum(_is_number(cell) or not cell for cell in cells)
-        if cells and 2 * numeric >= len(cells) and (_is_number(cells[0]) or _is_time(cells[0])):
+        if len(cells) > 1 and 2 * numeric >= len(cells) and (_is_number(cells[0]) or _is_time(cells[0])):
             return number, separator
     return -1, None
 
@@ -241,17 +259,19 @@ def _is_time(text: str) -> bool:
 def _numbers(lines: Sequence[str], separator: str | None) -> list[list[str]]:
     """Return the cells of the lines that are rows."""
     rows = [line.strip() for line in lines]
-    return [split_cells(row, separator) for row in rows if row and row[0] not in "#%"]
+    return [split_cells(row, separator) for row in rows if row and not row.startswith(COMMENTS)]
 
 
 # ---- a header
 
 
 def split_unit(cell: str) -> tuple[str, str]:
-    """Return the name and the unit of a cell of a header: `East [mm]`, `time_ns`, `Height (m)`."""
+    """Return the name and the unit of a cell of a header: `East [mm]`, `time_ns`, `Height (m)`, `usec`."""
     match = _UNIT.match(cell.strip())
     title, *units = match.groups("") if match else (cell, "")
-    return str(title).strip(), "".join(units).strip().lower()
+    name, unit = str(title).strip(), "".join(units).strip().lower()
+    in_name = (unit for unit, starts in SMALLER_FRACTIONS.items() if name.lower().startswith(starts))
+    return name, unit or next(in_name, "")
 
 
 def key_of(cell: str) -> tuple[str, int] | None:
@@ -280,19 +300,41 @@ def header_cells(line: str, separator: str | None, width: int) -> list[str]:
     return next((found for found in cells if len(found) >= min(width, 4)), cells[0])
 
 
-def _by_header(before: Sequence[str], separator: str | None, rows: Sequence[Sequence[str]]) -> PoseColumns | None:
-    """Return the columns named by the header, or None without a header.
+def _by_header(
+    before: Sequence[str], name: str, separator: str | None, rows: Sequence[Sequence[str]], option: str
+) -> PoseColumns | None:
+    """Return the columns named by the header, or None without a header; InputError if a name occurs twice.
 
-    The header is the last line before the rows that names a stamp, x, y, and z or down.
+    The header is the last line before the rows that names a stamp, x, y, and z or down. A line of units may follow.
     """
     width = max((len(cells) for cells in rows), default=0)
-    for line in reversed(before):
+    for number, line in reversed([*enumerate(before)]):
         cells = _aligned(header_cells(line, separator, width), rows, width)
         found = _named(cells)
-        has_stamp = STAMP in found or {SECONDS, NANOSECONDS} <= found.keys() or SECONDS in found
-        if has_stamp and {"x", "y"} <= found.keys() and found.keys() & {"z", DOWN}:
-            return _of_header("columns by their names", cells, found, separator, width)
+        if found.keys() & {STAMP, SECONDS} and {"x", "y"} <= found.keys() and found.keys() & {"z", DOWN}:
+            _check_names_differ(cells, found, f"{name} line {number + 1}", option)
+            below = _units_below(before[number + 1 :], separator, len(cells))
+            return _of_header(cells, found, below, separator, width)
     return None
+
+
+def _check_names_differ(cells: Sequence[str], found: Mapping[str, int], where: str, option: str) -> None:
+    """Raise InputError if several columns have the name of a column that would be read."""
+    for place in found.values():
+        places = [number for number, cell in enumerate(cells) if key_of(cell) == key_of(cells[place])]
+        if len(places) > 1:
+            numbers = " and ".join(f"#{number + 1}" for number in places)
+            example = option.replace("COLUMNS", "t=#NUMBER[s],x=#NUMBER,y=#NUMBER,z=#NUMBER")
+            raise InputError(f"{where}: columns {numbers} are both '{cells[place]}': name the columns: {example}")
+
+
+def _units_below(lines: Sequence[str], separator: str | None, width: int) -> list[str]:
+    """Return the units of the columns in a line between the header and the rows; empty without such a line."""
+    for line in lines:
+        units = [cell.strip("()[] ").lower() for cell in header_cells(line, separator, width)]
+        if len(units) == width and any(units) and all(unit in UNITS for unit in units):
+            return units
+    return []
 
 
 def _aligned(cells: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[str]:
@@ -322,10 +364,13 @@ def _named(cells: Sequence[str]) -> dict[str, int]:
 
 
 def _of_header(
-    name: str, cells: Sequence[str], found: Mapping[str, int], separator: str | None, width: int
+    cells: Sequence[str], found: Mapping[str, int], below: Sequence[str], separator: str | None, width: int
 ) -> PoseColumns:
+    """Return the columns of a header; `below` has the units in the line below the header, or is empty."""
     places = dict(found)
     units = {key: split_unit(cells[place])[1] for key, place in places.items()}
+    if below:
+        units = {key: unit or below[places[key]] for key, unit in units.items()}
     if SECONDS in places and NANOSECONDS not in places and STAMP not in places:
         places[STAMP], units[STAMP] = places.pop(SECONDS), "s"
     if {SECONDS, NANOSECONDS} <= places.keys():
@@ -334,12 +379,13 @@ def _of_header(
         places = {key: place for key, place in places.items() if key not in QUATERNION}
     units = {key: unit for key, unit in units.items() if key in places and unit}
     ignored = tuple(cell for place, cell in enumerate(cells) if place not in places.values())
-    return PoseColumns(name, separator, places, units, max(width, len(cells)), by_header=True, ignored=ignored)
+    name, columns = "columns by their names", max(width, len(cells))
+    return PoseColumns(name, separator, places, units, columns, by_header=True, ignored=ignored)
 
 
 def _by_user(before: Sequence[str], name: str, columns: str, separator: str | None, width: int) -> PoseColumns:
     """Return the columns that the user names as `NAME=HEADER[UNIT]`, or as `NAME[UNIT]` in the order of columns."""
-    items = [item.strip() for item in columns.split(",") if item.strip()]
+    items = [item.strip() for item in columns.split(",")]
     header = max((header_cells(line, separator, width) for line in before), key=len, default=[])
     ordered = not any("=" in item for item in items)
     places: dict[str, int] = {}
@@ -354,11 +400,14 @@ def _by_user(before: Sequence[str], name: str, columns: str, separator: str | No
         if key == SKIPPED:
             continue
         known = {*NAMES, FRAME, *MATRIX}
+        if key in places:
+            raise InputError(f"{name}: the columns name {key} twice, the second time by '{item}': name it once")
         if key not in known or place is None or place >= max(width, len(header)):
             shown = ", ".join(header) or f"{width} columns without a header"
             raise InputError(
                 f"{name}: no column for '{item}': give NAME=HEADER, where NAME is t, sec, nsec, x, y, z, qx, qy, qz "
-                f"or qw, and HEADER is the title or #NUMBER of a column; found {shown[:200]}"
+                f"or qw (_: a column that is not read), and HEADER is the title or #NUMBER of a column; "
+                f"found {shown[:200]}"
             )
         places[key] = place
         units[key] = unit
@@ -398,7 +447,8 @@ def _by_layout(
     header = _unknown_header(lines[:first])
     if header is not None:
         raise InputError(_no_names(name, lines[:first], header, option))
-    widths = sorted(len(cells) for cells in rows)
+    has_empty_end = all(len(cells) > 1 and not cells[-1] for cells in rows)  # a separator after the last number
+    widths = sorted(len(cells) - has_empty_end for cells in rows)
     width = widths[len(widths) // 2]
     table = _table([cells for cells in rows if len(cells) >= width], width)
     comma = "," if separator in (",", ";") else " "
@@ -427,7 +477,7 @@ def _by_layout(
         raise InputError(f"{name} {problem}: name the columns: {option.replace('COLUMNS', columns)}")
     extra = tuple(f"#{number + 1}" for number in range(len(layout.keys), width))
     units = {STAMP: layout.unit} if layout.unit and STAMP in places else {}
-    return PoseColumns(layout.name, separator, places, units, width, ignored=extra)
+    return PoseColumns(layout.name, separator, places, units, width + has_empty_end, ignored=extra)
 
 
 class _StatedOrder(NamedTuple):
@@ -445,9 +495,12 @@ def _stated_order(comments: Sequence[str]) -> _StatedOrder | None:
 
 
 def _unknown_header(before: Sequence[str]) -> int | None:
-    """Return the index of the first line before the rows that is neither empty nor a comment; None if absent."""
-    texts = (number for number, line in enumerate(before) if line.strip() and line.strip()[0] not in "#%/")
-    return next(texts, None)
+    """Return the index of the line before the rows that is probably the header; None without such a line.
+
+    The line is not a comment. Of several lines, the first of those that name the most columns is returned.
+    """
+    texts = [number for number, line in enumerate(before) if line.strip() and not line.strip().startswith(COMMENTS)]
+    return max(texts, key=lambda number: len(_named(header_cells(before[number], None, 4))), default=None)
 
 
 def _table(rows: Sequence[Sequence[str]], width: int) -> FloatArray:
@@ -489,10 +542,12 @@ def _fit(layout: Layout, table: FloatArray, width: int, comma: str) -> float:
         return 0.0
     if layout.unit == "ns" and not whole:
         return 0.0
-    if keys[0] == STAMP and width > len(keys):  # the first rows of a matrix look like a stamp and a quaternion
-        steps = np.diff(rows[:, 0])
-        if not len(steps) or np.mean(steps > 0.0) < FIT:
-            return 0.0
+    steps = np.diff(rows[:, 0])
+    increasing, decreasing = (float(np.mean(steps * sign >= 0.0)) if len(steps) else 1.0 for sign in (1.0, -1.0))
+    if keys == (STAMP, *POSITION) and max(increasing, decreasing) < FIT:  # such as the rows of a 4 x 4 matrix
+        return 0.0
+    if keys[0] == STAMP and width > len(keys) and not (len(steps) and np.mean(steps > 0.0) >= FIT):
+        return 0.0  # the first rows of a matrix look like a stamp and a quaternion
     return float(good.mean())
 
 
@@ -503,12 +558,17 @@ def _check(found: PoseColumns, name: str, before: Sequence[str], option: str) ->
     """Check that the required columns of a pose exist and have known units."""
     needed = ((STAMP, SECONDS, FRAME), ("x",), ("y",), ("z", DOWN))
     missing = [] if found.is_matrix else [keys[0] for keys in needed if not any(key in found for key in keys)]
-    known = {STAMP: (*TIMES, UTC_UNIT, ""), **dict.fromkeys((*POSITION, DOWN), tuple(METRES))}
-    wrong = [f"{key}[{unit}]" for key, unit in found.units.items() if key in known and unit not in known[key]]
-    if missing or wrong:
-        header = _unknown_header(before)
-        problem = ", ".join([*(f"{key} not found" for key in missing), *(f"unit of {item} unknown" for item in wrong)])
-        raise InputError(_no_names(name, before, header or 0, option, problem))
+    if missing:
+        header = _unknown_header(before) or 0
+        raise InputError(_no_names(name, before, header, option, f"{', '.join(missing)} not found"))
+    known = {STAMP: (*TIMES, UTC_UNIT, ""), NANOSECONDS: ("ns", "us", "ms", "nsec", "usec", "msec", "")}
+    known |= dict.fromkeys((*POSITION, DOWN), tuple(METRES))
+    for key, unit in found.units.items():
+        if key in known and unit not in known[key]:
+            units = ", ".join(unit for unit in known[key] if unit)
+            raise InputError(
+                f"{name}: the unit of {key} is '{unit[:20]}', which is unknown: convert the column to one of {units}"
+            )
 
 
 def _no_names(name: str, before: Sequence[str], number: int, option: str, problem: str = "") -> str:
@@ -522,7 +582,7 @@ def _no_names(name: str, before: Sequence[str], number: int, option: str, proble
     own = [cells[found[key]] if key in found else "HEADER" for key in needed]
     example = ",".join(f"{key}={cell}" for key, cell in zip(needed, own, strict=True))
     return (
-        f"{name} line {number + 1} is '{header[:80]}': the header has no known names and units for t, x, y, z "
+        f"{name} line {number + 1} is '{header[:80]}': the header has no known names for t, x, y, z "
         f"({problem}): name the columns: {option.replace('COLUMNS', example)}"
     )
 

@@ -21,7 +21,8 @@ from sfr_loc_map.io.tables.number_text import parse_number
 from sfr_loc_map.io.tables.stamps import STAMP_LENGTH, parse_stamps
 
 BOM = b"\xef\xbb\xbf"
-COMMENTS = b"#%"  #: First characters of comment lines.
+COMMENTS = ("#", "%", "//")  #: Beginnings of comment lines.
+_COMMENTS = tuple(sign.encode() for sign in COMMENTS)
 NO_VALUE = ("", "nan", "null", "none", "-")  #: Cells without a value (target not observed), in lower case.
 MAX_BROKEN = 0.1  #: Largest fraction of invalid lines that are skipped.
 
@@ -92,7 +93,7 @@ def parse_table(
     table = Table(name, np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, columns)))
     for block in blocks:
         texts = [text.strip() for text in (block if number else block.removeprefix(BOM)).splitlines()]
-        chosen = [k for k, text in enumerate(texts) if text and text[0] not in COMMENTS and number + k >= skip]
+        chosen = [k for k, text in enumerate(texts) if text and not text.startswith(_COMMENTS) and number + k >= skip]
         try:
             stamps_ns, values = reader.all_at_once([texts[k] for k in chosen])
         except (ValueError, IndexError) as error:

@@ -27,7 +27,7 @@ import numpy as np
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats, plausible_rotations
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_poses, plausible_positions, plausible_rotations
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -178,13 +178,24 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, found: PoseCol
         quats = np.stack([values.get(key, np.zeros(len(positions))) for key in QUATERNION], axis=1)
     stamps_ns, said, by_index = table.stamps_ns, "", False
     if NANOSECONDS in found:
-        stamps_ns = stamps_ns + np.rint(values[NANOSECONDS]).astype(np.int64)
+        stamps_ns = stamps_ns + _fractions_ns(table, values[NANOSECONDS] * found.fraction_ns)
     if not stamp_keys or found.stamp_key == FRAME:
         numbers = stamps_ns // NS_PER_S if stamp_keys else np.arange(len(positions))
         stamps_ns, said, by_index = _stamps_of_frames(path, numbers, len(positions) + len(table.broken))
     poses = replace(table, stamps_ns=stamps_ns, values=np.concatenate((positions, quats), axis=1))
     covariance = _covariance(values) if found.has_covariance else None
     return _loaded(path, poses, _kind(found), columns=found, stamps=said, by_index=by_index, covariance=covariance)
+
+
+def _fractions_ns(table: Table, fractions_ns: FloatArray) -> IntArray:
+    """Return fractions of seconds `(N,)` as whole nanoseconds; InputError if one is negative or at least 1 s."""
+    if (outside := (fractions_ns < 0.0) | (fractions_ns >= NS_PER_S)).any():
+        first = int(np.argmax(outside))
+        raise InputError(
+            f"{table.name} line {table.lines[first]}: the fraction of a second is {fractions_ns[first]:g} ns: 0 to "
+            f"{NS_PER_S - 1} ns is required; name the column of the complete stamp as t, or correct the unit"
+        )
+    return np.rint(fractions_ns).astype(np.int64)
 
 
 def _of_matrices(rows: FloatArray, *, is_optical: bool) -> tuple[FloatArray, FloatArray]:
@@ -256,9 +267,7 @@ def _loaded(
 ) -> LoadedTrajectory:
     """Return the poses of rows x, y, z, quaternion; rows without a valid pose are skipped and counted."""
     positions, quats = table.values[:, :3].copy(), table.values[:, 3:] * (1.0 if signs is None else signs)
-    near = plausible_positions(positions)
-    turned = plausible_quats(quats) | (not np.nan_to_num(quats).any() and not np.isnan(quats).any())
-    good = near & turned
+    good, near = plausible_poses(positions, quats), plausible_positions(positions)
     problems = []
     for row in np.flatnonzero(~good).tolist():
         problem = f"the quaternion {quats[row].tolist()} is not a rotation: a unit quaternion is required"

@@ -11,6 +11,7 @@ import pytest
 
 from helpers.cli_result import Sfr
 from helpers.pose_tables import COUNT, drive, rows, seconds
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
@@ -132,6 +133,23 @@ FORMS: dict[str, Callable[[Trajectory], str]] = {
         separator=" ",
         header=f'"timestamp" {" ".join(POSE)}',
     ),
+    "seconds and microseconds": lambda p: rows(
+        [stamp // NS_PER_S for stamp in whole(p)],
+        [stamp % NS_PER_S // 1000 for stamp in whole(p)],
+        p.positions,
+        p.quats_xyzw,
+        header="secs,usecs,x,y,z,qx,qy,qz,qw",
+    ),
+    "a line of units below the header": lambda p: rows(
+        seconds(p), 1000.0 * p.positions, p.quats_xyzw, header="time,x,y,z,qx,qy,qz,qw\n(s),(mm),(mm),(mm),-,-,-,-"
+    ),
+    "comments of C between the rows": lambda p: rows(
+        seconds(p), p.positions, p.quats_xyzw, separator=" ", header="// t x y z qx qy qz qw"
+    ).replace("1700000002.0", "// the next block\n1700000002.0"),
+    "a separator after the last number": lambda p: rows(seconds(p), p.positions, p.quats_xyzw).replace("\n", ",\n"),
+    "stamps and 4 x 4 matrices": lambda p: rows(
+        seconds(p), matrices(p), np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1)), separator=" "
+    ),
     "lines without values": with_nan,
     "a broken line": lambda p: trajectory_text(p, read_as("tum")) + "1700000100.0 1 2",
 }
@@ -190,6 +208,33 @@ def test_what_can_be_read_in_two_ways_is_asked_and_the_answer_is_one_option(
     }[case]
     done = sfr(*words, "--columns", f"{side}:{columns}")
     assert done.code == 0, done.err
+
+
+TRACKER = "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z\n"
+REFUSED = {
+    "names that occur twice": (f"{TRACKER}1,0.5,0,0,0,1,7,8,9\n", "", "line 1: columns #3 and #7 are both 'X'"),
+    "complete stamps as fractions": ("sec,nsec,x,y,z\n1,1000000005,0,0,0\n", "", "line 2: the fraction of a second"),
+    "an unknown unit": ("t [s],x [ft],y [ft],z [ft]\n1,2,3,4\n", "", "the unit of x is 'ft'"),
+    "rows of 4 x 4 matrices": ("1 0 0 5\n0 1 0 5\n0 0 1 5\n0 0 0 1\n" * 5, "", "fits no layout of"),
+    "a gap in the given columns": ("1,2,3,4,5\n", "t[s],,x,y,z", "no column for ''"),
+    "a column given twice": ("a,b,c,d\n1,2,3,4\n", "t=a[s],x=b,y=c,z=d,x=d", "name x twice"),
+    "a text without rows": ('{"poses": []}\n', "", """has no pose: .* line 1 is '{"poses": \\[\\]}'"""),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_table_that_cannot_be_understood_is_refused_by_what_was_found(tmp_path: Path, case: str) -> None:
+    text, columns, words = REFUSED[case]
+    (tmp_path / "theirs.csv").write_text(text)
+    with pytest.raises(InputError, match=f"^'{tmp_path}/theirs.csv'[^\n]*{words}[^\n]*$"):
+        read_trajectory_file(tmp_path / "theirs.csv", columns)
+
+
+@pytest.mark.parametrize(("encoding", "words"), [("utf-16", "UTF-16: save it in UTF-8"), ("utf-32-be", "binary file")])
+def test_a_file_that_is_no_text_is_refused_as_such(tmp_path: Path, encoding: str, words: str) -> None:
+    (tmp_path / "theirs.csv").write_text("t,x,y,z\n1.0,2,3,4\n", encoding=encoding)
+    with pytest.raises(InputError, match=words):
+        read_trajectory_file(tmp_path / "theirs.csv")
 
 
 @pytest.mark.parametrize("item", ["t=Zeit[s]", "t=Zeit", "t=zeit [s]"])
