@@ -277,7 +277,7 @@ MUTATIONS = (
     Mutation(SHORTFALLS, '"points_not_finite", MAP, 0.0', '"points_not_finite", MAP, 0.5'),
     Mutation(SHORTFALLS, "MAP,\n        0.5,", "MAP,\n        0.99,"),
     Mutation(SHORTFALLS, '"calls_doubled", CALLS, 0.0', '"calls_doubled", CALLS, 0.1'),
-    Mutation("metrics/judging/incomplete.py", "figure not in NEVER_PARTIAL", 'figure != "calls_other"'),
+    Mutation("metrics/judging/incomplete.py", "not kind.is_wrong", 'kind.figure != "calls_other"'),
     Mutation("metrics/judging/incomplete.py", "row.n and row.value is None", "row.n and row.value == 0.0"),
     Mutation(
         "metrics/judging/limit_scope.py",
@@ -352,7 +352,7 @@ MUTATIONS = (
     # a path without images, a range without pixels, a stationary rover
     Mutation("metrics/completeness.py", "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"),
     Mutation("metrics/completeness.py", "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
-    Mutation("metrics/judging/incomplete.py", 'if figure == "pixels_without_point" and found', "if False and found"),
+    Mutation("metrics/judging/incomplete.py", "value is None and kind.unknown", "value is None and False"),
     Mutation("metrics/judging/incomplete.py", "(share.value or 0.0) <= STANDING_MOST", "(share.value or 0.0) <= 1.0"),
     Mutation(
         "metrics/judging/incomplete.py",

@@ -31,7 +31,7 @@ from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.limits import LimitSection
 from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
+from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS, ShortfallKind
 from sfr_loc_map.metrics.table import Figure, figure_row
 
 EXACT = 1e-9  #: Relative tolerance of a recomputed statistic.
@@ -40,23 +40,6 @@ DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 SIGMAS = 5.0  #: A quantile contradicts the sample if a sampled fraction deviates by more standard deviations than this.
 PAIR = "pair "  #: Prefix of the part of a row that is about one mapping pair.
 CORRELATED = 10.0  #: Number of correlated values that are equivalent to one independent value.
-COUNTED = (
-    "lost",
-    "degraded",
-    "missing",
-    "images_without_truth",
-    "unmatched",
-    "doubled",
-    "poses_repeated",
-    "poses_of_truth",
-    "pairs_without_cloud",
-    "points_without_truth",
-    "points_not_finite",
-    "points_repeated",
-)
-"""Figures of completeness that the table has as a fraction and as a count."""
-OF_EXPECTED = ("missing", "images_without_truth", "pairs_without_cloud", "calls_missing", "dropped")
-"""Figures of completeness that are, like the row `judged`, a fraction of the expected items."""
 WITHOUT_RESULT = {DRIVE: ("missing", Subject.TRAJECTORY), MAP: ("pairs_without_cloud", Subject.MAP)}
 """The only figure of completeness of a part without estimate or cloud, and the subject that such a part lacks."""
 
@@ -117,11 +100,12 @@ def _of_judged(score: Score) -> Iterator[str]:
         if row.value is None:
             continue
         kind = part.of_calls.text if part.what == CALLS else None
-        names = _shortfall_names(score, part)
-        for name in names:
-            if score.figure(name, part=kind) is None:
-                yield f"it has the row {row.label}, but the row {' '.join(filter(None, (name, kind)))} is absent"
-        absent = [score.number(name, part=kind) or 0.0 for name in names if name in OF_EXPECTED]
+        required = _required_shortfalls(score, part)
+        for shortfall in required:
+            if score.figure(shortfall.figure, part=kind) is None:
+                missing_row = " ".join(filter(None, (shortfall.figure, kind)))
+                yield f"it has the row {row.label}, but the row {missing_row} is absent"
+        absent = [score.number(each.figure, part=kind) or 0.0 for each in required if each.is_of_expected]
         if not absent:
             continue
         # no lower bound for the answers of an external node
@@ -130,12 +114,13 @@ def _of_judged(score: Score) -> Iterator[str]:
             yield f"{row.label} is {_text(row.value)}, but the missing items give {_text(1.0 - sum(absent))}"
 
 
-def _shortfall_names(score: Score, part: RowPart) -> list[str]:
-    """Return the figures of completeness that a part of a score always has."""
+def _required_shortfalls(score: Score, part: RowPart) -> list[ShortfallKind]:
+    """Return the shortfalls whose rows a part of a score always has."""
+    of_part = [kind for kind in SHORTFALLS if kind.part == part.what]
     only, subject = WITHOUT_RESULT.get(part.what, ("", Subject.COMPLETENESS))
     if not score.has(subject):
-        return [only]
-    return [kind.figure for kind in SHORTFALLS if kind.part == part.what and kind.figure != ERRORS_BEYOND]
+        return [kind for kind in of_part if kind.figure == only]
+    return [kind for kind in of_part if kind.figure != ERRORS_BEYOND]
 
 
 def _of_sub_trajectories(score: Score) -> Iterator[str]:
@@ -295,7 +280,7 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
 
 
 def _of_counts(score: Score) -> Iterator[str]:
-    for name in COUNTED:
+    for name in [kind.figure for kind in SHORTFALLS]:
         share, count = score.figure(name, part=None), score.figure(name, part="count")
         if share is None or count is None or count.value is None or not count.n:
             continue

@@ -1,6 +1,11 @@
-"""The table of shortfalls: figure of completeness, part of the score, largest complete value, and text.
+"""The table of shortfalls: figures of completeness that count missing, unjudged or wrong data.
 
-Limits on completeness and the verdicts on incomplete parts follow from this table.
+Limits on completeness, the verdicts on incomplete parts (`judging.incomplete`), and the check of the figures of a
+stored score (`raw_values`) follow from this table.
+
+To add a shortfall, add its line here and in `catalogue`, and compute its row (`completeness`, `copies`). To add a part
+of a score, also add the part to `catalogue`, compute its row `judged`, and state in `judging.limit_scope` which limits
+require the part.
 """
 
 from __future__ import annotations
@@ -17,25 +22,35 @@ class ShortfallKind(NamedTuple):
     part: str  #: Part of the score: `drive`, `map`, `calls` or `live`.
     #: Largest value for which the part is complete, unless a limit on the figure is given; None for any value.
     most: float | None = None
-    text: str = ""  #: Why the part is incomplete; `percent`, `value` and `part` (of the calls) are inserted.
+    #: Why the part is incomplete; `percent`, `value` and `part` (of the calls) are inserted. If empty, the text has
+    #: other figures as well and is composed by `judging.incomplete`.
+    text: str = ""
+    unknown: str = ""  #: Why the part is incomplete if the figure is unknown; if empty, an unknown figure is accepted.
+    is_of_expected: bool = False  #: Whether the figure is a fraction of the expected items, as the row `judged`.
+    is_of_states: bool = False  #: Whether the figure requires the state of each pose, so that a limit on it does, too.
+    is_by_limit: bool = False  #: Whether the figure makes a part incomplete only for the limits that it affects.
+    is_wrong: bool = False  #: Whether the counted data are wrong and not only missing; never accepted by `--partial`.
 
 
 BEYOND_MOST = 0.02  #: Largest fraction of frames whose errors far exceed the judged errors, as in a short loss.
 STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories in which the rover is stationary.
 SHORTFALLS = (
-    ShortfallKind("missing", DRIVE, 0.0),  # text by `incomplete.missing_text`
+    ShortfallKind("missing", DRIVE, 0.0, is_of_expected=True),
     ShortfallKind(
         "images_without_truth",
         DRIVE,
         0.0,
         "{percent} % of the images or true poses have no ground truth, or no true pose at the stamp of their estimate "
         "(option frames=images interpolates the truth)",
+        is_of_expected=True,
     ),
-    ShortfallKind("lost", DRIVE),
-    ShortfallKind("degraded", DRIVE),
+    ShortfallKind("lost", DRIVE, is_of_states=True),
+    ShortfallKind("degraded", DRIVE, is_of_states=True),
     ShortfallKind("unmatched", DRIVE),
     ShortfallKind("path_without_images", DRIVE),
-    ShortfallKind("doubled", DRIVE, 0.0, "{percent} % of the estimates have the stamp of another estimate"),
+    ShortfallKind(
+        "doubled", DRIVE, 0.0, "{percent} % of the estimates have the stamp of another estimate", is_wrong=True
+    ),
     ShortfallKind(
         "poses_repeated",
         DRIVE,
@@ -50,6 +65,7 @@ SHORTFALLS = (
         0.1,
         "{percent} % of the steps are those of the ground truth, closer than any measurement: give the estimate of the "
         "item under test",
+        is_wrong=True,
     ),
     ShortfallKind(
         "errors_of_truth",
@@ -57,12 +73,17 @@ SHORTFALLS = (
         0.1,
         "{percent} % of the judged motions from a start to an end are those of the ground truth, closer than any "
         "measurement: give the estimate of the item under test",
+        is_wrong=True,
     ),
-    # text by `incomplete.beyond_text`, for each limit that the errors at the other frames miss
-    ShortfallKind(ERRORS_BEYOND, DRIVE, BEYOND_MOST),
-    # text by `incomplete.standing_text`, for each limit that the errors of the moving rover miss
-    ShortfallKind(STANDING, DRIVE, STANDING_MOST),
-    ShortfallKind("pairs_without_cloud", MAP, 0.0, "{percent} % of the mapping pairs have no point in the cloud"),
+    ShortfallKind(ERRORS_BEYOND, DRIVE, BEYOND_MOST, is_by_limit=True),
+    ShortfallKind(STANDING, DRIVE, STANDING_MOST, is_by_limit=True),
+    ShortfallKind(
+        "pairs_without_cloud",
+        MAP,
+        0.0,
+        "{percent} % of the mapping pairs have no point in the cloud",
+        is_of_expected=True,
+    ),
     # not 0, because points at the edge of the sky may have no truth
     ShortfallKind("points_without_truth", MAP, 0.01, "{percent} % of the map points have no ground truth"),
     ShortfallKind("points_not_finite", MAP, 0.0, "{percent} % of the map points are not finite"),
@@ -75,12 +96,23 @@ SHORTFALLS = (
         MAP,
         0.5,
         "a mapping pair has no map point at {percent} % of its true pixels in the scored range",
+        unknown="no mapping pair has a true pixel in the scored range, so that no point was required",
     ),
-    ShortfallKind("calls_missing", CALLS, 0.0, "{percent} % of the pairs have no measured {part} call"),
     ShortfallKind(
-        "calls_other", CALLS, 0.0, "{percent} % of the {part} calls have stamps that the source does not have"
+        "calls_missing", CALLS, 0.0, "{percent} % of the pairs have no measured {part} call", is_of_expected=True
     ),
-    ShortfallKind("calls_doubled", CALLS, 0.0, "{percent} % of the {part} calls belong to the pair of another call"),
-    ShortfallKind("dropped", LIVE, 0.0, "{percent} % of the messages of the live run were dropped"),
+    ShortfallKind(
+        "calls_other",
+        CALLS,
+        0.0,
+        "{percent} % of the {part} calls have stamps that the source does not have",
+        is_wrong=True,
+    ),
+    ShortfallKind(
+        "calls_doubled", CALLS, 0.0, "{percent} % of the {part} calls belong to the pair of another call", is_wrong=True
+    ),
+    ShortfallKind(
+        "dropped", LIVE, 0.0, "{percent} % of the messages of the live run were dropped", is_of_expected=True
+    ),
     ShortfallKind("restarts", LIVE, 0.0, "the live score restarted {value} times"),
 )

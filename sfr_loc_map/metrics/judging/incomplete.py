@@ -38,12 +38,9 @@ UNKNOWN = "the expected items of the {part} are unknown: score against the sourc
 NO_CALL = "no {part} call was measured: give the calls of the run (option stats)"
 NO_STAMP = "the {part} calls have no stamps, so that their pairs are unknown"
 NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (option stats)"
-NO_PIXEL = "no mapping pair has a true pixel in the scored range, so that no point was required"
-OF_STATES = ("lost", "degraded")  #: Figures that require the state of each pose.
-NEVER_PARTIAL = ("calls_other", "calls_doubled", "doubled", "poses_of_truth", "errors_of_truth")
-"""Figures that partial judging does not accept, because their data are wrong and not only missing."""
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
+OF_STATES = [kind.figure for kind in SHORTFALLS if kind.is_of_states]
 STATES = RowPart("states")  #: Part of the shortfalls for unknown states of poses.
 
 
@@ -84,14 +81,7 @@ def shortfalls(score: Score) -> list[Shortfall]:
     if limits is None:
         return []
     found: list[Shortfall] = []
-    stated = [limit for limit in limits.limits if limit.section is LimitSection.COMPLETENESS]
-    allowed = {limit.name.removesuffix("_max_share") for limit in stated}
-    if any(limit.name == COVERAGE_MIN for limit in limits.limits):
-        allowed.add("pixels_without_point")
-    if "unmatched" in allowed and score.association is not None and not score.association.images:
-        allowed.add("images_without_truth")  # if the images are unknown, these are the estimates without truth
-    if "poses_of_truth" in allowed:
-        allowed.add("errors_of_truth")
+    allowed = allowed_figures(score, limits)
     for part in judged_parts(limits, score):
         found += _shortfalls_of(score, part, allowed)
     if ERRORS_BEYOND not in allowed:
@@ -106,6 +96,18 @@ def shortfalls(score: Score) -> list[Shortfall]:
     return found
 
 
+def allowed_figures(score: Score, limits: Limits) -> set[str]:
+    """Return the figures of completeness that the limits state, and those that a stated limit covers as well."""
+    allowed = {item.limited.figure for item in limits.limits if item.section is LimitSection.COMPLETENESS}
+    if any(limit.name == COVERAGE_MIN for limit in limits.limits):
+        allowed.add("pixels_without_point")
+    if "unmatched" in allowed and score.association is not None and not score.association.images:
+        allowed.add("images_without_truth")  # if the images are unknown, these are the estimates without truth
+    if "poses_of_truth" in allowed:
+        allowed.add("errors_of_truth")
+    return allowed
+
+
 def _shortfalls_of(score: Score, part: RowPart, allowed: Collection[str]) -> Iterator[Shortfall]:
     row = score.figure("judged", subject=Subject.COMPLETENESS, part=part)
     is_partial = score.rules is not None and score.rules.partial
@@ -118,20 +120,21 @@ def _shortfalls_of(score: Score, part: RowPart, allowed: Collection[str]) -> Ite
             text = f"the memory of {100.0 * (1.0 - row.value):.4g} % of the {part.call} calls was not measured"
             yield Shortfall(part, "judged", 1.0, row.value, text, score.place_of(row))
         return
-    kind = part.of_calls.text if part.what == CALLS else None
-    for figure, _, most, text in (each for each in SHORTFALLS if each.part == part.what):
-        asked = is_partial and figure not in NEVER_PARTIAL
-        found = score.figure(figure, subject=Subject.COMPLETENESS, part=kind)
-        value = None if found is None else found.value
-        if figure in (ERRORS_BEYOND, STANDING, *allowed) or asked or most is None:
+    calls = part.of_calls.text if part.what == CALLS else None
+    for kind in SHORTFALLS:
+        most = kind.most
+        if kind.part != part.what or most is None or kind.is_by_limit or kind.figure in allowed:
             continue
-        if figure == "pixels_without_point" and found is not None and value is None:
-            yield Shortfall(part, figure, most, None, NO_PIXEL, score.place_of(found))
+        if is_partial and not kind.is_wrong:
+            continue
+        found = score.figure(kind.figure, subject=Subject.COMPLETENESS, part=calls)
+        value = None if found is None else found.value
+        if found is not None and value is None and kind.unknown:
+            yield Shortfall(part, kind.figure, most, None, kind.unknown, score.place_of(found))
         if value is None or value <= most:
             continue
-        said = text.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=kind)
-        said = missing_text(score) if figure == "missing" else said
-        yield Shortfall(part, figure, most, value, said, score.place_of(found))
+        text = kind.text.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=calls)
+        yield Shortfall(part, kind.figure, most, value, text or missing_text(score), score.place_of(found))
 
 
 def _beyond_the_judged(score: Score, limits: Limits) -> Iterator[Shortfall]:
