@@ -346,7 +346,7 @@ def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *
     The disagreement is the root sum of squares of the position error per distance travelled and the attitude error in
     radians, re-based at each start and averaged over sub-trajectories.
     """
-    from sfr_loc_map.metrics.convention import MIN_POSES
+    from sfr_loc_map.metrics.convention_diagnosis import MIN_POSES
     from sfr_loc_map.report.tables import Cell, Column, Table
     from sfr_loc_map.scoring.conversion import diagnose_run
 

@@ -2,22 +2,28 @@
 
 Each setting declares one difference. The differences are corrected in this order: stamps, quaternions, unit, mirroring,
 inversion, frame of the rover (`converted`), world frame (`aligned`). Values without a difference stay bit-identical.
+`converted_estimates` converts poses with their covariances. `metrics.convention_diagnosis` finds differences that are not
+declared.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
 
 from sfr_loc_map.config import build, changed, param, parameters
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_from_matrix, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.transform import Transform, propagation
+from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, symmetric
+from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.consistency import carried
 
 RB = "rb"  #: Frame of the rover [3.2.1].
 RB_OPTICAL = "rb_optical"  #: Frame with the origin of RB and optical axes.
@@ -159,3 +165,62 @@ def aligned(trajectory: Trajectory, T_ds_world: Transform) -> Trajectory:
     """Return poses in DS from poses in another world frame."""
     quats = quat_multiply(T_ds_world.quat_xyzw, trajectory.quats_xyzw)
     return Trajectory(trajectory.stamps_ns, T_ds_world.apply(trajectory.positions), quats)
+
+
+def converted_estimates(
+    estimates: Estimates, convention: PoseConvention, T_rb_child: Transform, truth: Trajectory | None
+) -> Estimates:
+    """Return estimates, which are poses of a child frame of RB in a convention, as poses of RB in DS.
+
+    With `world=first_pose` the first pose is aligned with the truth, or with the identity if there is no truth.
+    Covariances are propagated, but removed if poses are inverted or mirrored. Steps (`step_cov`) are motions of RB and
+    are kept only if nothing but the world frame or the stamps differ. MetricsError if no pose has a true pose.
+    """
+    poses = converted(estimates.trajectory, convention, T_rb_child)
+    is_turned = convention.inverse or convention.inverse_motion or convention.mirrored
+    covariance = None if is_turned else estimates.covariance
+    if covariance is not None and (convention.metres_per_unit != 1.0 or convention.of_another_frame):
+        unit = np.diag([convention.metres_per_unit] * 3 + [1.0] * 3)
+        arms = -quat_rotate(quat_normalised(poses.quats_xyzw), T_rb_child.translation)
+        carry = np.array([propagation(arm) @ unit for arm in arms]).reshape(-1, 6, 6)
+        covariance = _carried(covariance, carry)
+    plain = convention == PoseConvention(world=convention.world, time_offset_ns=convention.time_offset_ns)
+    result = replace(estimates, trajectory=poses, covariance=covariance, steps=estimates.steps if plain else None)
+    if convention.world != FIRST_POSE:
+        return result
+    return aligned_estimates(result, world_at_first_pose(result, truth))
+
+
+def aligned_estimates(estimates: Estimates, T_ds_world: Transform) -> Estimates:
+    """Return estimates in DS, with their covariances, from estimates in another world frame."""
+    covariance = estimates.covariance
+    if covariance is not None:
+        covariance = _carried(covariance, np.asarray(np.kron(np.eye(2), T_ds_world.rotation), np.float64))
+    return replace(estimates, trajectory=aligned(estimates.trajectory, T_ds_world), covariance=covariance)
+
+
+def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Transform:
+    """Return `T_ds_world`, which aligns the first pose that is not lost with its true pose.
+
+    Without a truth, `T_ds_world` aligns the first pose with the identity.
+    """
+    if truth is None:
+        if not len(estimates.trajectory):
+            raise MetricsError("there is no pose to align the world frame at: give an estimate with poses")
+        return estimates.trajectory.pose(0).inverse()
+    frames = associate(estimates.trajectory, truth, AssociationConfig())[0]
+    known = np.flatnonzero(~estimates.lost[frames.estimate_rows])
+    if not len(known):
+        raise MetricsError(
+            "no estimated pose has a true pose at its stamp, so that the world frame cannot be aligned: check the "
+            "stamps, or set world=ds"
+        )
+    first = int(known[0])
+    true = Transform.from_quat(frames.true_position[first], frames.true_attitude[first])
+    return true @ Transform.from_quat(frames.position[first], frames.attitude[first]).inverse()
+
+
+def _carried(covariance: FloatArray, carry: FloatArray) -> FloatArray:
+    """Return the upper triangles `(N, 21)` of propagated covariances, from upper triangles."""
+    moved = carried(carry, symmetric(covariance))
+    return np.ascontiguousarray(moved[:, UPPER[0], UPPER[1]]).reshape(-1, COVARIANCE_SIZE)

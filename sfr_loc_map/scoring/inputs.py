@@ -14,8 +14,7 @@ from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth
-from sfr_loc_map.metrics.convention import converted_estimates
-from sfr_loc_map.metrics.pose_convention import PoseConvention
+from sfr_loc_map.metrics.pose_convention import PoseConvention, converted_estimates
 from sfr_loc_map.metrics.records import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, TargetRecord
 from sfr_loc_map.runs.calls import CallStats, stats_beside
 

@@ -16,7 +16,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig, Rebase, TrajectoryScoreConfig
-from sfr_loc_map.metrics.convention import diagnose
+from sfr_loc_map.metrics.convention_diagnosis import diagnose
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score

@@ -23,8 +23,13 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
-from sfr_loc_map.metrics.convention import aligned_estimates, converted_estimates, world_at_first_pose
-from sfr_loc_map.metrics.pose_convention import FIRST_POSE, PoseConvention
+from sfr_loc_map.metrics.pose_convention import (
+    FIRST_POSE,
+    PoseConvention,
+    aligned_estimates,
+    converted_estimates,
+    world_at_first_pose,
+)
 from sfr_loc_map.metrics.records import ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.nodes.launch.processes import ChildProcess
 from sfr_loc_map.nodes.replay.answer_book import AnswerBook

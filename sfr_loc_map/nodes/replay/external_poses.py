@@ -12,7 +12,7 @@ from sfr_loc_map.io.sequence import LocSequence, Source
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import Estimates, symmetric
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.convention import converted_estimates
+from sfr_loc_map.metrics.pose_convention import converted_estimates
 from sfr_loc_map.metrics.records import ConventionRecord
 from sfr_loc_map.runs.calls import CallRecord, estimates_of, stats_of
 from sfr_loc_map.runs.collected_run import CollectedRun

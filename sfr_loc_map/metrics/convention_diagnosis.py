@@ -15,12 +15,10 @@ The estimate is re-based by its complete pose, so that the disagreement does not
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,
@@ -28,21 +26,18 @@ from sfr_loc_map.geometry.rotation import (
     quat_conjugate,
     quat_from_matrix,
     quat_multiply,
-    quat_normalised,
     quat_rotate,
     slerp,
     unit_quats,
 )
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, symmetric, unique_rows
+from sfr_loc_map.metrics.association import associate, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.consistency import carried
 from sfr_loc_map.metrics.formulas import pose_reading
-from sfr_loc_map.metrics.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted
+from sfr_loc_map.metrics.pose_convention import MIRROR, MIRROR_QUAT
 from sfr_loc_map.metrics.records import Record
 
 GAIN, GAIN_FITTED = 2.0, 3.0
@@ -63,7 +58,7 @@ OFFSET_STEPS = 200
 AS_GOOD = 1.1  #: Factor of disagreement up to which an offset to the exact stamps of the truth is preferred.
 STAMP_NOISE_NS = 1_000
 LOOKS_WRONG = "the estimate looks wrong:"
-Poses = tuple[FloatArray, FloatArray]  #: Positions `(N, 3)` and unit quaternions `(N, 4)`.
+PoseArrays = tuple[FloatArray, FloatArray]  #: Positions `(N, 3)` and unit quaternions `(N, 4)`.
 
 
 class Tried(NamedTuple):
@@ -137,7 +132,7 @@ def diagnose(
     return Diagnosis(disagreement=before, hypotheses=tuple(item.hypothesis for item in tried), found=best)
 
 
-def _truth_scalar_first(true: Poses, found: Poses) -> Tried:
+def _truth_scalar_first(true: PoseArrays, found: PoseArrays) -> Tried:
     """Return the hypothesis that the truth is scalar first, which no setting of the estimate corrects."""
     positions, quats = true
     left = disagreements((positions, quats[:, WXYZ]), found)
@@ -176,7 +171,7 @@ def _explains(tried: Tried, plain: FloatArray | None) -> bool:
     return plain is None or bool(np.median(plain) >= gain * np.median(tried.left))
 
 
-def _is_scale_error(true: Poses, found: Poses, best: Hypothesis) -> bool:
+def _is_scale_error(true: PoseArrays, found: PoseArrays, best: Hypothesis) -> bool:
     """Return whether a scale error of the estimate explains the disagreement about as well as the best hypothesis."""
     starts, ends = _eighths(len(true[0]))
     true_m, found_m = (np.linalg.norm(p[ends] - p[starts], axis=1) for p in (true[0], found[0]))
@@ -186,7 +181,7 @@ def _is_scale_error(true: Poses, found: Poses, best: Hypothesis) -> bool:
     return disagreement(true, (scale * found[0], found[1])) <= SIMPLER * best.disagreement
 
 
-def _one_pair_late(true: Poses, found: Poses, stamps_ns: IntArray, before: float) -> Hypothesis | None:
+def _one_pair_late(true: PoseArrays, found: PoseArrays, stamps_ns: IntArray, before: float) -> Hypothesis | None:
     """Return the hypothesis that each pose is that of the previous pair, if the rotations from pose to pose fit it."""
     if len(stamps_ns) < LATE_POSES:
         return None
@@ -202,12 +197,12 @@ def _one_pair_late(true: Poses, found: Poses, stamps_ns: IntArray, before: float
     return _of_offset(-step, step, left)
 
 
-def disagreement(truth: Poses, estimate: Poses) -> float:
+def disagreement(truth: PoseArrays, estimate: PoseArrays) -> float:
     """Return the disagreement of estimated poses with the truth, both in time order."""
     return float(np.mean(disagreements(truth, estimate)))
 
 
-def disagreements(truth: Poses, estimate: Poses) -> FloatArray:
+def disagreements(truth: PoseArrays, estimate: PoseArrays) -> FloatArray:
     """Return the disagreement of each sub-trajectory."""
     starts, ends = _eighths(len(truth[0]))
     errors = pose_reading(formulas.Poses(*truth, *estimate), starts, ends)
@@ -229,28 +224,34 @@ def _eighths(count: int) -> tuple[IntArray, IntArray]:
 
 
 class Mismatch(NamedTuple):
-    """A convention mismatch and its correction."""
+    """A convention mismatch and its correction.
+
+    `undo` corrects positions and quaternions as `PoseConvention` does with the setting
+    (`test/metrics/test_convention_diagnosis.py`).
+    """
 
     name: str
     setting: str  #: Setting `NAME=VALUE` of `PoseConvention` for the correction; empty if there is none.
     sentence: str
-    undo: Callable[[FloatArray, FloatArray], Poses]
+    undo: Callable[[FloatArray, FloatArray], PoseArrays]
     is_fitted: bool = False  #: Whether numbers were fitted for the correction.
-    applies: Callable[[Poses, Poses], bool] = lambda true, found: True  #: Whether the poses can show the mismatch.
+    applies: Callable[[PoseArrays, PoseArrays], bool] = lambda true, found: (
+        True
+    )  #: Whether the poses can show the mismatch.
 
 
-def _motions_inverted(p: FloatArray, q: FloatArray) -> Poses:
+def _motions_inverted(p: FloatArray, q: FloatArray) -> PoseArrays:
     back = quat_conjugate(q)
     return quat_rotate(back, p[0] - p), quat_multiply(back, q[0])
 
 
-def _begins_elsewhere(true: Poses, found: Poses) -> bool:
+def _begins_elsewhere(true: PoseArrays, found: PoseArrays) -> bool:
     """Return whether the first pose differs from the identity, with which inverted motions equal inverted poses."""
     positions, quats = found
     return bool(np.abs(positions[0]).max() + quat_angle(quats[0]) > 1e-9)
 
 
-def _moves_in_true_directions(true: Poses, found: Poses) -> bool:
+def _moves_in_true_directions(true: PoseArrays, found: PoseArrays) -> bool:
     """Return whether the displacements have the directions of the true displacements.
 
     The displacements of a stationary rover are noise. Without this condition the unit millimetre would explain this
@@ -332,13 +333,13 @@ MISMATCHES = (
         "mirrored left and right",
         "mirrored=true",
         "left and right are mirrored (y points right): negate y, and x and z of the quaternions",
-        lambda p, q: (p * MIRROR, q * np.array([-1.0, 1.0, -1.0, 1.0])),
+        lambda p, q: (p * MIRROR, q * MIRROR_QUAT),
     ),
 )
 """The mismatches whose correction has no fitted numbers."""
 
 
-def frame_mismatches(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterator[Mismatch]:
+def frame_mismatches(truth: PoseArrays, estimate: PoseArrays, rig: StereoRig | None) -> Iterator[Mismatch]:
     """Yield the mismatches that the poses are those of the left camera or another point of the rover.
 
     The extrinsics are those of the rig, or fitted.
@@ -382,7 +383,7 @@ def _left_camera(
         numbers = (*lever_m.tolist(), *turn.tolist())
         setting = "extrinsics=" + ",".join(repr(round(number, 9)) for number in numbers)
 
-    def undo(p: FloatArray, q: FloatArray) -> Poses:
+    def undo(p: FloatArray, q: FloatArray) -> PoseArrays:
         of_rb = quat_multiply(q, quat_conjugate(turn))
         return p - quat_rotate(of_rb, lever_m), of_rb
 
@@ -395,52 +396,78 @@ def _upright(quats: FloatArray) -> FloatArray:
     return np.where(quats[:, 3:] < 0.0, -quats, quats)
 
 
+class Offset(NamedTuple):
+    """An offset that is added to the stamps of the estimate, and the remaining disagreement of each sub-trajectory."""
+
+    offset_ns: int
+    left: FloatArray
+
+    @property
+    def disagreement(self) -> float:
+        """The mean of the remaining disagreement."""
+        return float(np.mean(self.left))
+
+
 def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Tried]:
-    est_ns, gt_ns = estimate.stamps_ns, truth.stamps_ns
-    if min(len(est_ns), len(gt_ns)) < MIN_POSES:
+    """Yield the hypothesis that the stamps are offset, if most of the estimate has a truth with an offset.
+
+    The offset with the least disagreement is searched on a grid that is refined around the best offset. The offset that
+    moves most stamps to stamps of the truth is then preferred if its disagreement is about the same.
+    """
+    if min(len(estimate), len(truth)) < MIN_POSES:
         return
-    step = int(np.median(np.diff(est_ns)))
-    base = 0 if before is not None else int(gt_ns[0]) - int(est_ns[0])
-    reach = max(20 * step, 2 * NS_PER_S)
-    best, least, explained = base, np.inf, np.full(1, np.inf)
-    true_attitudes = unit_quats(truth.quats_xyzw)
-    attitudes = unit_quats(estimate.quats_xyzw)
-    while True:
-        is_last = reach < max(step // 500, 1000)
-        if not is_last:
-            shifts = np.linspace(best - reach, best + reach, OFFSET_STEPS + 1).astype(np.int64).tolist()
-        elif np.isfinite(least):  # the offset that moves most stamps to stamps of the truth, otherwise the best offset
-            stamps = est_ns + best
-            after = np.clip(np.searchsorted(gt_ns, stamps), 1, len(gt_ns) - 1)
-            around = np.stack((gt_ns[after - 1] - stamps, gt_ns[after] - stamps))
-            left = around[np.abs(around).argmin(axis=0), np.arange(len(stamps))]
-            middle = int(np.median(left))
-            shifts = [best + (middle if (np.abs(left - middle) <= STAMP_NOISE_NS).mean() > 0.5 else 0)]
-        else:
-            return
-        for shift in shifts:
-            first, last = np.searchsorted(est_ns, gt_ns[[0, -1]] - shift).tolist()
-            if last - first < max(MIN_POSES, round(EXPLAINED_SHARE * len(est_ns))):
-                continue  # an offset that omits frames explains nothing
-            chosen = slice(first, last, max(1, (last - first) // 800))
-            stamps = est_ns[chosen] + shift
-            after = np.searchsorted(gt_ns, stamps, side="right")
-            share = (stamps - gt_ns[after - 1]) / (gt_ns[after] - gt_ns[after - 1])
-            start = truth.positions[after - 1]
-            true = (
-                start + share[:, None] * (truth.positions[after] - start),
-                slerp(true_attitudes[after - 1], true_attitudes[after], share),
-            )
-            left_of_each = disagreements(true, (estimate.positions[chosen], attitudes[chosen]))
-            value = float(np.mean(left_of_each))
-            if is_last and value <= AS_GOOD * least:
-                best = shift
-            elif value < least:
-                best, least, explained = shift, value, left_of_each
-        if is_last:
-            break
-        reach = reach * 4 // OFFSET_STEPS
-    yield Tried(_of_offset(best, step, least), explained)
+    estimate, truth = _with_unit_quats(estimate), _with_unit_quats(truth)
+    step_ns = int(np.median(np.diff(estimate.stamps_ns)))
+    begin_ns = 0 if before is not None else int(truth.stamps_ns[0]) - int(estimate.stamps_ns[0])
+    best = Offset(begin_ns, np.full(1, np.inf))
+    reach_ns = max(20 * step_ns, 2 * NS_PER_S)
+    while reach_ns >= max(step_ns // 500, 1000):
+        grid = np.linspace(best.offset_ns - reach_ns, best.offset_ns + reach_ns, OFFSET_STEPS + 1)
+        for offset_ns in grid.astype(np.int64).tolist():
+            left = _disagreements_with_offset(estimate, truth, offset_ns)
+            if left is not None and np.mean(left) < best.disagreement:
+                best = Offset(offset_ns, left)
+        reach_ns = reach_ns * 4 // OFFSET_STEPS
+    if not np.isfinite(best.disagreement):
+        return
+    exact_ns = best.offset_ns + _offset_to_stamps(estimate.stamps_ns + best.offset_ns, truth.stamps_ns)
+    left = _disagreements_with_offset(estimate, truth, exact_ns)
+    if left is not None and np.mean(left) <= AS_GOOD * best.disagreement:
+        best = best._replace(offset_ns=exact_ns)
+    yield Tried(_of_offset(best.offset_ns, step_ns, best.disagreement), best.left)
+
+
+def _with_unit_quats(poses: Trajectory) -> Trajectory:
+    return Trajectory(poses.stamps_ns, poses.positions, unit_quats(poses.quats_xyzw))
+
+
+def _offset_to_stamps(stamps_ns: IntArray, true_ns: IntArray) -> int:
+    """Return the offset that moves most of the stamps to stamps of the truth; 0 if no offset moves more than half."""
+    after = np.clip(np.searchsorted(true_ns, stamps_ns), 1, len(true_ns) - 1)
+    around = np.stack((true_ns[after - 1] - stamps_ns, true_ns[after] - stamps_ns))
+    to_nearest = around[np.abs(around).argmin(axis=0), np.arange(len(stamps_ns))]
+    typical = int(np.median(to_nearest))
+    is_common = (np.abs(to_nearest - typical) <= STAMP_NOISE_NS).mean() > 0.5
+    return typical if is_common else 0
+
+
+def _disagreements_with_offset(estimate: Trajectory, truth: Trajectory, offset_ns: int) -> FloatArray | None:
+    """Return the disagreement of each sub-trajectory from the interpolated truth; None if the offset omits frames.
+
+    Both trajectories have ascending stamps and unit quaternions.
+    """
+    est_ns, true_ns = estimate.stamps_ns, truth.stamps_ns
+    first, last = np.searchsorted(est_ns, true_ns[[0, -1]] - offset_ns).tolist()
+    if last - first < max(MIN_POSES, round(EXPLAINED_SHARE * len(est_ns))):
+        return None
+    chosen = slice(first, last, max(1, (last - first) // 800))
+    stamps_ns = est_ns[chosen] + offset_ns
+    after = np.searchsorted(true_ns, stamps_ns, side="right")
+    share = (stamps_ns - true_ns[after - 1]) / (true_ns[after] - true_ns[after - 1])
+    start = truth.positions[after - 1]
+    true_positions = start + share[:, None] * (truth.positions[after] - start)
+    true_quats = slerp(truth.quats_xyzw[after - 1], truth.quats_xyzw[after], share)
+    return disagreements((true_positions, true_quats), (estimate.positions[chosen], estimate.quats_xyzw[chosen]))
 
 
 def _of_offset(offset_ns: int, step_ns: int, left: float) -> Hypothesis:
@@ -453,62 +480,3 @@ def _of_offset(offset_ns: int, step_ns: int, left: float) -> Hypothesis:
         fitted=not is_late,
         setting=f"time_offset_ns={offset_ns}",
     )
-
-
-def converted_estimates(
-    estimates: Estimates, convention: PoseConvention, T_rb_child: Transform, truth: Trajectory | None
-) -> Estimates:
-    """Return estimates, which are poses of a child frame of RB in a convention, as poses of RB in DS.
-
-    With `world=first_pose` the first pose is aligned with the truth, or with the identity if there is no truth.
-    Covariances are propagated, but removed if poses are inverted or mirrored. Steps (`step_cov`) are motions of RB and
-    are kept only if nothing but the world frame or the stamps differ. MetricsError if no pose has a true pose.
-    """
-    poses = converted(estimates.trajectory, convention, T_rb_child)
-    is_turned = convention.inverse or convention.inverse_motion or convention.mirrored
-    covariance = None if is_turned else estimates.covariance
-    if covariance is not None and (convention.metres_per_unit != 1.0 or convention.of_another_frame):
-        unit = np.diag([convention.metres_per_unit] * 3 + [1.0] * 3)
-        arms = -quat_rotate(quat_normalised(poses.quats_xyzw), T_rb_child.translation)
-        carry = np.array([propagation(arm) @ unit for arm in arms]).reshape(-1, 6, 6)
-        covariance = _carried(covariance, carry)
-    plain = convention == PoseConvention(world=convention.world, time_offset_ns=convention.time_offset_ns)
-    result = replace(estimates, trajectory=poses, covariance=covariance, steps=estimates.steps if plain else None)
-    if convention.world != FIRST_POSE:
-        return result
-    return aligned_estimates(result, world_at_first_pose(result, truth))
-
-
-def aligned_estimates(estimates: Estimates, T_ds_world: Transform) -> Estimates:
-    """Return estimates in DS, with their covariances, from estimates in another world frame."""
-    covariance = estimates.covariance
-    if covariance is not None:
-        covariance = _carried(covariance, np.asarray(np.kron(np.eye(2), T_ds_world.rotation), np.float64))
-    return replace(estimates, trajectory=aligned(estimates.trajectory, T_ds_world), covariance=covariance)
-
-
-def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Transform:
-    """Return `T_ds_world`, which aligns the first pose that is not lost with its true pose.
-
-    Without a truth, `T_ds_world` aligns the first pose with the identity.
-    """
-    if truth is None:
-        if not len(estimates.trajectory):
-            raise MetricsError("there is no pose to align the world frame at: give an estimate with poses")
-        return estimates.trajectory.pose(0).inverse()
-    frames = associate(estimates.trajectory, truth, AssociationConfig())[0]
-    known = np.flatnonzero(~estimates.lost[frames.estimate_rows])
-    if not len(known):
-        raise MetricsError(
-            "no estimated pose has a true pose at its stamp, so that the world frame cannot be aligned: check the "
-            "stamps, or set world=ds"
-        )
-    first = int(known[0])
-    true = Transform.from_quat(frames.true_position[first], frames.true_attitude[first])
-    return true @ Transform.from_quat(frames.position[first], frames.attitude[first]).inverse()
-
-
-def _carried(covariance: FloatArray, carry: FloatArray) -> FloatArray:
-    """Return the upper triangles `(N, 21)` of propagated covariances, from upper triangles."""
-    moved = carried(carry, symmetric(covariance))
-    return np.ascontiguousarray(moved[:, UPPER[0], UPPER[1]]).reshape(-1, COVARIANCE_SIZE)

@@ -14,8 +14,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.association import UPPER, Estimates, associate
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.convention import converted_estimates, diagnose, disagreement
-from sfr_loc_map.metrics.pose_convention import PoseConvention
+from sfr_loc_map.metrics.convention_diagnosis import diagnose, disagreement
+from sfr_loc_map.metrics.pose_convention import PoseConvention, converted_estimates
 
 TILTED = Rotation.from_euler("y", 20, degrees=True).as_matrix()
 CAMERA = Transform(TILTED @ OPTICAL_IN_BODY, np.array([0.45, 0.12, 0.30]))
