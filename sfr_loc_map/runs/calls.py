@@ -120,6 +120,11 @@ class CallStats:
         """Stamps of the calls of a localiser; calls of a mapper may have the same stamps."""
         return self.calls.stamps_ns[self.calls.is_localisation]
 
+    def has_task(self, task: Task) -> bool:
+        """Return whether there is a call of a task."""
+        is_localisation = self.calls.is_localisation
+        return bool((is_localisation if task is Task.LOCALISATION else ~is_localisation).any())
+
     def localised_rows(self, stamps_ns: IntArray) -> NDArray[np.intp]:
         """Return the row of the call of a localiser for each stamp, -1 where there is no call.
 

@@ -17,7 +17,7 @@ from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
-from sfr_loc_map.inputs import read_text, refusing
+from sfr_loc_map.inputs import Task, read_text, refusing
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.sequence import Source
@@ -100,11 +100,22 @@ def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> No
 
 
 def check_one_method(stats: Sequence[CallStats], target: CallStats | None) -> None:
-    """Raise InputError if calls name several methods: in files, or on a target another one than on this host."""
+    """Raise InputError if the calls of a run are of several methods, or of several configurations of a method.
+
+    The calls on a target must be of the method of those on this host.
+    """
     here = {_identity(item.method) for item in stats if item.method is not None}
     names = ", ".join(f"{name} {version or ''}".strip() for name, version, _ in sorted(here, key=str))
     if len(here) > 1:
         raise InputError(f"the calls (--stats) are of {len(here)} methods ({names}): give the calls of one method")
+    for task in Task:
+        methods = [item.method for item in stats if item.has_task(task) and item.method is not None]
+        configurations = {method.config_sha256 for method in methods}
+        if len(configurations) > 1:
+            raise InputError(
+                f"the {task} calls (--stats) are of {len(configurations)} configurations of the method {names}: give "
+                "the calls of one configuration"
+            )
     if target is not None and target.method is not None and here and _identity(target.method) not in here:
         raise InputError(
             f"the calls on the target are of the method {target.method.name} {target.method.version or ''}, those on "

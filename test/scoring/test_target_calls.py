@@ -88,3 +88,16 @@ def test_a_score_has_the_calls_of_one_method(tmp_path: Path, files: tuple[Path, 
         done = sfr("score", *files, "--limits", rules, "--stats", stats, "--stats", mapping)
         assert done.code == code, done.err
     assert "are of 2 methods (mine 1, other 1): give the calls of one method" in done.err
+
+
+def test_a_score_has_the_calls_of_one_configuration(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    """The calls of a second configuration would count as calls of the first."""
+    header = "stamp_ns,processing_time_s,state,method,method_version,method_kind,method_config_sha256"
+    paths = []
+    for number, (state, configuration) in enumerate((("tracking", "a"), ("tracking", "b"), ("mapped_set", "c"))):
+        paths.append(tmp_path / f"calls_{number}.csv")
+        paths[-1].write_text(f"{header}\n{number},0.1,{state},mine,1,python,{configuration * 64}\n")
+    done = sfr("score", *files, "--stats", paths[0], "--stats", paths[1])
+    assert done.code == 2
+    assert "the localisation calls (--stats) are of 2 configurations of the method mine 1: give" in done.err
+    assert sfr("score", *files, "--stats", paths[0], "--stats", paths[2]).code != 2, "the mapper has its own settings"
