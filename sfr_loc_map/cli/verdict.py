@@ -61,7 +61,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     A failure of the method comes first. If the conventions of estimate and truth contradict each other, no limit is
     judged. Otherwise missed limits take precedence over limits that could not be judged.
     """
-    from sfr_loc_map.metrics.judging.reasons import incomplete_parts, reasons_not_judged
+    from sfr_loc_map.metrics.judging.reasons import names_of_incomplete_parts, reasons_not_judged
     from sfr_loc_map.report.verdict_view import VerdictView
 
     if score.missed:
@@ -69,7 +69,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
         missed = [f"{view.name}: {view.comparison}" for view in views]
         kinds = ", ".join(item.kind for item in score.fatal_findings)
         reasons = [f"the method failed: {kinds}"] if kinds else []
-        reasons += [] if score.incomplete is None else [f"incomplete: {incomplete_parts(score)}"]
+        reasons += [] if score.incomplete is None else [f"incomplete: {names_of_incomplete_parts(score)}"]
         reasons += [f"{len(missed)} of {len(score.on_limits)} limits missed: {'; '.join(missed)}"] if missed else []
         raise FailedVerdictError("; ".join(reasons))
     # a score that passes has no limit on the unjudged items, such as a requested condition that was never met

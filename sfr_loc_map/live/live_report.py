@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.judging.judge import judged_at_the_end
+from sfr_loc_map.metrics.judging.judge import with_missing_results
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.report.limit_bars import limit_bars
@@ -25,7 +25,7 @@ class LiveReport:
 
     def ended(self, missing: str) -> LiveReport:
         """Return the report after the end of the run, when the run may be incomplete; the figures are unchanged."""
-        score = judged_at_the_end(self.score, missing)
+        score = with_missing_results(self.score, missing)
         return self if score is self.score else LiveReport(score, self.received_s)
 
     def to_plain(self) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.config import TrajectoryScoreConfig, VerdictState
 from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, statistic_of
-from sfr_loc_map.metrics.judging.judge import judged, judged_at_the_end, overall_verdict
+from sfr_loc_map.metrics.judging.judge import judged, overall_verdict, with_missing_results
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
 from sfr_loc_map.metrics.limits import BOUND, PLACES, Limits, LimitSection, Rules
@@ -279,16 +279,16 @@ def test_a_verdict_is_certain_where_the_interval_is_on_one_side_of_the_limit() -
 
 
 def test_what_a_live_run_misses_at_its_end_leaves_no_pass() -> None:
-    score = judged_at_the_end(judged(with_position(0.4), parse_limits(LIMIT, "limits")), "3 pairs have no answer")
+    score = with_missing_results(judged(with_position(0.4), parse_limits(LIMIT, "limits")), "3 pairs have no answer")
     assert [score.verdict, *(item.state for item in score.verdicts)] == ["incomplete", "incomplete"]
     both = judged(with_position(0.4), parse_limits({**LIMIT, "completeness": {"lost_max_share": 1.0}}, "limits"))
     both = replace(
         both, incomplete=None, verdicts=tuple(replace(item, state=VerdictState.PASS) for item in both.verdicts)
     )
-    ended = judged_at_the_end(both, "3 pairs have no answer")
+    ended = with_missing_results(both, "3 pairs have no answer")
     assert [item.state for item in ended.on_limits] == ["incomplete", "pass"], "the second needs no complete drive"
     partial = judged(with_position(0.4), parse_limits(LIMIT, "limits"), partial=True)
-    assert judged_at_the_end(partial, "3 pairs") == partial
+    assert with_missing_results(partial, "3 pairs") == partial
 
 
 def test_a_score_of_a_live_run_that_is_over_is_shown_and_not_stored() -> None:
@@ -298,7 +298,7 @@ def test_a_score_of_a_live_run_that_is_over_is_shown_and_not_stored() -> None:
     made = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
     score = judged(made, parse_limits(rules, "limits"))
     assert (score.verdict, stored_contradiction(score)) == ("pass", None)
-    problem = stored_contradiction(judged_at_the_end(score, "3 pairs have no answer"))
+    problem = stored_contradiction(with_missing_results(score, "3 pairs have no answer"))
     assert problem == "verdict of the verdict on position_mean_m is 'incomplete', but the figures give 'pass'"
 
 

@@ -45,28 +45,29 @@ def judged_again(score: Score) -> Score:
     return struct_replace(table, incomplete=incomplete, verdicts=tuple(found), verdict=verdict)
 
 
-def judged_at_the_end(score: Score, missing: str) -> Score:
-    """Return the last preliminary score of a live run that ended with missing results, for display.
+def with_missing_results(score: Score, missing: str) -> Score:
+    """Return the last score of a live run with the verdicts that follow if the awaited results never arrive.
 
-    The last report of a live run was made while results could still arrive. Results that never arrived make the score
-    incomplete, and a pass of a limit that requires the complete drive becomes `incomplete`. The score is returned
-    unchanged with `--partial`, or if a limit states how much may be missing.
+    The last score of a live run is computed while results may still arrive, which therefore do not count as missing.
+    `missing` states which of these results are missing at the end of the run. A pass of a limit that requires the
+    complete drive then becomes `incomplete`. With `--partial`, or if a limit states how much may be missing, the score
+    is unchanged.
 
-    The figures are unchanged and do not contain the missing results. The check of stored scores would therefore refuse
-    this score. Only the state of a live run contains it.
+    The figures of the result do not contain what is missing, so that the check of stored scores refuses the result. It
+    is only displayed (`live.live_report.LiveReport.ended`).
     """
     rules = score.rules
     allows = rules is not None and (rules.partial or rules.allow_missing)
     if allows or score.incomplete is not None or not missing:
         return score
-    limits = () if rules is None else rules.limits
-    needed: list[RowPart | None] = [None] * (len(score.verdicts) - len(limits))
-    needed += [needed_part(limit) for limit in limits]
-    found = []
-    for item, part in zip(score.verdicts, needed, strict=True):
-        found.append(of_incomplete(item) if part == RowPart(DRIVE) else item)
-    verdict = overall_verdict(score, [item.state for item in found], missing)
-    return struct_replace(score, incomplete=missing, verdicts=tuple(found), verdict=verdict)
+    others = score.verdicts[: len(score.verdicts) - len(score.on_limits)]
+    on_limits = [
+        of_incomplete(verdict) if needed_part(limit) == RowPart(DRIVE) else verdict
+        for limit, verdict in zip(() if rules is None else rules.limits, score.on_limits, strict=True)
+    ]
+    verdicts = (*others, *on_limits)
+    verdict = overall_verdict(score, [item.state for item in verdicts], missing)
+    return struct_replace(score, incomplete=missing, verdicts=verdicts, verdict=verdict)
 
 
 def overall_verdict(score: Score, states: Sequence[VerdictState], incomplete: str | None) -> VerdictState | None:

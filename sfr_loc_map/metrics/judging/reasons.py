@@ -21,7 +21,7 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
     """Return why figures and limits are not judged, one phrase each; `asked` restricts the reported conditions."""
     if score.contradiction is not None:
         return (score.contradiction,)
-    incomplete = () if score.incomplete is None else (f"incomplete: {incomplete_parts(score)}",)
+    incomplete = () if score.incomplete is None else (f"incomplete: {names_of_incomplete_parts(score)}",)
     unmet: dict[str | None, str] = {}
     if (drive := score.association) is not None:
         extent = drive.matched, drive.path_length_m, drive.duration_s or 0.0
@@ -41,7 +41,7 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
     return tuple(reasons)
 
 
-def incomplete_parts(score: Score) -> str:
+def names_of_incomplete_parts(score: Score) -> str:
     """Return the names of the incomplete parts of a score; `score.incomplete` states the missing data."""
     parts = {str(item.part.text) for item in shortfalls(score)}
     return ", ".join(sorted(parts)) or DRIVE
