@@ -29,6 +29,7 @@ from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionK
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.records import Alignment
 from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.metrics.truth_error import known_of
 
 
 class Similarity(NamedTuple):
@@ -63,9 +64,9 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
 
     MetricsError if no stamps are within `max_difference_s`, or if the alignment is undetermined.
     """
-    if isinstance(truth, Truth) and not truth.has_height:
+    known = known_of(truth)
+    if not known.has_height:
         raise MetricsError("APE and RPE need true heights, which the truth does not have: omit the option align")
-    has_tilt = not isinstance(truth, Truth) or truth.has_tilt
     poses = aligned_poses(estimate, truth, config)
     delta = Condition.parse(config.rpe_delta)
     # relative error E = inv(inv(Q_i) Q_j) inv(P_i) P_j with the truth Q and the estimate P; the next motion starts at j
@@ -78,7 +79,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
         ("rpe", np.linalg.norm(move - true_move, axis=1), true_turn, turn),
     ):
         errors_deg = np.degrees(quat_angle(quat_multiply(quat_conjugate(true_quats), quats)))
-        known_deg = errors_deg if truth.has_attitude and has_tilt else errors_deg[:0]
+        known_deg = errors_deg if known.has_attitude and known.has_tilt else errors_deg[:0]
         figures.append(figure_row(name, part="translation", statistics=statistics(errors_m)))
         figures.append(figure_row(name, part="rotation", unit="deg", statistics=statistics(known_deg)))
     similarity = poses.similarity or Similarity(1.0, np.eye(3), np.zeros(3))

@@ -20,6 +20,7 @@ from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
 from sfr_loc_map.metrics.details import ErrorImage, MapDetails, PointRows, Triangulation, column
 from sfr_loc_map.metrics.intervals import chi2_interval95
 from sfr_loc_map.metrics.records import CloudRecord
+from sfr_loc_map.metrics.row_part import pair_part, range_part
 from sfr_loc_map.metrics.table import Figure, figure_row
 
 FOOTPRINTS = 2.0  #: Distance, in pixel footprints Z / f, within which a point of a fused cloud covers a true point.
@@ -241,12 +242,12 @@ def score_map(
     figures = [*error_rows(None, errors, np.full(len(errors.index), True))]
     figures.append(coverage_row(None, covered, ranges, *scored))
     for low, high in zip(config.range_edges_m, config.range_edges_m[1:], strict=False):
-        part = f"{low:g}-{high:g} m"
+        part = range_part(low, high)
         figures += error_rows(part, errors, (errors.range_m >= low) & (errors.range_m < high))
         figures.append(coverage_row(part, covered, ranges, low, high))
     pair_of_point = cloud.pair[errors.index]
     for number in range(len(truths)):
-        part = f"pair {number}"
+        part = pair_part(number)
         figures += error_rows(part, errors, pair_of_point == number)
         figures.append(coverage_row(part, covered[number : number + 1], ranges[number : number + 1], *scored))
     figures += [figure_row("points", value=len(cloud)), figure_row("pairs", value=len(truths))]

@@ -2,8 +2,9 @@
 
 Each setting declares one difference. The differences are corrected in this order: stamps, quaternions, unit, mirroring,
 inversion, frame of the rover (`converted`), world frame (`aligned`). Values without a difference stay bit-identical.
-`converted_estimates` converts poses with their covariances. `metrics.convention_diagnosis` finds differences that are not
-declared.
+`converted_estimates` converts poses with their covariances.
+
+`metrics.convention_diagnosis` finds a difference that is not declared.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from sfr_loc_map.metrics.copies import MIN_STEPS
 from sfr_loc_map.metrics.details import CallPlots, Details, SubTrajectoryRows
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.limits import LimitSection
-from sfr_loc_map.metrics.row_part import Place, RowPart
+from sfr_loc_map.metrics.row_part import Place, RowPart, is_of_pair
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS, ShortfallKind
 from sfr_loc_map.metrics.table import Figure, figure_row
@@ -38,7 +38,6 @@ EXACT = 1e-9  #: Relative tolerance of a recomputed statistic.
 DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 """Rounding of the errors of sub-trajectories and of map points in the data of the plots, m."""
 SIGMAS = 5.0  #: A quantile contradicts the sample if a sampled fraction deviates by more standard deviations than this.
-PAIR = "pair "  #: Prefix of the part of a row that is about one mapping pair.
 CORRELATED = 10.0  #: Number of correlated values that are equivalent to one independent value.
 WITHOUT_RESULT = {DRIVE: ("missing", Subject.TRAJECTORY), MAP: ("pairs_without_cloud", Subject.MAP)}
 """The only figure of completeness of a part without estimate or cloud, and the subject that such a part lacks."""
@@ -197,7 +196,7 @@ def _of_pairs(score: Score) -> Iterator[str]:
         row = score.figure(name, part=None)
         if row is None:
             continue
-        parts = [each for each in score.rows(name) if (each.part or "").startswith(PAIR)]
+        parts = [each for each in score.rows(name) if is_of_pair(each.part)]
         pairs = score.number("pairs")
         if pairs is not None and len(parts) != pairs:
             yield f"{row.label} has the rows of {len(parts)} pairs, but the ground truth has {pairs:g} pairs"

@@ -1,10 +1,12 @@
 """The part of a row of the table of figures: what the row is about, the kind of call, and where the calls ran.
 
-In a score the part is one text, such as `target memory localisation`. Only this module writes and parses this text.
+In a score the part is one text, such as `target memory localisation`, `pair 0` or `0-4 m`. Only this module composes
+and parses such texts. A part that is one name, such as a reading or an axis, is written as it is.
 """
 
 from __future__ import annotations
 
+import re
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -53,3 +55,37 @@ class RowPart(NamedTuple):
     def of_calls(self) -> RowPart:
         """The calls that the part is about, without `what`."""
         return self._replace(what="")
+
+
+# ---- parts with a number
+
+
+def pair_part(number: int) -> str:
+    """Return the part of one mapping pair, counted from 0."""
+    return f"pair {number}"
+
+
+def is_of_pair(part: str | None) -> bool:
+    """Return whether a part is one mapping pair."""
+    return re.fullmatch(r"pair \d+", part or "") is not None
+
+
+def range_part(low_m: float, high_m: float) -> str:
+    """Return the part of the points in a range [low, high)."""
+    return f"{low_m:g}-{high_m:g} m"
+
+
+def range_of(part: str | None) -> tuple[float, float] | None:
+    """Return the bounds of a range of points, m; None for another part."""
+    found = re.fullmatch(r"(\S+)-(\S+) m", part or "")
+    return None if found is None else (float(found[1]), float(found[2]))
+
+
+def distance_part(distance_m: float) -> str:
+    """Return the part of the errors over a distance travelled."""
+    return f"{distance_m:g} m"
+
+
+def distance_of(part: str | None) -> float:
+    """Return the distance travelled of such a part, m; 0 for a row without a part."""
+    return float((part or "0").removesuffix(" m"))

@@ -34,8 +34,9 @@ class Figure(RowNumbers, frozen=True):
     clause: str = ""  #: Clause of the specification that defines the figure; empty if the specification does not.
     condition: str | None = None  #: Condition that ends the sub-trajectories [4.1.1], as on the command line.
     #: Part of the figure: the reading of the document (`pose`, `displacement`, `position`), an axis or direction (`x`,
-    #: `along`), a range (`0-4 m`), a pair (`pair 0`), a kind or stage of calls, or a distance (`5 m`). The part of
-    #: calls that were not measured on the host begins with `target` or `stated`.
+    #: `along`), a range (`0-4 m`), a pair (`pair 0`), a kind or stage of calls, a distance (`5 m`), the number of items
+    #: instead of their fraction (`count`), or other errors than the judged ones (`moving`, `other frames`, `pooled`).
+    #: The part of calls that were not measured on the host begins with `target` or `stated`.
     part: str | None = None
 
     @property
@@ -62,10 +63,10 @@ class Figure(RowNumbers, frozen=True):
 
     @property
     def is_one_number(self) -> bool:
-        """Whether the row has a single number, such as a count, a fraction or a peak."""
-        has_value = self.value is not None and self.mean is None
-        is_of_kind = self.figure in KINDS and KINDS[self.figure].is_one_number
-        return has_value or is_of_kind or self.subject in (Subject.MEMORY, Subject.COMPLETENESS)
+        """Whether the row has a single number: by its numbers, or without any number by its kind."""
+        if self.value is not None or self.mean is not None:
+            return self.mean is None
+        return self.figure in KINDS and KINDS[self.figure].is_one_number
 
     @property
     def label(self) -> str:

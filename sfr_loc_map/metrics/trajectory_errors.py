@@ -17,6 +17,7 @@ from sfr_loc_map.metrics.config import Condition, ConditionKind
 from sfr_loc_map.metrics.formulas import Lengths, Poses, Reading, SubTrajectoryErrors
 from sfr_loc_map.metrics.intervals import interval95
 from sfr_loc_map.metrics.placement import READINGS, PlacedFrames, of_known
+from sfr_loc_map.metrics.row_part import distance_part
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.truth_error import known_of
 
@@ -175,4 +176,4 @@ def growth_rows(poses: Poses, length_m: Lengths, spacing: int, reading: Reading)
         if len(starts):
             sub_trajectories = SubTrajectories(starts, ends, poses, reading(poses, starts, ends))
             for kind in ERRORS:
-                yield error_row(kind, None, f"{metres:g} m", sub_trajectories)
+                yield error_row(kind, None, distance_part(metres), sub_trajectories)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import Estimates, Frames
@@ -146,12 +146,13 @@ def evidence_of(
     sums: Mapping[int, StepSums],
 ) -> Iterator[Figure]:
     """Yield the figures of evidence and consistency of one condition: error of the truth, tolerance, covariance."""
-    known, noise = known_of(truth), noise_of(truth)
+    known = known_of(truth)
     if placed.association.rebase is Rebase.POSE:
-        yield from turn_rows(condition, noise[1], sub_trajectories.true_displacement())
+        yield from turn_rows(condition, known.sigma_deg, sub_trajectories.true_displacement())
     if known.has_height:
         yield from evidence_rows(condition, sub_trajectories.errors.position_m, overlap)
     if known.has_height and known.has_tilt:
+        noise = (known.sigma_m, known.sigma_deg)
         yield from nees_rows(
             condition, placed.estimates, placed.frames, sums, sub_trajectories.starts, sub_trajectories.ends, noise
         )
@@ -165,11 +166,6 @@ def error_columns(
         if (kind.name, condition) in kept_errors:
             columns = tuple(column(values, None) for values in np.atleast_2d(kind.errors_of(sub_trajectories).T))
             yield ErrorRows(figure=kind.name, condition=condition, errors=columns)
-
-
-def noise_of(truth: Trajectory) -> tuple[float, float]:
-    """Return the standard deviations of a truth in m and deg, 0 for a truth that is assumed to be exact."""
-    return (truth.sigma_m, truth.sigma_deg) if isinstance(truth, Truth) else (0.0, 0.0)
 
 
 def step_sums(estimates: Estimates, frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]]) -> dict[int, StepSums]:

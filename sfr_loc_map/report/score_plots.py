@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -12,6 +11,7 @@ import numpy as np
 from sfr_loc_map.metrics.catalogue import DIRECTIONS, Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.details import ErrorImage, MapDetails, PathRows, PointRows, SubTrajectoryRows
+from sfr_loc_map.metrics.row_part import distance_of, range_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report.notes import HOST
@@ -320,7 +320,7 @@ def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
     series = []
     for k, (name, score) in enumerate(named):
         steps = score.rows("position", subject=Subject.TRAJECTORY, condition=None)
-        totals = ((float((row.part or "0").removesuffix(" m")), row.mean_plus_3sigma) for row in steps)
+        totals = ((distance_of(row.part), row.mean_plus_3sigma) for row in steps)
         series.append((line_style(k), name, [item for item in totals if item[1] is not None]))
     points = [point for *_, over in series for point in over]
     if not points:
@@ -428,9 +428,9 @@ def _map_plots(score: Score) -> list[Plot]:
 def range_rows(score: Score) -> Iterator[tuple[float, float, Figure]]:
     """Yield the point errors by range, with the bounds of each range."""
     for row in score.rows("point_error"):
-        bounds = re.fullmatch(r"(\S+)-(\S+) m", row.part or "")
+        bounds = range_of(row.part)
         if bounds is not None:
-            yield float(bounds[1]), float(bounds[2]), row
+            yield *bounds, row
 
 
 def _coloured(errors_mm: Values) -> tuple[list[float | None], float, float, dict[str, Any]]:

@@ -2,7 +2,7 @@
 
 The received rows are kept and scored by the functions that score files, so that a live score is bit-identical to the
 score of a recording. A true pose takes 112 bytes, an estimate with its covariance 240, the step of a localisation call
-400, and a call 230 (docs/metrics.md, "While a run goes on").
+400, and a call 230 (docs/metrics.md, "Live").
 """
 
 from __future__ import annotations

@@ -5,7 +5,16 @@ from __future__ import annotations
 import pytest
 
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.row_part import Place, RowPart
+from sfr_loc_map.metrics.row_part import (
+    Place,
+    RowPart,
+    distance_of,
+    distance_part,
+    is_of_pair,
+    pair_part,
+    range_of,
+    range_part,
+)
 from sfr_loc_map.metrics.table import figure_row
 
 PARTS = {
@@ -27,6 +36,14 @@ PARTS = {
 def test_a_text_is_a_part_and_the_part_is_the_text(text: str | None, part: RowPart) -> None:
     assert RowPart.of(text) == part
     assert part.text == text
+
+
+def test_parts_with_a_number_are_read_as_they_are_written() -> None:
+    assert range_of(range_part(0.0, 4.5)) == (0.0, 4.5)
+    assert range_of(pair_part(3)) is None
+    assert distance_of(distance_part(5.0)) == 5.0
+    assert is_of_pair(pair_part(12))
+    assert not any(map(is_of_pair, (None, "pair", "pairs 0", range_part(0.0, 4.0))))
 
 
 @pytest.mark.parametrize("text", ["on  two", "a stage of mapping", "host", "targeted", "call"])
