@@ -19,7 +19,7 @@ from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.mapping.multiview.fusion import MAX_GREY_RATIO, MAX_RANGE_RATIO
+from sfr_loc_map.mapping.multiview.pose_agreement import MAX_GREY_RATIO, MAX_RANGE_RATIO
 from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, SHIFT_PX
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.report.tables import METRE, PERCENT, Cell, Column, Table, fitting

@@ -31,9 +31,10 @@ The stages of `Mapper.fuse`:
    removed.
 2. `register_views` (`multiview/registration`), on request -> views and `Findings`: later pairs are moved to agree with
    the earlier pairs.
-3. `fuse_views` (`multiview/fusion`, `multiview/projection`) -> `FusedViews`: points on which pairs agree move along
-   their rays to the inverse-variance weighted mean. Of several points that sample the same spot, one is kept. A point
-   is dropped if a pair with a larger weight observes a surface behind the point.
+3. `fuse_views` (`multiview/fusion`, `multiview/projection`, `multiview/pose_agreement`) -> `FusedViews`: points on
+   which pairs agree move along their rays to the inverse-variance weighted mean. Of several points that sample the same
+   spot, one is kept. A point is dropped if a pair with a larger weight observes a surface behind the point. The
+   `Findings` contain the agreement of the poses where pairs overlap.
 4. `point_sigma` (`point_sigma`) -> `PointSigma`: sigma of the fused points, as for one pair.
 
 No stage changes its arguments. The only state of the mapper is its rig, its parameters and the disparity search range

@@ -83,7 +83,7 @@ class ViewImages(NamedTuple):
     """Images of a view, `(H, W)` float32 each."""
 
     disparity: FloatImage  #: Pixels; NaN where invalid.
-    sigma: FloatImage  #: Standard deviation of the range, metres; infinite at pixels without a point.
+    fusion_sigma: FloatImage  #: `ViewPoints.fusion_sigma`, metres; infinite at pixels without a point.
     grey: FloatImage  #: Grey level; NaN at pixels without a point.
 
 
@@ -99,11 +99,11 @@ class PairView:
     @classmethod
     def of(cls, points: ViewPoints, disparity_px: FloatImage, T_lm_left: Transform, noise_grey: float) -> PairView:
         """Return the view of points and of their disparity image `(H, W)`, NaN where invalid."""
-        sigma = np.full(disparity_px.shape, np.inf, F)
-        sigma[points.v, points.u] = points.fusion_sigma
+        fusion_sigma = np.full(disparity_px.shape, np.inf, F)
+        fusion_sigma[points.v, points.u] = points.fusion_sigma
         grey = np.full(disparity_px.shape, np.nan, F)
         grey[points.v, points.u] = points.intensity
-        return cls(points, ViewImages(disparity_px, sigma, grey), read_only_pose(T_lm_left), noise_grey)
+        return cls(points, ViewImages(disparity_px, fusion_sigma, grey), read_only_pose(T_lm_left), noise_grey)
 
     def with_pose(self, T_lm_left: Transform) -> PairView:
         """Return the view with its points moved to another pose."""

@@ -34,41 +34,33 @@ def point_weights(view: PairView) -> FloatArray32:
 
 
 class Observations(NamedTuple):
-    """Observations of N points by a view, `(N,)` float32 each."""
+    """Observations by a view of M of the N points of another view, `(M,)` each."""
 
-    #: Observed range minus the range of the point, along the ray of this view, metres; NaN if the point is not
-    #: observed.
-    difference: FloatArray32
-    sigma: FloatArray32  #: Standard deviation of the observed range along the same ray, metres.
+    indices: NDArray[np.intp]  #: Indices of the observed points among the N points.
+    difference: FloatArray32  #: Observed range minus the range of the point, along the ray of this view, metres.
+    fusion_sigma: FloatArray32  #: Standard deviation of the observed range along the same ray, metres.
     weight: FloatArray32  #: Weight of the view in the fusion, 1 / m^2.
     grey: FloatArray32  #: Grey level; NaN where the view has no point.
     grey_shifted: FloatArray32  #: Grey level at `SHIFT_PX` to the right and below; NaN beyond the border.
     sample_distance_px: FloatArray32  #: Distance of the projected point from the nearest pixel, pixels.
-
-
-class ObservedPoints(NamedTuple):
-    """The M of N points that another view observes."""
-
-    indices: NDArray[np.intp]  #: `(M,)`, indices of the points.
-    observations: Observations  #: Observations of these points, `(M,)` each.
 
     def difference_sigma(self, fusion_sigma: FloatArray32) -> FloatArray32:
         """Return the standard deviation of the range differences `(M,)`, metres, given the sigma of the N points.
 
         The sigma of a point is along the ray of its own view, as if both cameras were at the same position (`fusion`).
         """
-        return np.asarray(np.sqrt(np.square(fusion_sigma[self.indices]) + np.square(self.observations.sigma)))
+        return np.asarray(np.sqrt(np.square(fusion_sigma[self.indices]) + np.square(self.fusion_sigma)))
 
-    def every(self, stride: int) -> ObservedPoints:
-        """Return the observed points, thinned by a stride."""
-        return ObservedPoints(self.indices[::stride], Observations(*(values[::stride] for values in self.observations)))
+    def every(self, stride: int) -> Observations:
+        """Return the observations, thinned by a stride."""
+        return Observations._make(values[::stride] for values in self)
 
 
-def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> ObservedPoints:
+def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> Observations:
     """Return the observations of points `(N, 3)` in LM by a view whose left camera has the pose `T_lm_left`."""
-    found = _observe(xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
-    indices = np.flatnonzero(np.isfinite(found.difference))
-    return ObservedPoints(indices, Observations(*(values[indices] for values in found)))
+    columns = _observe(xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
+    indices = np.flatnonzero(np.isfinite(columns[0]))
+    return Observations(indices, *(values[indices] for values in columns))
 
 
 @jit_rows_inline
@@ -104,8 +96,13 @@ def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
 
 
 @jit_rows
-def _observe(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: ViewImages) -> Observations:
-    """Return the observations of points `(N, 3)` in LM by a view."""
+def _observe(
+    xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: ViewImages
+) -> tuple[FloatArray32, FloatArray32, FloatArray32, FloatArray32, FloatArray32, FloatArray32]:
+    """Return the fields of `Observations` after `indices` for all points `(N, 3)` in LM.
+
+    If a point is not observed, its range difference is NaN and its other values are undefined.
+    """
     rows, cols = images.disparity.shape
     rotation = T_left_lm.rotation
     translation = T_left_lm.position
@@ -139,7 +136,7 @@ def _observe(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: V
         nearest_column = j + int(s > 0.5)
         upper = images.disparity[i]
         lower = images.disparity[i + 1]
-        sigma = images.sigma[nearest_row, nearest_column]
+        sigma = images.fusion_sigma[nearest_row, nearest_column]
         largest = max(max(upper[j], upper[j + 1]), max(lower[j], lower[j + 1]))
         smallest = min(min(upper[j], upper[j + 1]), min(lower[j], lower[j + 1]))
         disparity = _bilinear(images.disparity, i, j, t, s)
@@ -158,4 +155,4 @@ def _observe(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: V
         row_offset = v - nearest_row
         column_offset = u - nearest_column
         sample_distance_px[n] = np.sqrt(row_offset * row_offset + column_offset * column_offset)
-    return Observations(difference, sigmas, weights, grey, grey_shifted, sample_distance_px)
+    return difference, sigmas, weights, grey, grey_shifted, sample_distance_px

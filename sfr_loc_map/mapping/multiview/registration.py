@@ -158,10 +158,10 @@ def _gauss_newton_step(
     def residuals(parameters: FloatArray) -> FloatArray:
         """Return normalised range differences and grey level differences `(2, N)`; NaN where unobserved."""
         observed = project_into_view(points.xyz, pose @ _motion(parameters), images, rig)
-        indices, by_view = observed
+        indices = observed.indices
         out = np.full((2, points.size), np.nan)
-        out[0, indices] = by_view.difference / observed.difference_sigma(points.fusion_sigma)
-        out[1, indices] = by_view.grey - points.intensity[indices]
+        out[0, indices] = observed.difference / observed.difference_sigma(points.fusion_sigma)
+        out[1, indices] = observed.grey - points.intensity[indices]
         return out
 
     current = residuals(np.zeros(6))

@@ -62,13 +62,13 @@ def test_points_lie_at_the_mean_weighted_by_inverse_variance_in_any_order(order:
 def test_the_feather_reduces_weights_towards_the_border_and_leaves_sigma() -> None:
     """Of a plane in front of the camera sigma is that of the ray's length; a corner has a feather of 1 / 48."""
     view = plane_view(4.0, 0.1)
-    indices, seen = project_into_view(view.points.xyz, view.T_lm_left, view.images, RIG)
-    np.testing.assert_array_equal(seen.sigma, view.points.fusion_sigma[indices])
+    seen = project_into_view(view.points.xyz, view.T_lm_left, view.images, RIG)
+    np.testing.assert_array_equal(seen.fusion_sigma, view.points.fusion_sigma[seen.indices])
     weights = point_weights(view)
     feather = weights * np.square(view.points.fusion_sigma)
     assert feather.max() == pytest.approx(1.0)
     assert feather.min() == pytest.approx(1.0 / FEATHER_PX)
-    np.testing.assert_allclose(seen.weight, weights[indices])
+    np.testing.assert_allclose(seen.weight, weights[seen.indices])
 
 
 def test_sigma_near_the_border_is_that_of_the_mean_with_reduced_weights() -> None:
@@ -76,7 +76,7 @@ def test_sigma_near_the_border_is_that_of_the_mean_with_reduced_weights() -> Non
     views = [plane_view(4.0, 0.1, ASIDE[i]) for i in range(2)]
     fused = fuse_views(views, RIG)
     points = fused.points.select(fused.pair == 0)
-    single = views[0].images.sigma[points.v, points.u]
+    single = views[0].images.fusion_sigma[points.v, points.u]
     merged = points.fusion_sigma != single
     assert merged.sum() > 0.9 * views[0].points.size
     assert (points.fusion_sigma[merged] < single[merged]).all()

@@ -1,0 +1,91 @@
+"""The agreement of the poses of two views where they overlap, from range differences and grey level differences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray32, median
+from sfr_loc_map.mapping.disparity.texture import TEXTURE_SIGMAS
+from sfr_loc_map.mapping.findings import Findings
+from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, SHIFT_PX, Observations
+from sfr_loc_map.mapping.pair_view import PairView
+from sfr_loc_map.mapping.robust_statistics import mad_sigma, spread
+
+AGREEMENT_STRIDE = 4  #: The agreement is measured on every fourth common point, which is enough for medians.
+MAX_RANGE_RATIO = 1.8
+"""Poses disagree if the ratio of measured to expected range differences exceeds this. Correct poses have a ratio of 1
+or less (docs/mapping.md)."""
+MAX_GREY_RATIO = 0.45
+"""Poses disagree if the ratio of grey level differences to those at an offset of `SHIFT_PX` exceeds this. Correct poses
+have a ratio of 0.1 to 0.3, and poses with an error of 0.3 deg have 0.45 (docs/mapping.md)."""
+
+
+class PoseAgreement(NamedTuple):
+    """How well the poses of two views agree where the views overlap."""
+
+    difference_median_m: float  #: Median of the range differences.
+    difference_spread_m: float  #: Robust standard deviation of the range differences.
+    range_ratio: float  #: Robust ratio of range differences to those expected for correct sigmas and poses.
+    #: Robust ratio of grey level differences to those at an offset of `SHIFT_PX`; NaN if there is too little texture.
+    grey_ratio: float
+
+    @property
+    def poses_disagree(self) -> bool:
+        """Whether the poses disagree."""
+        return self.range_ratio > MAX_RANGE_RATIO or self.grey_ratio > MAX_GREY_RATIO
+
+
+def agreement_findings(i: int, j: int, views: Sequence[PairView], observed: Observations) -> Findings:
+    """Return the agreement of view i with view j, which observes points of view i, and a warning if they disagree.
+
+    Two views are compared twice, once with the points of each view. Only the comparison with the points of the earlier
+    view issues the warning.
+    """
+    common = len(observed.indices)
+    overlap = {f"overlap_{i}_{j}": common / max(views[i].points.size, 1)}
+    if common == 0:
+        return Findings(overlap)
+    agreement = _pose_agreement(views[i], views[j], observed)
+    statistics = overlap | {
+        f"difference_median_m_{i}_{j}": agreement.difference_median_m,
+        f"difference_spread_m_{i}_{j}": agreement.difference_spread_m,
+        f"difference_over_sigma_{i}_{j}": agreement.range_ratio,
+        f"grey_difference_over_beside_{i}_{j}": agreement.grey_ratio,
+    }
+    if i > j or common < MIN_OVERLAP or not agreement.poses_disagree:
+        return Findings(statistics)
+    warning = (
+        f"pairs {i} and {j} disagree where they overlap: range differences are {agreement.range_ratio:.1f} times the "
+        f"expected differences, and grey level differences are {agreement.grey_ratio:.2f} times the differences at an "
+        f"offset of {SHIFT_PX} pixels; check the baseline and their poses, or register them (refine_poses)"
+    )
+    return Findings(statistics, (warning,))
+
+
+def _pose_agreement(view: PairView, other: PairView, observed: Observations) -> PoseAgreement:
+    """Return the agreement of a view with another view, which observes at least one of its points.
+
+    Range differences are compared with those expected for correct sigmas and poses. Grey level differences are compared
+    with those at an offset of `SHIFT_PX`, because they reveal a wrong yaw on any texture.
+    """
+    thinned = observed.every(AGREEMENT_STRIDE)
+    expected = thinned.difference_sigma(view.points.fusion_sigma)
+    own_grey = view.points.intensity[thinned.indices]
+    grey = _spread_of_finite(thinned.grey - own_grey)
+    grey_shifted = _spread_of_finite(thinned.grey_shifted - own_grey)
+    is_textured = grey_shifted > TEXTURE_SIGMAS * max(view.noise_grey, other.noise_grey)
+    return PoseAgreement(
+        difference_median_m=median(thinned.difference),
+        difference_spread_m=spread(thinned.difference),
+        range_ratio=mad_sigma(thinned.difference / expected),
+        grey_ratio=grey / grey_shifted if is_textured else math.nan,
+    )
+
+
+def _spread_of_finite(values: FloatArray32) -> float:
+    """Return the robust standard deviation of the finite values; NaN if there are none."""
+    return spread(values[np.isfinite(values)])
