@@ -114,20 +114,20 @@ def hashes_of_map(result: PairMap | FusedMap) -> dict[str, str]:
         found["disparity"] = digest(result.disparity_px)
         found["validity"] = digest(np.isfinite(result.disparity_px))
     else:
-        found["poses"] = digest(np.stack([pose.matrix for pose in result.T_lm_left]))
+        found["poses"] = digest(np.stack([pose.matrix for pose in result.poses_lm_left]))
     return found
 
 
 def hashes_of_terrain(fused: FusedMap, rig: StereoRig, config: MappingConfig) -> dict[str, str]:
     """Return the hashes of the terrain grids and of the point covariances, or of the error if there is no grid."""
     try:
-        grid = terrain_grid(fused.cloud, config.terrain, fused.T_lm_left, fused.random_sigma)
+        grid = terrain_grid(fused.cloud, config.terrain, fused.poses_lm_left, fused.random_sigma)
     except MappingError as error:
         return {"terrain": digest(str(error))}
     layers = {item.name: getattr(grid, item.name) for item in fields(grid)}
     elevation = layers.pop("elevation")
     layers |= {name: getattr(elevation, name) for name in ("height_m", "sigma_m", "count", "origin_m", "cell_m")}
-    layers["covariance"] = point_covariances(fused.cloud, fused.T_lm_left, rig.fx)
+    layers["covariance"] = point_covariances(fused.cloud, fused.poses_lm_left, rig.fx)
     return {f"terrain_{name}": digest(values) for name, values in layers.items()}
 
 

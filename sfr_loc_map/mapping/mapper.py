@@ -60,7 +60,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
 from sfr_loc_map.mapping.disparity.right_camera import measure_right_rotation, without_roll
-from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairMap, fusion_input_of
+from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairMap, fusion_input_of, warnings_of_pairs
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.registration import register_views
@@ -101,13 +101,15 @@ class Mapper:
     def map(self, pairs: Sequence[PosedStereoPair]) -> FusedMap:
         """Return one cloud from one to three pairs: the mapping call of the specification [1.3].
 
-        The statistics and warnings of the result are those of the fusion. Call `process` and `fuse` to obtain those of
-        the pairs, too.
+        The result has the warnings of the pairs and of the fusion, but only the statistics of the fusion. Call
+        `process` and `fuse` to obtain the statistics of the pairs, too.
 
         Raises MappingError under the same conditions as `process` and `fuse`.
         """
         check_pair_count(len(pairs))
-        return self.fuse([self.process(item.pair, item.T_lm_navsb, index) for index, item in enumerate(pairs)])
+        maps = [self.process(item.pair, item.T_lm_navsb, index) for index, item in enumerate(pairs)]
+        fused = self.fuse(maps)
+        return replace(fused, warnings=warnings_of_pairs(maps) + fused.warnings)
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int = 0) -> MappedPair:
         """Return the map of a pair; `index`, 0 to 2, becomes the `pair` of its points.
@@ -176,7 +178,7 @@ class Mapper:
         return FusedMap(
             cloud=replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps)),
             random_sigma=sigma.random,
-            T_lm_left=poses_lm_left,
+            poses_lm_left=poses_lm_left,
             statistics=findings.statistics,
             warnings=findings.warnings,
         )

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
@@ -36,24 +35,6 @@ class PairMap:
     warnings: tuple[str, ...] = ()  #: Warnings of the call, one line each.
 
 
-class FusableValues(NamedTuple):
-    """Values of a map that follow from its view. The fusion uses the view and would ignore a replaced value."""
-
-    cloud: PointCloud
-    random_sigma: FloatArray32
-    T_lm_left: Transform
-    disparity_px: FloatImage
-
-    @classmethod
-    def of(cls, pair_map: PairMap) -> FusableValues:
-        """Return the values of a map."""
-        return cls(pair_map.cloud, pair_map.random_sigma, pair_map.T_lm_left, pair_map.disparity_px)
-
-    def are_the_same_objects(self, other: FusableValues) -> bool:
-        """Return whether no value was replaced; the arrays are read-only and cannot be changed in place."""
-        return all(value is other_value for value, other_value in zip(self, other, strict=True))
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FusionInput:
     """Data of one pair that the fusion uses."""
@@ -62,7 +43,9 @@ class FusionInput:
     view: PairView  #: Points with their fusion sigma, disparities and pose.
     saturation: Saturation  #: Saturated pixels, which increase the sigma of fused points.
     calibration: CalibrationSigma  #: Uncertainty of the calibration given the measurements in this pair.
-    original: FusableValues  #: The values that `Mapper.process` stored in the map.
+    #: The `_values_from_view` of the map as `Mapper.process` stored them. The fusion uses the view and would ignore a
+    #: value that was replaced later.
+    stored_values: tuple[object, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -93,26 +76,31 @@ class MappedPair(PairMap):
     ) -> MappedPair:
         """Return the map of a pair from the results of the stages of `Mapper.process`."""
         pair = np.full(view.points.size, index, np.uint8)
-        values = FusableValues(
-            cloud=view.points.to_cloud(sigma.total, pair, fused=False),
-            random_sigma=sigma.random,
-            T_lm_left=view.T_lm_left,
-            disparity_px=read_only(view.images.disparity),
-        )
+        cloud = view.points.to_cloud(sigma.total, pair, fused=False)
+        disparity_px = read_only(view.images.disparity)
         fusion_input = FusionInput(
-            rig=rig, view=view, saturation=disparity_map.saturation, calibration=calibration, original=values
+            rig=rig,
+            view=view,
+            saturation=disparity_map.saturation,
+            calibration=calibration,
+            stored_values=(cloud, sigma.random, view.T_lm_left, disparity_px),
         )
         return cls(
             stamp_ns=stamp_ns,
-            cloud=values.cloud,
-            random_sigma=values.random_sigma,
-            T_lm_left=values.T_lm_left,
-            disparity_px=values.disparity_px,
+            cloud=cloud,
+            random_sigma=sigma.random,
+            T_lm_left=view.T_lm_left,
+            disparity_px=disparity_px,
             pixel_status=read_only(disparity_map.status),
             fusion_input=fusion_input,
             statistics=findings.statistics,
             warnings=findings.warnings,
         )
+
+
+def _values_from_view(pair_map: PairMap) -> tuple[object, ...]:
+    """Return the values of a map that follow from its view."""
+    return pair_map.cloud, pair_map.random_sigma, pair_map.T_lm_left, pair_map.disparity_px
 
 
 def fusion_input_of(pair_map: PairMap, rig: StereoRig) -> FusionInput:
@@ -130,7 +118,8 @@ def fusion_input_of(pair_map: PairMap, rig: StereoRig) -> FusionInput:
             f"the map of stamp {pair_map.stamp_ns} is from other cameras than those of this mapper: fuse maps of "
             "one rig"
         )
-    if not FusableValues.of(pair_map).are_the_same_objects(found.original):
+    values = zip(_values_from_view(pair_map), found.stored_values, strict=True)
+    if any(value is not stored for value, stored in values):
         raise MappingError(
             f"the cloud, sigma, pose or disparities of the map of stamp {pair_map.stamp_ns} were replaced after "
             "`Mapper.process`: fuse maps as they were made, and select or move points afterwards"
@@ -145,7 +134,13 @@ class FusedMap:
     cloud: PointCloud  #: Points in LM, each on the ray of its pair and pixel, with the total sigma.
     #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation.
     random_sigma: FloatArray32
-    T_lm_left: tuple[Transform, ...] = ()  #: Poses of the pairs' left cameras, as given or as registered.
+    poses_lm_left: tuple[Transform, ...] = ()  #: Poses of the pairs' left cameras in LM, as given or as registered.
     #: Statistics of the fusion by name (overlap and disagreement per pair, ...).
     statistics: Mapping[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()  #: Warnings of the fusion, one line each.
+    #: Warnings of the fusion, one line each; `Mapper.map` also includes the warnings of the pairs.
+    warnings: tuple[str, ...] = ()
+
+
+def warnings_of_pairs(maps: Sequence[PairMap]) -> tuple[str, ...]:
+    """Return the warnings of the maps of a set of pairs, one line each, with the index of the pair."""
+    return tuple(f"pair {index}: {line}" for index, item in enumerate(maps) for line in item.warnings)

@@ -238,7 +238,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def _publish_terrain(self, fused: FusedMap, stamp_ns: int) -> None:
         try:
-            grid = terrain_grid(fused.cloud, self.config.mapping.terrain, fused.T_lm_left, fused.random_sigma)
+            grid = terrain_grid(fused.cloud, self.config.mapping.terrain, fused.poses_lm_left, fused.random_sigma)
         except SfrError as error:
             self.status.warn(f"no elevation and no hazard of this map: {error}")
             return

@@ -63,20 +63,20 @@ def save_map(
     save_cloud(outputs.cloud, cloud)
     if not outputs.more:
         return cloud
-    T_lm_left, random_sigma = run.fused.T_lm_left, run.fused.random_sigma
+    poses_lm_left, random_sigma = run.fused.poses_lm_left, run.fused.random_sigma
     if not outputs.fuse:
-        T_lm_left = tuple(item.T_lm_left for item in run.maps)
+        poses_lm_left = tuple(item.T_lm_left for item in run.maps)
         random_sigma = np.concatenate([item.random_sigma for item in run.maps])
     if outputs.dem:
         with beside():
             load_kernels("terrain")
-            grid = terrain_grid(cloud, outputs.terrain, T_lm_left, random_sigma)
+            grid = terrain_grid(cloud, outputs.terrain, poses_lm_left, random_sigma)
             for path in outputs.dem:
                 with beside():
                     save_dem(path, grid)
     if outputs.covariance:
         with beside(), atomic_path(outputs.more[-1]) as temporary:
-            covariances = point_covariances(cloud, T_lm_left, focal_px)
+            covariances = point_covariances(cloud, poses_lm_left, focal_px)
             np.savez_compressed(temporary, covariance_m2=covariances, random_sigma_m=random_sigma)
     return cloud
 

@@ -27,7 +27,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingS
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.mapping.maps import FusedMap, PairMap
+from sfr_loc_map.mapping.maps import FusedMap, PairMap, warnings_of_pairs
 from sfr_loc_map.mapping.search_range import search_range
 from sfr_loc_map.methods.config_truth import check_configuration
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
@@ -205,8 +205,7 @@ class MapRun:
     @property
     def warnings(self) -> list[str]:
         """Warnings about each pair and about the fusion, one line each."""
-        pairs = [f"pair {number}: {line}" for number, item in enumerate(self.maps) for line in item.warnings]
-        return [*pairs, *self.fused.warnings]
+        return [*warnings_of_pairs(self.maps), *self.fused.warnings]
 
 
 def panorama(

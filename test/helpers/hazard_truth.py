@@ -31,8 +31,8 @@ def hazard_accuracy(fused: FusedMap, truths: Sequence[np.ndarray]) -> HazardAccu
     pair = np.repeat(np.arange(len(points), dtype=np.uint8), [len(part) for part in points])
     zeros = np.zeros(len(xyz), np.uint16)
     cloud = PointCloud(xyz, np.full(len(xyz), 0.01, np.float32), zeros.astype(np.float32), zeros, zeros, pair)
-    true = terrain_grid(cloud, config, fused.T_lm_left)
-    found = terrain_grid(fused.cloud, config, fused.T_lm_left, fused.random_sigma)
+    true = terrain_grid(cloud, config, fused.poses_lm_left)
+    found = terrain_grid(fused.cloud, config, fused.poses_lm_left, fused.random_sigma)
 
     offset = np.subtract(found.elevation.origin_m, true.elevation.origin_m) / true.elevation.cell_m
     column, row = np.rint(offset).astype(int)
@@ -41,7 +41,7 @@ def hazard_accuracy(fused: FusedMap, truths: Sequence[np.ndarray]) -> HazardAccu
     columns = np.arange(max(column, 0), min(column + found.hazard.shape[1], hazard.shape[1]))
     hazard[np.ix_(rows, columns)] = found.hazard[np.ix_(rows - row, columns - column)]
 
-    centre = np.mean([pose.translation[:2] for pose in fused.T_lm_left], axis=0)
+    centre = np.mean([pose.translation[:2] for pose in fused.poses_lm_left], axis=0)
     rows, columns = np.mgrid[: hazard.shape[0], : hazard.shape[1]] + 0.5
     x0, y0 = true.elevation.origin_m
     distance = np.hypot(columns * config.cell_m + x0 - centre[0], rows * config.cell_m + y0 - centre[1])

@@ -115,6 +115,16 @@ def test_vertical_disparity_and_unequal_exposure_are_measured_and_compensated(ro
     assert told == [False, True]  # rows: no more than typical left-over distortion
 
 
+def test_the_map_of_a_set_has_the_warnings_of_its_pairs_and_of_the_fusion() -> None:
+    made, darker = make_world(slope), make_world(slope, gain=0.8)
+    mapper = Mapper(made.rig)
+    fused = mapper.map([PosedStereoPair(item.pair, T_LM_NAVSB) for item in (made, darker)])
+    assert [line.partition(" has")[0] for line in fused.warnings] == ["pair 1: the right image"]
+    away = T_LM_NAVSB @ Transform(matrix_from_rotvec([0.0, 0.0, 0.02]), np.zeros(3))
+    fused = mapper.map([PosedStereoPair(made.pair, T_LM_NAVSB), PosedStereoPair(darker.pair, away)])
+    assert [line.partition(" ")[0] for line in fused.warnings] == ["pair", "pairs"]
+
+
 @pytest.mark.parametrize(("noise", "blur"), [(1.2, 0.0), (2.5, 0.6)])
 def test_a_sky_of_noise_has_no_points(noise: float, blur: float) -> None:
     """The ground's residuals are larger than the sky's noise, as where it is textured finely."""

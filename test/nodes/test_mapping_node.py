@@ -55,7 +55,7 @@ def test_mapping_makes_disparities_and_clouds_of_sets_of_pairs(ros: None, capfd:
         peer.until(lambda: all(late.values()), "the last map for who comes late")
         assert late["points"] == clouds[1:]
         last = mapper.fuse(maps[2:])
-        grid = terrain_grid(last.cloud, TerrainConfig(), last.T_lm_left, last.random_sigma)
+        grid = terrain_grid(last.cloud, TerrainConfig(), last.poses_lm_left, last.random_sigma)
         stamp_ns = stamp_of(clouds[1])
         # as text: there are NaN in it
         assert list(map(str, late["elevation"])) == [str(sent(elevation_msg(grid, stamp_ns, "lm")))]

@@ -52,7 +52,7 @@ def test_the_map_has_no_warning_no_points_in_the_sky_and_the_hazards_of_the_trut
     fused = mapped(1.0)
     assert not fused.warnings
     true = np.stack(truths)[fused.cloud.pair, fused.cloud.v, fused.cloud.u]
-    centres = np.stack([pose.translation for pose in fused.T_lm_left])[fused.cloud.pair]
+    centres = np.stack([pose.translation for pose in fused.poses_lm_left])[fused.cloud.pair]
     near = np.linalg.norm(fused.cloud.xyz - centres, axis=1) < 15.0
     assert np.isfinite(true[near]).all()
     hazard = hazard_accuracy(fused, truths)
