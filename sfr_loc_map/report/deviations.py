@@ -1,8 +1,11 @@
-"""Deviations of a score from the document, and data of the score that is not judged."""
+"""Deviations of a score from the document, and data of the score that is not judged.
+
+To add a deviation, add a function that yields its sentences, and its line in `DEVIATIONS`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.calls import STATED_CLOCK
@@ -19,96 +22,35 @@ from sfr_loc_map.report.verdict_view import VerdictView
 
 PATH_WITHOUT_IMAGES = 0.01
 """Fraction of the true path without images that is accepted, because the truth begins and ends near an image."""
-TOLD_STANDING = 0.1  #: Accepted fraction of sub-trajectories with a stationary rover.
+MAX_STANDING = 0.1  #: Accepted fraction of sub-trajectories with a stationary rover.
 STAGES = (CallKind.MAPPING, CallKind.FUSION)  #: Calls that are stages of the mapping call of the document.
 
 
 def deviations_of(score: Score) -> Iterator[str]:
     """Yield the deviations of a score from the document, and the data that is not judged."""
-    yield from _from_the_document(score)
-    yield from _allowed(score)
-    if score.incomplete:
-        yield f"The expected results are incomplete: {score.incomplete}."
-    if (drive := score.association) is not None:
-        for count, what in ((drive.lost, "lost"), (drive.degraded, "degraded")):
-            if count:
-                yield f"{count} of {drive.matched} frames are {what}. They are judged like the others."
-        if unmatched := score.number("unmatched", part="count"):
-            yield f"{unmatched:.0f} estimates have no truth or are not the nearest to an image, and are not judged."
-        without_images = score.number("path_without_images") or 0.0
-        if without_images > PATH_WITHOUT_IMAGES:
-            share = f"{100.0 * without_images:.3g} %"
-            yield f"{share} of the true path has no images, so no estimate is expected there."
-        if not drive.images:
-            yield (
-                "The images of the drive are unknown. The estimate had to cover only the true poses. Images without an "
-                "estimate and without a true pose are not counted."
-            )
-        yield from _standing(score)
-        if drive.estimate_duplicates:
-            yield f"{drive.estimate_duplicates} estimates were ignored because a later estimate has the same stamp."
-        if drive.truth_duplicates:
-            yield f"{drive.truth_duplicates} true poses were ignored because a later true pose has the same stamp."
-    without_cloud = score.figure("pairs_without_cloud", part="count")
-    if without_cloud is not None and without_cloud.value:
-        yield f"{without_cloud.value:.0f} of {without_cloud.n} mapping pairs have no point in the cloud."
-    if without_truth := score.number("points_without_truth", part="count"):
-        yield f"{without_truth:.0f} points have no true surface and are not judged."
-    if score.calls is None and score.association is not None and score.verdicts:
-        yield "The calls of the run are unknown. Its findings and the states of its poses are therefore unknown, too."
-    if score.external is not None:
-        yield "The external node was not isolated: it could read the ground truth from the disk."
-    if score.truth is not None and score.truth.declared:
-        yield f"The ground truth was read with {', '.join(score.truth.declared)}; the recording does not state this."
-    if score.convention is not None:
-        yield f"The poses were converted before scoring: {', '.join(score.convention.declared) or 'as diagnosed'}."
+    for sentences_of in DEVIATIONS:
+        yield from sentences_of(score)
 
 
-def _standing(score: Score) -> Iterator[str]:
-    """Yield the time conditions for which the rover is stationary in many sub-trajectories."""
-    for row in score.rows(STANDING, part=SUB_TRAJECTORIES):
-        if row.value is None or row.value <= TOLD_STANDING:
-            continue
-        moving = score.number("position", TOTAL, condition=row.condition, part=MOVING)
-        share, over = f"{100.0 * row.value:.3g} %", label_of(row.condition or "")
-        text = f"The rover is stationary in {share} of the {row.n} sub-trajectories over {over}."
-        if moving is not None:
-            unit = fitting(METRE, moving)
-            text += f" Over the others, mean + 3 sigma is {number(moving, unit=unit)} {unit.symbol}."
-        yield text
+# ---- settings and measurements that differ from the requirements of the document
 
 
-def _from_the_document(score: Score) -> Iterator[str]:
-    """Yield the settings and measurements that differ from the requirements of the document."""
-    yield from _of_the_spacing(score)
-    yield from _of_the_reading(score)
-    drive = score.association
-    if drive is not None and drive.interpolated:
-        gap_s = drive.largest_gap_ns / NS_PER_S
-        yield f"{drive.interpolated} frames have an interpolated truth, over gaps of up to {gap_s:.3g} s."
-    yield from (f"{text[0].upper()}{text[1:]}." for text in caveats_of(score))
-    yield from _of_the_range(score)
-    for item in score.verdicts:
-        yield from _of_calls(item, is_stated=score.calls is not None and STATED_CLOCK in score.calls.clocks.values())
+def _spacing(score: Score) -> Iterator[str]:
+    """Yield a spacing of the sub-trajectories that differs from the recommendation of the document."""
+    association = score.association
+    if association is not None and association.spacing_frames != SPACING_FRAMES:
+        spacing = association.spacing_frames
+        yield f"Sub-trajectories start every {spacing} frames; the document states {SPACING_FRAMES} [4.1.1]."
 
 
-def _of_the_spacing(score: Score) -> Iterator[str]:
-    """Yield a deviation if the spacing of the sub-trajectories differs from the recommendation of the document."""
-    drive = score.association
-    if drive is not None and drive.spacing_frames != SPACING_FRAMES:
-        yield (
-            f"Sub-trajectories start every {drive.spacing_frames} frames; the document states {SPACING_FRAMES} [4.1.1]."
-        )
-
-
-def _of_the_reading(score: Score) -> Iterator[str]:
-    """Yield a deviation if the judged errors differ from the literal definition of the document, with both errors."""
-    drive = score.association
-    if drive is None or drive.rebase is Rebase.DISPLACEMENT:
+def _reading(score: Score) -> Iterator[str]:
+    """Yield a reading that differs from the literal definition of the document, with the errors by both readings."""
+    association = score.association
+    if association is None or association.rebase is Rebase.DISPLACEMENT:
         return
     compared = []
     for condition in score.conditions:
-        used = score.number("position", TOTAL, condition=condition, part=str(drive.rebase))
+        used = score.number("position", TOTAL, condition=condition, part=str(association.rebase))
         literal = score.number("position", TOTAL, condition=condition, part=str(Rebase.DISPLACEMENT))
         if used is None or literal is None:
             continue
@@ -117,25 +59,35 @@ def _of_the_reading(score: Score) -> Iterator[str]:
         literal_text = f"{number(literal, unit=unit)} {unit.symbol}"
         compared.append(f"mean + 3 sigma over {label_of(condition)} {used_text}, by displacements {literal_text}")
     yield (
-        f"Errors are computed by the reading '{drive.rebase}'. Literally, the document compares displacements "
+        f"Errors are computed by the reading '{association.rebase}'. Literally, the document compares displacements "
         f"[4.2.3.1]{': ' if compared else ''}{'; '.join(compared)}."
     )
 
 
-def _of_calls(item: Verdict, *, is_stated: bool) -> Iterator[str]:
-    """Yield a deviation if a limit is on calls measured on the host or stated by a node, or on a stage of a call."""
-    is_on_calls = item.subject in (Subject.TIMING, Subject.MEMORY)
-    if is_on_calls and not item.is_of_target:
-        on_target = "the document requires the target [4.2.1, 4.3.1]"
-        as_proposed = "the document leaves the method to the supplier [4.2.2, 4.3.2]"
-        how = "was stated by the node and not measured from outside" if is_stated else "was measured on the host"
-        yield f"{_name(item)} {how}; {on_target if item.subject is Subject.TIMING else as_proposed}."
-    if is_of_stage(item):
-        yield f"{_name(item)} concerns a stage. The mapping call of the document makes one cloud of all pairs [4.3.1]."
+def _interpolated_truth(score: Score) -> Iterator[str]:
+    """Yield the number of frames whose true pose was interpolated."""
+    association = score.association
+    if association is not None and association.interpolated:
+        gap_s = association.largest_gap_ns / NS_PER_S
+        yield f"{association.interpolated} frames have an interpolated truth, over gaps of up to {gap_s:.3g} s."
 
 
-def _of_the_range(score: Score) -> Iterator[str]:
-    """Yield a deviation if a verdict on a map counts other ranges than the default ranges."""
+def _caveats(score: Score) -> Iterator[str]:
+    """Yield the caveats as sentences."""
+    for text in caveats_of(score):
+        yield f"{text[0].upper()}{text[1:]}."
+
+
+def caveats_of(score: Score) -> Iterator[str]:
+    """Yield the caveats of a score, in the words of its warnings."""
+    if score.truth is not None:
+        yield from truth_caveats(score.truth)
+    yield from reading_caveats(score)
+    yield from inputs_caveats(score)
+
+
+def _map_range(score: Score) -> Iterator[str]:
+    """Yield ranges of the map that differ from the default ranges, if a verdict depends on them."""
     if score.provenance is None or not any(item.subject is Subject.MAP for item in score.verdicts):
         return
     usual = MapScoreConfig()
@@ -147,12 +99,23 @@ def _of_the_range(score: Score) -> Iterator[str]:
         )
 
 
-def caveats_of(score: Score) -> Iterator[str]:
-    """Yield the caveats of a score, in the words of its warnings."""
-    if score.truth is not None:
-        yield from truth_caveats(score.truth)
-    yield from reading_caveats(score)
-    yield from inputs_caveats(score)
+def _calls(score: Score) -> Iterator[str]:
+    """Yield the limits on times and memory that were not measured as the document requires."""
+    is_stated = score.calls is not None and STATED_CLOCK in score.calls.clocks.values()
+    for item in score.verdicts:
+        yield from _calls_of(item, is_stated=is_stated)
+
+
+def _calls_of(item: Verdict, *, is_stated: bool) -> Iterator[str]:
+    """Yield that calls were measured on the host or stated by a node, or that a limit is on a stage of a call."""
+    is_on_calls = item.subject in (Subject.TIMING, Subject.MEMORY)
+    if is_on_calls and not item.is_of_target:
+        on_target = "the document requires the target [4.2.1, 4.3.1]"
+        as_proposed = "the document leaves the method to the supplier [4.2.2, 4.3.2]"
+        how = "was stated by the node and not measured from outside" if is_stated else "was measured on the host"
+        yield f"{_name(item)} {how}; {on_target if item.subject is Subject.TIMING else as_proposed}."
+    if is_of_stage(item):
+        yield f"{_name(item)} concerns a stage. The mapping call of the document makes one cloud of all pairs [4.3.1]."
 
 
 def is_of_stage(item: Verdict) -> bool:
@@ -160,7 +123,11 @@ def is_of_stage(item: Verdict) -> bool:
     return item.figure in STAGES or RowPart.of(item.part).call in STAGES
 
 
-def _allowed(score: Score) -> Iterator[str]:
+def _name(item: Verdict) -> str:
+    return VerdictView.of(item).title
+
+
+def _relaxed_rules(score: Score) -> Iterator[str]:
     """Yield the relaxations of the defaults by the limits file."""
     rules = score.rules
     if rules is None:
@@ -183,5 +150,119 @@ def _allowed(score: Score) -> Iterator[str]:
         yield f"The limits require {least} independent sub-trajectories; the default is {usual}."
 
 
-def _name(item: Verdict) -> str:
-    return VerdictView.of(item).title
+# ---- data that is not judged, or whose judgement has a condition
+
+
+def _incomplete(score: Score) -> Iterator[str]:
+    """Yield the missing results."""
+    if score.incomplete:
+        yield f"The expected results are incomplete: {score.incomplete}."
+
+
+def _lost_and_degraded(score: Score) -> Iterator[str]:
+    """Yield the numbers of lost and degraded frames."""
+    if (association := score.association) is not None:
+        for count, state in ((association.lost, "lost"), (association.degraded, "degraded")):
+            if count:
+                yield f"{count} of {association.matched} frames are {state}. They are judged like the others."
+
+
+def _unmatched_estimates(score: Score) -> Iterator[str]:
+    """Yield the number of estimates without a true pose."""
+    if score.association is not None and (unmatched := score.number("unmatched", part="count")):
+        yield f"{unmatched:.0f} estimates have no truth or are not the nearest to an image, and are not judged."
+
+
+def _images(score: Score) -> Iterator[str]:
+    """Yield parts of the drive without images, and that the images are unknown."""
+    if score.association is None:
+        return
+    without_images = score.number("path_without_images") or 0.0
+    if without_images > PATH_WITHOUT_IMAGES:
+        yield f"{100.0 * without_images:.3g} % of the true path has no images, so no estimate is expected there."
+    if not score.association.images:
+        yield (
+            "The images of the drive are unknown. The estimate had to cover only the true poses. Images without an "
+            "estimate and without a true pose are not counted."
+        )
+
+
+def _standing(score: Score) -> Iterator[str]:
+    """Yield the time conditions for which the rover is stationary in many sub-trajectories."""
+    for row in score.rows(STANDING, part=SUB_TRAJECTORIES):
+        if row.value is None or row.value <= MAX_STANDING:
+            continue
+        moving = score.number("position", TOTAL, condition=row.condition, part=MOVING)
+        share, over = f"{100.0 * row.value:.3g} %", label_of(row.condition or "")
+        text = f"The rover is stationary in {share} of the {row.n} sub-trajectories over {over}."
+        if moving is not None:
+            unit = fitting(METRE, moving)
+            text += f" Over the others, mean + 3 sigma is {number(moving, unit=unit)} {unit.symbol}."
+        yield text
+
+
+def _duplicates(score: Score) -> Iterator[str]:
+    """Yield the numbers of poses that were ignored because of their stamps."""
+    association = score.association
+    if association is not None and association.estimate_duplicates:
+        count = association.estimate_duplicates
+        yield f"{count} estimates were ignored because a later estimate has the same stamp."
+    if association is not None and association.truth_duplicates:
+        count = association.truth_duplicates
+        yield f"{count} true poses were ignored because a later true pose has the same stamp."
+
+
+def _unjudged_map(score: Score) -> Iterator[str]:
+    """Yield the mapping pairs without points, and the number of points without a true surface."""
+    without_cloud = score.figure("pairs_without_cloud", part="count")
+    if without_cloud is not None and without_cloud.value:
+        yield f"{without_cloud.value:.0f} of {without_cloud.n} mapping pairs have no point in the cloud."
+    if without_truth := score.number("points_without_truth", part="count"):
+        yield f"{without_truth:.0f} points have no true surface and are not judged."
+
+
+def _unknown_calls(score: Score) -> Iterator[str]:
+    """Yield that the calls of a judged drive are unknown."""
+    if score.calls is None and score.association is not None and score.verdicts:
+        yield "The calls of the run are unknown. Its findings and the states of its poses are therefore unknown, too."
+
+
+def _external_node(score: Score) -> Iterator[str]:
+    """Yield that the item under test was not isolated."""
+    if score.external is not None:
+        yield "The external node was not isolated: it could read the ground truth from the disk."
+
+
+def _declared_truth(score: Score) -> Iterator[str]:
+    """Yield the properties of the ground truth that were declared by the user."""
+    if score.truth is not None and score.truth.declared:
+        yield f"The ground truth was read with {', '.join(score.truth.declared)}; the recording does not state this."
+
+
+def _converted_poses(score: Score) -> Iterator[str]:
+    """Yield the conversion of the poses before scoring."""
+    if score.convention is not None:
+        yield f"The poses were converted before scoring: {', '.join(score.convention.declared) or 'as diagnosed'}."
+
+
+DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (
+    _spacing,
+    _reading,
+    _interpolated_truth,
+    _caveats,
+    _map_range,
+    _calls,
+    _relaxed_rules,
+    _incomplete,
+    _lost_and_degraded,
+    _unmatched_estimates,
+    _images,
+    _standing,
+    _duplicates,
+    _unjudged_map,
+    _unknown_calls,
+    _external_node,
+    _declared_truth,
+    _converted_poses,
+)
+"""Deviations, in the order of the test report."""

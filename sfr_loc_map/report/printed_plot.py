@@ -13,8 +13,28 @@ from sfr_loc_map.report.plots import error_scale, largest
 from sfr_loc_map.report.score_plots import error_sizes, limits_on, map_of, plotted_conditions
 from sfr_loc_map.report.tables import UNKNOWN, number
 
-WIDTH, HEIGHT = 640.0, 220.0  #: Size of the drawing, px.
-LEFT, BOTTOM, TOP, RIGHT = 64.0, 46.0, 12.0, 12.0  #: Margins of the axes, px.
+
+class Drawing(NamedTuple):
+    """Size of a drawing and margins of its axes, px."""
+
+    width: float
+    height: float
+    left: float
+    right: float
+    top: float
+    bottom: float
+
+
+class LineStyle(NamedTuple):
+    """A style of lines: its word in the caption, and its dashes in SVG."""
+
+    word: str
+    dashes: str
+
+
+DRAWING = Drawing(width=640.0, height=220.0, left=64.0, right=12.0, top=12.0, bottom=46.0)
+DOTTED, SOLID, DASHED = LineStyle("Dotted", "2 3"), LineStyle("Solid", "none"), LineStyle("Dashed", "8 4")
+"""Styles of a mean, of mean + 3 sigma, and of a limit."""
 TICKS = 5  #: Maximum number of ticks of an axis.
 POINTS = 1000  #: Maximum number of marks of map points.
 
@@ -31,17 +51,16 @@ class Level(NamedTuple):
 
     at: float  #: px.
     text: str
-    dash: str
+    style: LineStyle
 
 
 @dataclass(frozen=True, slots=True)
 class PrintedPlot:
-    """Marks and axes of one condition, in px of the drawing."""
+    """Marks and axes of one plot, in px of the drawing."""
 
     title: str
     x_title: str
     y_title: str  #: With the unit.
-    unit: str
     count: int
     points: list[tuple[float, float]]
     x_ticks: list[Tick]
@@ -50,7 +69,8 @@ class PrintedPlot:
     beyond: str  #: Limits above the drawing, in words.
 
 
-class Series(NamedTuple):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Series:
     """Data of one plot: a mark for each error, and lines at the statistics and the limits of the errors."""
 
     title: str
@@ -60,7 +80,8 @@ class Series(NamedTuple):
     sizes: Sequence[float | None]  #: Sizes of the errors, before scaling.
     row: Figure | None
     limits: list[tuple[str, float]]  #: Statistic and limit.
-    scale: tuple[float, str]  #: Factor and unit of the drawing.
+    factor: float  #: From the unit of the errors to the unit of the drawing.
+    unit: str  #: Unit of the drawing.
     mean: str = "mean"  #: Label of the mean of the row.
 
 
@@ -70,21 +91,36 @@ def printed_plots(score: Score) -> list[PrintedPlot]:
 
 
 def _of_drive(score: Score) -> Iterator[Series]:
-    at_the_end = "distance travelled at the end, m"
     for part in plotted_conditions(score):
         condition = part.rows.condition
+        at_the_end = f"over {part.over}, at the end of each sub-trajectory"
+        travelled = "distance travelled at the end, m"
         sizes = error_sizes(part.rows)
-        scale = error_scale(largest(sizes))
-        title = f"Position error over {part.over}, at the end of each sub-trajectory"
-        row, limits = score.figure("position", condition=condition), limits_on(score, "position", condition)
+        factor, unit = error_scale(largest(sizes))
         yield Series(
-            title, at_the_end, "position error", part.travelled_m, sizes, row, limits, scale, "norm of the mean"
+            title=f"Position error {at_the_end}",
+            x_title=travelled,
+            y_title="position error",
+            x=part.travelled_m,
+            sizes=sizes,
+            row=score.figure("position", condition=condition),
+            limits=limits_on(score, "position", condition),
+            factor=factor,
+            unit=unit,
+            mean="norm of the mean",
         )
         if any(value is not None for value in part.rows.attitude_deg):
-            title = f"Attitude error over {part.over}, at the end of each sub-trajectory"
-            row, limits = score.figure("attitude", condition=condition), limits_on(score, "attitude", condition)
-            angles = part.rows.attitude_deg
-            yield Series(title, at_the_end, "attitude error", part.travelled_m, angles, row, limits, (1.0, "deg"))
+            yield Series(
+                title=f"Attitude error {at_the_end}",
+                x_title=travelled,
+                y_title="attitude error",
+                x=part.travelled_m,
+                sizes=part.rows.attitude_deg,
+                row=score.figure("attitude", condition=condition),
+                limits=limits_on(score, "attitude", condition),
+                factor=1.0,
+                unit="deg",
+            )
 
 
 def _of_map(score: Score) -> Iterator[Series]:
@@ -93,37 +129,59 @@ def _of_map(score: Score) -> Iterator[Series]:
         return
     every = -(-len(details.cloud.error_m) // POINTS)
     sizes, ranges = details.cloud.error_m[::every], details.cloud.range_m[::every]
-    row, limits = score.figure("point_error", part=None), limits_on(score, "point_error")
-    title = f"Error of map points over their range, {len(sizes)} of {UNKNOWN if row is None else row.n} points"
-    scale = error_scale(largest(list(sizes)))
-    yield Series(title, "range of the true point, m", "point error", ranges, sizes, row, limits, scale)
+    row = score.figure("point_error", part=None)
+    factor, unit = error_scale(largest(list(sizes)))
+    yield Series(
+        title=f"Error of map points over their range, {len(sizes)} of {UNKNOWN if row is None else row.n} points",
+        x_title="range of the true point, m",
+        y_title="point error",
+        x=ranges,
+        sizes=sizes,
+        row=row,
+        limits=limits_on(score, "point_error"),
+        factor=factor,
+        unit=unit,
+    )
+
+
+class _Line(NamedTuple):
+    value: float  #: In the unit of the drawing.
+    text: str
+    style: LineStyle
+
+
+def _statistics_of(series: Series) -> Iterator[_Line]:
+    """Yield the lines at the mean and at mean + 3 sigma, the latter with its interval."""
+    row, factor, unit = series.row, series.factor, series.unit
+    if row is not None and row.mean is not None:
+        yield _Line(row.mean * factor, f"{series.mean} {number(row.mean * factor)} {unit}", DOTTED)
+    if row is not None and row.mean_plus_3sigma is not None:
+        text = f"mean + 3 sigma {number(row.mean_plus_3sigma * factor)} {unit}"
+        if row.interval is not None:
+            low, high = (number(bound * factor) for bound in row.interval)
+            text += f" (95 % interval {low} to {high} {unit})"
+        yield _Line(row.mean_plus_3sigma * factor, text, SOLID)
 
 
 def _drawn(series: Series) -> PrintedPlot:
-    row, (factor, unit) = series.row, series.scale
-    statistics = () if row is None else ((series.mean, row.mean, "2 3"), ("mean + 3 sigma", row.mean_plus_3sigma, ""))
-    known = [(name, value * factor, dash) for name, value, dash in statistics if value is not None]
+    """Return a plot; the scale contains all marks and statistics, and not the limits."""
+    factor, unit = series.factor, series.unit
     both = zip(series.x, series.sizes, strict=True)
     pairs = [(x, size * factor) for x, size in both if x is not None and size is not None]
+    lines = list(_statistics_of(series))
     x_most, x_step = _end_of(max((x for x, _ in pairs), default=0.0))
-    y_most, y_step = _end_of(max([y for _, y in pairs] + [value for _, value, _ in known], default=0.0))
-    interval = None if row is None or row.interval is None else [number(bound * factor) for bound in row.interval]
-    certain = "" if interval is None else f" (95 % interval {' to '.join(interval)} {unit})"
-    lines = [
-        (f"{name} {number(value)} {unit}{certain if not dash else ''}", value, dash) for name, value, dash in known
-    ]
-    lines += [(f"limit {number(limit * factor)} {unit}", limit * factor, "8 4") for _, limit in series.limits]
+    y_most, y_step = _end_of(max([y for _, y in pairs] + [line.value for line in lines], default=0.0))
+    lines += [_Line(limit * factor, f"limit {number(limit * factor)} {unit}", DASHED) for _, limit in series.limits]
     return PrintedPlot(
         title=series.title,
         x_title=series.x_title,
         y_title=f"{series.y_title}, {unit}",
-        unit=unit,
         count=len(pairs),
         points=[(_x(x, x_most), _y(y, y_most)) for x, y in pairs],
         x_ticks=[Tick(_x(value, x_most), f"{value:g}") for value in _ticks(x_most, x_step)],
         y_ticks=[Tick(_y(value, y_most), f"{value:g}") for value in _ticks(y_most, y_step)],
-        levels=[Level(_y(value, y_most), text, dash) for text, value, dash in lines if value <= y_most],
-        beyond=", ".join(text for text, value, _ in lines if value > y_most),
+        levels=[Level(_y(line.value, y_most), line.text, line.style) for line in lines if line.value <= y_most],
+        beyond=", ".join(line.text for line in lines if line.value > y_most),
     )
 
 
@@ -140,8 +198,10 @@ def _ticks(most: float, step: float) -> list[float]:
 
 
 def _x(value: float, most: float) -> float:
-    return round(LEFT + (WIDTH - LEFT - RIGHT) * value / most, 2)
+    left, right = DRAWING.left, DRAWING.width - DRAWING.right
+    return round(left + (right - left) * value / most, 2)
 
 
 def _y(value: float, most: float) -> float:
-    return round(HEIGHT - BOTTOM - (HEIGHT - BOTTOM - TOP) * value / most, 2)
+    base, top = DRAWING.height - DRAWING.bottom, DRAWING.top
+    return round(base - (base - top) * value / most, 2)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import msgspec
@@ -20,10 +20,10 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.report.deviations import caveats_of, deviations_of
 from sfr_loc_map.report.notes import NO_INTERVAL
 from sfr_loc_map.report.page import from_template
-from sfr_loc_map.report.printed_plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, printed_plots
+from sfr_loc_map.report.printed_plot import DRAWING, PrintedPlot, printed_plots
 from sfr_loc_map.report.score_tables import table_of
 from sfr_loc_map.report.summary import NO_VERDICT, Overall, overall_of
-from sfr_loc_map.report.tables import OPEN, UNKNOWN, Table, to_html
+from sfr_loc_map.report.tables import OPEN, UNKNOWN, Table
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 
 TABLES = ("headline", "covered", "readings")  #: Tables of figures below the results.
@@ -67,60 +67,111 @@ class Evidence(NamedTuple):
     open_points: tuple[str, ...]
 
 
+class ResultRow(NamedTuple):
+    """A row of the results."""
+
+    id: str  #: Number of the requirement, or else the numbers of the command and the limit.
+    text: str  #: Text of the requirement.
+    view: VerdictView
+    command: int  #: Number of the command that reproduces the figure, from 1.
+
+
+class InputRow(NamedTuple):
+    """A row of the data: an input of a score."""
+
+    role: str
+    path: str
+    sha256: str
+
+
+class Command(NamedTuple):
+    """The parts of the report about one score, which one command of the procedure reproduces."""
+
+    number: int  #: From 1.
+    text: str  #: Command line.
+    overall: Overall
+    item: dict[str, str]  #: Item under test: names and texts.
+    inputs: list[InputRow]
+    results: list[ResultRow]
+    tables: list[Table]
+    plots: list[PrintedPlot]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SignedReport:
+    """The content of a test report, in the order of the report."""
+
+    title: str
+    number: str
+    issue: str
+    overall: Overall
+    no_common_verdict: str  #: Why the scores have no common verdict; empty if they have one.
+    commands: list[Command]  #: Item under test, procedure, data and results of each score.
+    clauses: list[tuple[str, str]]  #: Clauses of the document and their texts.
+    counts: dict[str, int]  #: Number of results by verdict.
+    evidence: list[Evidence]
+    deviations: list[str]
+    anomalies: list[str]
+    open_points: list[str]
+
+
 def render_test_report(
     scores: Sequence[Score], title: str = "", number: str = "", issue: str = "", evidence: Sequence[Evidence] = ()
 ) -> str:
     """Return the report of judged scores as HTML without scripts, formatted for A4."""
     common = common_verdict(scores)
-    results = [row for command, score in enumerate(scores, 1) for row in _results(score, command)]
-    states = [row.view.item.state.value for row in results]
-    overalls = [overall_of(score) for score in scores]
-    tables_of_all = [[table_of(item, name) for name in TABLES] for item in scores]
-    return from_template(
-        "test_report.html.j2",
+    commands = [_command(score, index) for index, score in enumerate(scores, 1)]
+    states = [row.view.item.state.value for command in commands for row in command.results]
+    report = SignedReport(
         title=title or "Test report",
         number=printable(number),
         issue=printable(issue),
-        document=DOCUMENT,
-        overall=overall_of_all(common, overalls),
-        said=[item.text for item in overalls] + ([common.text] if common.text else []),
-        counts={word: states.count(word) for word in dict.fromkeys(states)},
-        items=[_item(score) for score in scores],
+        overall=overall_of_all(common, [command.overall for command in commands]),
+        no_common_verdict=common.text,
+        commands=commands,
         clauses=[(clause, CLAUSES[clause]) for clause in clauses_used(scores)],
-        commands=[score.provenance.command or UNKNOWN if score.provenance else UNKNOWN for score in scores],
-        inputs=[
-            (command, role, printable(file.path), file.sha256)
-            for command, score in enumerate(scores, 1)
-            for role, file in (score.provenance.inputs if score.provenance else {}).items()
-        ],
-        results=results,
-        no_interval=NO_INTERVAL,
-        tables=[
-            "".join(to_html(replace(table, name=f"{table.name}-{n}")) for table in judged_by if table.rows)
-            for n, judged_by in enumerate(tables_of_all, 1)
-        ],
-        drawn=[printed_plots(item) for item in scores],
-        size=(WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT),
-        evidence=[
-            (
-                item.heading,
-                printable(item.path),
-                item.sha256,
-                "".join(to_html(replace(table, name=f"{table.name}-evidence-{n}")) for table in item.tables),
-            )
-            for n, item in enumerate(evidence, 1)
-        ],
+        counts={state: states.count(state) for state in dict.fromkeys(states)},
+        evidence=[_printable(item, index) for index, item in enumerate(evidence, 1)],
         deviations=_of_all(scores, deviations_of),
         anomalies=_of_all(scores, _anomalies),
         open_points=[*_of_all(scores, _open_points), *(text for item in evidence for text in item.open_points)],
     )
+    return from_template(
+        "test_report.html.j2", report=report, document=DOCUMENT, drawing=DRAWING, no_interval=NO_INTERVAL
+    )
+
+
+def _command(score: Score, number: int) -> Command:
+    made = score.provenance
+    files = {} if made is None else made.inputs
+    return Command(
+        number=number,
+        text=UNKNOWN if made is None else made.command or UNKNOWN,
+        overall=overall_of(score),
+        item=_item(score),
+        inputs=[InputRow(role, printable(file.path), file.sha256) for role, file in files.items()],
+        results=list(_results(score, number)),
+        tables=_named(str(number), [table for name in TABLES if (table := table_of(score, name)).rows]),
+        plots=printed_plots(score),
+    )
+
+
+def _printable(evidence: Evidence, number: int) -> Evidence:
+    tables = _named(f"evidence-{number}", evidence.tables)
+    return evidence._replace(path=printable(evidence.path), tables=tuple(tables))
+
+
+def _named(suffix: str, tables: Sequence[Table]) -> list[Table]:
+    """Return tables whose names, which are anchors of the page, differ from those of the other scores and files."""
+    return [replace(table, name=f"{table.name}-{suffix}") for table in tables]
 
 
 def overall_of_all(common: Common, overalls: Sequence[Overall]) -> Overall:
     """Return the headline verdict: the worst verdict of the scores; pass requires that all scores pass."""
     if common.text:
         return Overall("no common verdict", common.text, OPEN.css, OPEN.icon)
-    return next(item for item in overalls if item.state == (common.state or NO_VERDICT))
+    wanted = common.state or NO_VERDICT
+    return next(item for item in overalls if item.state == wanted)
 
 
 def _of_all(scores: Sequence[Score], texts_of: Callable[[Score], Iterator[str]]) -> list[str]:
@@ -162,15 +213,6 @@ def _item(score: Score) -> dict[str, str]:
         facts["Host"] = ", ".join(f"{name} {value}" for name, value in made.host.items()) or UNKNOWN
         facts["Time"] = made.time or UNKNOWN
     return {name: printable(text) for name, text in facts.items()}
-
-
-class ResultRow(NamedTuple):
-    """A row of the results."""
-
-    id: str  #: Number of the requirement, or else the numbers of the command and the limit.
-    text: str  #: Text of the requirement.
-    view: VerdictView
-    command: int  #: Number of the command that reproduces the figure, from 1.
 
 
 def _results(score: Score, command: int) -> Iterator[ResultRow]:

@@ -288,7 +288,7 @@ def test_the_figure_on_paper_shows_the_error_of_each_sub_trajectory() -> None:
     assert [figure.count for figure in drawn] == [len(sizes) for sizes in errors]
     for figure, sizes in zip(drawn, errors, strict=True):
         zero, top = figure.y_ticks[0], figure.y_ticks[-1]
-        factor = {"mm": 1e3, "m": 1.0}[figure.unit]
+        factor = {"mm": 1e3, "m": 1.0}[figure.y_title.rpartition(", ")[2]]
         scale = float(top.text) / (zero.at - top.at)
         shown = [(zero.at - y) * scale for _, y in figure.points]
         assert shown == pytest.approx([size * factor for size in sizes if size is not None], abs=0.02 * scale)
