@@ -1,4 +1,21 @@
-"""The ROS 2 nodes and the processes around them; the only package that imports ROS."""
+"""The ROS 2 nodes and the processes around them; the only package that imports ROS.
+
+The path of a stereo pair through a node, in two threads:
+
+    executor's thread   `input.stereo_input` (images to pairs, by stamps and runs)
+                        -> `pair_node` -> `localisation_node`, or `mapping_node` (waits for the pose of the pair)
+    worker's thread     -> the localiser or the mapper -> results, and the call record on `~/call`
+
+`monitor_node` passes results and ground truth to its worker in the same way, scores them (`scoring.monitor_score`), and
+publishes the score (`score_publisher`, `score_messages`) or saves it (`report_file`).
+
+- `lifecycle`: what the three nodes have in common (`managed_node`): states, parameters, endpoints, worker, health
+- `input`: reception of pairs, poses, extrinsics and true poses; what a node waits for (`waiting`)
+- `ros`: conversion of messages, quality of service, queries of the graph, the ROS node of other programs (`peer`)
+- `launch`: the nodes as processes; `start` is the first module of such a process
+- `replay`: plays a source through the nodes; `graph`: observes or records a running graph; `view`: feeds the live page
+- `parameter_files`: writes the files in `config/`
+"""
 
 import lazy_loader
 

@@ -109,7 +109,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def check_config(self, config: LocalisationNodeConfig) -> None:
         """Check frames, extrinsics and masks, and create a localiser from the parameters and the rig if it is known."""
-        config.check_frames(config.ds_frame, config.rb_frame, config.locsb_frame)
+        config.check_frame_names(config.ds_frame, config.rb_frame, config.locsb_frame)
         T_rb_sb = config.T_rb_locsb.transform("T_rb_locsb")
         for mask in filter(None, (config.localisation.left_mask, config.localisation.right_mask)):
             read_mask(mask)
@@ -154,7 +154,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         return missing
 
     def reset_state(self) -> None:
-        """Create the state of a run, without results."""
+        """Create the state of the node, without input and results."""
         super().reset_state()
         config = self.config
         self._pose_file = PoseFile(Path(config.resume_file), config.resume_max_age_s) if config.resume_file else None
@@ -176,7 +176,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     # ---- in the executor's thread
 
-    def on_restart(self, reason: str) -> None:
+    def on_new_run(self, reason: str) -> None:
         """Start a new run at the first pose once the pairs received earlier are processed."""
         self.get_logger().warning(f"{reason}: localisation restarts at its first pose")
         self.worker.enqueue(self._session.restart)
@@ -197,7 +197,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         with self.ignoring_broken():
-            self.config.check_frame(INITIAL_POSE, message.header.frame_id, "ds_frame")
+            self.config.check_message_frame(INITIAL_POSE, message.header.frame_id, "ds_frame")
             pose, last_ns = messages.start_pose_of(message), self._stereo.last_ns
             if pose.stamp_ns is not None and last_ns is not None and last_ns - pose.stamp_ns > MAX_POSE_AGE_NS:
                 self.worker.enqueue(partial(self._session.set_first, pose))  # a restarted run may begin near that time
@@ -210,7 +210,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def _on_motion_prior(self, message: Odometry) -> None:
         with self.ignoring_broken():
-            self.config.check_frame(MOTION_PRIOR, message.child_frame_id, "rb_frame")
+            self.config.check_message_frame(MOTION_PRIOR, message.child_frame_id, "rb_frame")
             self._motion_prior.add(stamp_of(message), messages.transform_from_pose(message.pose.pose, MOTION_PRIOR))
 
     # ---- in the worker's thread

@@ -73,7 +73,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def check_config(self, config: MappingNodeConfig) -> None:
         """Check the frames, and create a mapper from the parameters and the rig, or `ANY_RIG` before the first rig."""
-        config.check_frames(config.lm_frame)
+        config.check_frame_names(config.lm_frame)
         Mapper(self.rig or ANY_RIG, config.mapping)
 
     def setup(self) -> None:
@@ -97,7 +97,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self.endpoints.add_timer(OVERDUE_S, self._matching.drop_overdue)
 
     def reset_state(self) -> None:
-        """Create the state of a run, without results."""
+        """Create the state of the node, without input and results."""
         super().reset_state()
         config = self.config
         self._poses_received = 0  # since the last `look_around`
@@ -113,9 +113,9 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Process the next pairs with changed parameters; pairs of the map in progress are kept."""
         self.worker.enqueue(lambda: self._set_rig(self._mapped_rig))
 
-    def forget_received(self) -> None:
+    def reset_received(self) -> None:
         """Reset the counts of received messages."""
-        super().forget_received()
+        super().reset_received()
         self._poses_received = 0
 
     def expects_input(self) -> bool:
@@ -158,14 +158,14 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Hold a pair until a pose with its stamp is received, then enqueue it for the worker."""
         self._enqueue(self._matching.add_pair(pair.stamp_ns, pair))
 
-    def on_restart(self, reason: str) -> None:
+    def on_new_run(self, reason: str) -> None:
         """Start a new map once the pairs received earlier are processed."""
         self.get_logger().warning(f"{reason}: a new map begins")
         self._matching.clear_pairs()
         self.worker.enqueue(self._pairs.clear)
 
     def forget_waiting(self) -> None:
-        """Drop the waiting pairs and poses."""
+        """Forget the messages, pairs and poses that wait, and the last stamp."""
         super().forget_waiting()
         self._matching.clear()
 
@@ -173,7 +173,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         stamp_ns = stamp_of(message)
         self._poses_received += 1
         with self.ignoring_broken():
-            self.config.check_frame(NAV_POSE, message.header.frame_id, "lm_frame")
+            self.config.check_message_frame(NAV_POSE, message.header.frame_id, "lm_frame")
             pose = messages.transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")
             self._enqueue(self._matching.add_pose(stamp_ns, pose))
 
@@ -192,7 +192,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
     def _set_rig(self, rig: StereoRig | None) -> None:
         self._mapped_rig, self._mapper = rig, None
 
-    def _present_mapper(self) -> Mapper:
+    def _mapper_of_rig(self) -> Mapper:
         """Return the mapper; raise an `SfrError` if there is no rig yet, or if the parameters do not suit the rig."""
         if self._mapped_rig is None:
             raise InputError("no camera_info was received yet: publish it for both navigation cameras")
@@ -207,7 +207,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         begin = time.perf_counter()
         pair = received.decode()
         conversion_s = time.perf_counter() - begin
-        mapper = self._present_mapper()
+        mapper = self._mapper_of_rig()
         with self.status.meter.measure() as usage:
             result = mapper.process(pair, pose, len(self._pairs))
         self._pairs.append(CountedPair(result, usage))
@@ -222,7 +222,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def _fuse(self) -> int:
         """Fuse and publish the map in progress; return the number of points."""
-        mapper, pairs = self._present_mapper(), self._pairs.copy()
+        mapper, pairs = self._mapper_of_rig(), self._pairs.copy()
         self._pairs.clear()
         with self.status.meter.measure() as usage:
             fused = mapper.fuse([pair.result for pair in pairs])

@@ -112,15 +112,17 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     task = "monitor"
     config_type = MonitorNodeConfig
     names_of_others = tuple(f"input.{item.name}" for item in fields(StereoInputConfig))
-    _truth: TruthInput
+
+    def check_config(self, config: MonitorNodeConfig) -> None:
+        """Check the frames of the ground truth."""
+        if config.truth.frame:
+            FrameTruthInput(config.truth.frame)
 
     def setup(self) -> None:
         """Read the limits and create publishers."""
         config = self.config
         limits = load_limits(Path(config.limits_file)) if config.limits_file else None
         self._score = MonitorScore(config.score, limits, config.truth)
-        if config.truth.frame:
-            self._truth = FrameTruthInput(config.truth.frame)
         if self._report_file is not None:
             self._report_file.check()
         self._publisher = ScorePublisher(self.endpoints)
@@ -143,18 +145,20 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self.add_service("~/save", self._save)
         self.add_service("~/finish", self._finish)
         self.add_service("~/reset", self._reset)
-        self.endpoints.add_timer(config.publish_period_s, lambda: self.worker.enqueue(self._publish))
+        self.endpoints.add_timer(config.publish_period_s, lambda: self.worker.enqueue(self._publish_periodically))
         if self._report_file is not None and config.save_period_s:
             self._warn_on_error(self._report_file.keep_previous)
             self.endpoints.add_timer(config.save_period_s, lambda: self.worker.enqueue(self._autosave))
 
     def reset_state(self) -> None:
-        """Create the state of a run, without results."""
+        """Create the state of the node, without input and results."""
         config = self.config
         self._report_file = ReportFile(Path(config.save_file)) if config.save_file else None
         self._lost_in_transport = 0  # messages
         self._camera_infos = CameraInfoPair()
-        self._truth = TopicTruthInput(self, Reliability(config.input.reliability))
+        self._truth: TruthInput = TopicTruthInput(self, Reliability(config.input.reliability))
+        if config.truth.frame:
+            self._truth = FrameTruthInput(config.truth.frame)
         self._runs: CommonRuns[Callable[[], None]] = CommonRuns({source: AnyOrder() for source in SOURCES})
         self._restarts = 0  # number of new runs since the operator's reset
         self._resets_ns: list[int] = []  # last stamp before each reset by the operator
@@ -320,27 +324,25 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             resets_ns=tuple(self._resets_ns),
         )
 
-    def _publish(self) -> None:
+    def _publish_periodically(self) -> None:
         """Publish the figures if messages were received and `ScorePacing` allows."""
         if not self._changed or not self._pacing.is_due():
             return
-        self._changed = False
         with self._pacing.measured():
-            self._publish_score()
+            try:
+                self._publish_score()
+            except MetricsError as error:  # for instance two runs in one
+                self.status.error(str(error))
 
     def _publish_score(self) -> None:
-        try:
-            score = self._result(details=False, in_flight_s=IN_FLIGHT_S)
-        except MetricsError as error:  # for instance two runs in one
-            self.status.error(str(error))
-            return
+        self._changed = False
+        score = self._result(details=False, in_flight_s=IN_FLIGHT_S)
         self._publisher.publish(score, self._last_ns)
         level, state = (Level.OK, "scoring") if score.contradiction is None else (Level.WARN, score.contradiction)
         self.status.note_call(level, state)
 
     def _finish(self) -> str:
-        self._changed, self._pacing = True, ScorePacing()
-        self._publish()
+        self._publish_score()
         return "the figures are published"
 
     def _save(self) -> str:

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import String
 
 from sfr_loc_map.config import param
@@ -51,13 +50,13 @@ class PairNodeConfig(NodeConfig):
         """Return a frame name with the prefix, as used in messages."""
         return self.frame_prefix + name
 
-    def check_frame(self, what: str, found: str, parameter: str) -> None:
+    def check_message_frame(self, what: str, found: str, parameter: str) -> None:
         """Raise an InputError if the frame of a message is not empty and differs from that of a parameter."""
         wanted = self.frame(getattr(self, parameter))
         if found not in ("", wanted):
             raise InputError(f"{what} is in frame '{found}': frame '{wanted}' (parameter {parameter}) is required")
 
-    def check_frames(self, *names: str) -> None:
+    def check_frame_names(self, *names: str) -> None:
         """Raise a ConfigError if frame names violate the rules of tf2 or are equal."""
         for name in names:
             full = self.frame(name)
@@ -75,22 +74,31 @@ P = TypeVar("P", bound=PairNodeConfig)
 
 
 class Backoff:
-    """Reports periods without input at increasing intervals: the first, second, fourth, eighth, ... silent period."""
+    """Reports every period with input, and of consecutive silent periods the first, second, fourth, eighth, ..."""
 
     def __init__(self) -> None:
-        self._periods = 0
+        self._silent_periods = 0
 
     def is_due(self, is_silent: bool) -> bool:
         """Count a period with or without input; return whether a report is due."""
-        self._periods = self._periods + 1 if is_silent else 0
-        return self._periods & (self._periods - 1) == 0
+        self._silent_periods = self._silent_periods + 1 if is_silent else 0
+        return self._silent_periods.bit_count() <= 1  # 0 or a power of two
 
 
 class PairNode(ManagedNode[P], ABC):
-    """A managed node whose worker processes the pairs of one rig; its input is handled in the executor's thread."""
+    """A managed node whose worker processes the pairs of one rig; its input is handled in the executor's thread.
+
+    What is discarded at each event:
+
+    - activation: waiting messages and pairs, and the last stamp (`forget_waiting`)
+    - `~/reset`: as at an activation, and the results of the run
+    - jump of the stamps or of the clock: the results of the run, once the earlier pairs are processed (`on_new_run`)
+    - first rig, other cameras: results that depend on the previous cameras (`on_rig`)
+    - internal fault: results that may be wrong (`restart_after_fault`)
+    - configuration, clean-up: everything (`reset_state`)
+    """
 
     task: Task
-    rig: StereoRig | None = None  #: The rig that was received last; None before the first.
     _calls_before = 0
 
     @abstractmethod
@@ -102,8 +110,13 @@ class PairNode(ManagedNode[P], ABC):
         """Set the rig of the following pairs."""
 
     @abstractmethod
-    def on_restart(self, reason: str) -> None:
+    def on_new_run(self, reason: str) -> None:
         """Start a new run once the pairs received earlier are processed."""
+
+    @property
+    def rig(self) -> StereoRig | None:
+        """The rig of the next pairs; None until camera_info of both cameras is received."""
+        return self._stereo.rig
 
     def agreeing_stamps(self) -> int:
         """Return how many consecutive pairs after a jump of the stamps start a new run."""
@@ -114,22 +127,22 @@ class PairNode(ManagedNode[P], ABC):
         self._calls = self.endpoints.add_publisher(String, "~/call", CALL_DEPTH, latched=True)
 
     def reset_state(self) -> None:
-        """Create the state of a run, without results."""
-        self.rig = None
+        """Create the state of the node, without input and results."""
+        self._failed = 0  # pairs that could not be processed
         self._backoff = Backoff()
         self._stereo = StereoInput(
             self.task.rig,
             self.config.input,
             self.status,
             on_pair=self.on_pair,
-            on_rig=self._take_rig,
-            on_restart=self.on_restart,
+            on_rig=self.on_rig,
+            on_new_run=self.on_new_run,
             agreeing=self.agreeing_stamps(),
         )
 
     def subscribe(self) -> None:
         """Subscribe to the images and the camera_info, which defines the rig."""
-        self.rig = None
+        self.forget_waiting()
         self._stereo.subscribe(self.endpoints)
 
     @contextmanager
@@ -147,25 +160,25 @@ class PairNode(ManagedNode[P], ABC):
             self.status.warn(doubled, "publishers")
         has_worked = self.status.calls > self._calls_before or not self.worker.is_idle
         self._calls_before = self.status.calls
-        is_silent = not any(item.received for item in self.inputs() if CameraInfo not in item.topics.values())
-        is_reported = self._backoff.is_due(is_silent)
-        text = self.waits_for()
-        self.forget_received()
-        if has_worked or not text or (is_silent and not self.expects_input()):
+        is_silent = not any(item.received for item in self.inputs() if item.is_stream)
+        is_log_due = self._backoff.is_due(is_silent)
+        missing = self.waits_for()
+        self.reset_received()
+        if has_worked or not missing or (is_silent and not self.expects_input()):
             return
         if is_silent and self.status.calls:
-            text = f"The source has ended or is silent. {text}"
-        self.status.note_problem(Level.WARN, text)
-        if is_reported:
-            self.get_logger().warning(text)
+            missing = f"The source has ended or is silent. {missing}"
+        self.status.note_problem(Level.WARN, missing)
+        if is_log_due:
+            self.get_logger().warning(missing)
 
     def inputs(self) -> list[Input]:
-        """Return the inputs of the pairs, each with its number of messages since `forget_received`."""
+        """Return the inputs of the pairs, each with its number of messages since `reset_received`."""
         return self._stereo.inputs()
 
-    def forget_received(self) -> None:
+    def reset_received(self) -> None:
         """Reset the counts of received messages."""
-        self._stereo.forget_received()
+        self._stereo.reset_received()
 
     def waits_for(self) -> str:
         """Return in one line what the node waits for; empty if nothing is missing."""
@@ -173,21 +186,22 @@ class PairNode(ManagedNode[P], ABC):
 
     def clock_jumped_back(self) -> None:
         """Start a new run, unless pairs of the new time were received already."""
-        if self._stereo.restart_if_set_back(self.get_clock().now().nanoseconds):
-            self.on_restart("the clock was set back")
+        self._stereo.clock_jumped_back(self.get_clock().now().nanoseconds)
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
-        return self._stereo.counts() | super().counts()
+        counts = self._stereo.counts() | super().counts()
+        counts["dropped_rejected"] += self._failed
+        return counts
 
     def count_failed(self) -> None:
         """Count a pair that could not be processed."""
-        self._stereo.count_rejected()
+        self._failed += 1
 
     def forget_waiting(self) -> None:
-        """Drop the waiting pairs."""
+        """Forget the messages and pairs that wait, and the last stamp; the next pair begins a run."""
         self.worker.clear()
-        self._stereo.restart()
+        self._stereo.forget_waiting()
 
     def publish_call(self, call: CallRecord, level: Level) -> None:
         """Publish a call with the counts since the start, for programs on `~/call` and for people on /diagnostics."""
@@ -200,7 +214,3 @@ class PairNode(ManagedNode[P], ABC):
         now_ns = self.get_clock().now().nanoseconds
         found = latencies([info for _, info in received.images], received.stamp_ns, time.time_ns(), now_ns)
         return found | {"conversion_s": conversion_s}
-
-    def _take_rig(self, rig: StereoRig) -> None:
-        self.rig = rig
-        self.on_rig(rig)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from lifecycle_msgs.msg import Transition
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
@@ -21,6 +22,29 @@ from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
 from sfr_loc_map.nodes.mapping_node import MappingNode
 from sfr_loc_map.nodes.ros.messages import cloud_from_msg, elevation_msg, hazard_msg
+
+
+def test_pairs_that_wait_for_their_poses_are_dropped_at_a_deactivation(ros: None, capfd: Capture) -> None:
+    """As are the poses: a pair of the first activation has no pose in the second."""
+    with Manager("mapping_node") as peer, LocalNode(peer, capfd, MappingNode, *params("pose_wait_s:=600.0")) as node:
+        disparities = peer.listen(DisparityImage, "mapping/disparity")
+
+        def send_pose(index: int) -> None:
+            pose = bag_messages.pose(nav_pair(index).pair.stamp_ns, nav_pair(index).T_lm_navsb)
+            peer.publish(PoseStamped, "nav/pose", raw(pose))
+
+        send_infos(peer, "nav", NAV_RIG)
+        send_pair(peer, "nav", nav_pair(0).pair)
+        peer.until(lambda: not node.node.waits_for().startswith("Waiting for 2 topics"), "the pair")
+        assert peer.change(Transition.TRANSITION_DEACTIVATE) == (True, "inactive")
+        assert peer.change(Transition.TRANSITION_ACTIVATE) == (True, "active")
+        send_infos(peer, "nav", NAV_RIG)
+        for index in (0, 1):
+            send_pose(index)
+        send_pair(peer, "nav", nav_pair(1).pair)
+        peer.until(lambda: disparities, "disparity")
+        peer.spin(0.2)
+        assert [stamp_of(message) for message in disparities] == [nav_pair(1).pair.stamp_ns]
 
 
 def test_mapping_makes_disparities_and_clouds_of_sets_of_pairs(ros: None, capfd: Capture) -> None:

@@ -24,6 +24,7 @@ from helpers.made_suites import SFR
 from helpers.manager import Capture, LocalNode, Manager
 from helpers.node_scenes import params, raw
 from helpers.score_rows import row, rows_about
+from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task, stamp_of
@@ -261,6 +262,18 @@ def test_the_truth_may_have_each_type_that_is_scored_of_files(ros: None, capfd: 
         assert error["n"] > 0
         assert error["mean"] < 0.02
         assert score["truth"]["attitude"] is (kind not in (PointStamped, NavSatFix))
+
+
+def test_figures_that_cannot_be_computed_are_not_reported_as_published(
+    ros: None, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise MetricsError("the estimate has two runs")
+
+    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode) as node:
+        monkeypatch.setattr(node.node._score, "result", fail)
+        answer = peer.call("monitor_node/finish")
+        assert (answer.success, answer.message) == (False, "the estimate has two runs")
 
 
 def test_a_truth_of_another_type_is_named(ros: None, capfd: Capture) -> None:

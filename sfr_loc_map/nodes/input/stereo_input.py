@@ -110,7 +110,10 @@ class ReceivedPair:
 
 
 class StereoInput:
-    """Receives the images of one rig and passes on its pairs, in the executor's thread."""
+    """Receives the images of one rig and passes on its pairs; all methods are called in the executor's thread.
+
+    Only `counts` may be called in any thread.
+    """
 
     def __init__(
         self,
@@ -120,19 +123,19 @@ class StereoInput:
         *,
         on_pair: Callable[[ReceivedPair], None],
         on_rig: Callable[[StereoRig], None],
-        on_restart: Callable[[str], None],
+        on_new_run: Callable[[str], None],
         agreeing: int = AGREEING,
     ) -> None:
         """Set the callbacks; `subscribe` starts the reception.
 
-        `on_pair` is called with each pair, `on_rig` with the rig of the pairs that follow, and `on_restart` with the
+        `on_pair` is called with each pair, `on_rig` with the rig of the pairs that follow, and `on_new_run` with the
         reason why the pairs that follow start a new run. After a jump of the stamps, `agreeing` consecutive pairs
         start a new run.
         """
         self.rig: StereoRig | None = None
         self._order: RunOrder[tuple[ReceivedImage, ReceivedImage]] = RunOrder(agreeing)
         self._name, self._config, self._status = name, config, status
-        self._on_pair, self._on_rig, self._on_restart = on_pair, on_rig, on_restart
+        self._on_pair, self._on_rig, self._on_new_run = on_pair, on_rig, on_new_run
         stem, transport = "image_raw" if config.rectify else "image_rect", config.image_transport
         kinds = (("compressed", stem, Image), ("raw", f"{stem}{COMPRESSED_END}", CompressedImage))
         self._images: dict[str, type[Any]] = {name: kind for other, name, kind in kinds if transport != other}
@@ -146,11 +149,10 @@ class StereoInput:
         self._remove_compressed: dict[Side, Callable[[], object]] = {}
         self._endpoints: Endpoints | None = None
         self._judged = 0, 0  # images lost and sent when the lost fraction was last computed
-        self.forget_received()
+        self.reset_received()
 
     def subscribe(self, endpoints: Endpoints) -> None:
-        """Subscribe to images and camera_info of both cameras; forget what was received earlier."""
-        self.restart()
+        """Subscribe to images and camera_info of both cameras; the rig is unknown until camera_info is received."""
         self.rig = None
         self._endpoints = endpoints
         self._depth = SampleDepth(self._status.info, self._name, self._config.sample_bits)
@@ -196,12 +198,8 @@ class StereoInput:
                 doubled.append(f"{topic} has {len(publishers)} publishers ({', '.join(sorted(publishers))})")
         return f"{'; '.join(doubled)}: stop all but one" if doubled else ""
 
-    def count_rejected(self) -> None:
-        """Count a pair that could not be processed."""
-        self._dropped["rejected"] += 1
-
     def inputs(self) -> list[Input]:
-        """Return the inputs, each with its number of messages since `forget_received`."""
+        """Return the inputs, each with its number of messages since `reset_received`."""
         found = []
         for side in SIDES:
             images = {f"{self._name}/{side}/{name}": kind for name, kind in self._images.items()}
@@ -209,12 +207,12 @@ class StereoInput:
             reliability = self._config.reliability
             found += [
                 Input(images, len(self._recent_ns[side]), reliability),
-                Input(info, int(side in self._infos.last), reliability),
+                Input(info, int(side in self._infos.last), reliability, is_stream=False),
             ]
         return found
 
     def apart_text(self) -> str:
-        """Return why the images received since `forget_received` made no pair; empty if there was a pair."""
+        """Return why the images received since `reset_received` made no pair; empty if there was a pair."""
         if self._pairs_received or not all(self._recent_ns.values()):
             return ""
         left, right = (np.array(self._recent_ns[side], np.int64) for side in SIDES)
@@ -225,26 +223,22 @@ class StereoInput:
             f"{allowed_ms:.3g} ms: let one trigger stamp both sides"
         )
 
-    def forget_received(self) -> None:
+    def reset_received(self) -> None:
         """Reset the counts of received messages."""
         self._recent_ns: dict[Side, deque[int]] = {side: deque(maxlen=RECENT) for side in SIDES}
         self._pairs_received = 0
 
-    def restart(self) -> None:
+    def forget_waiting(self) -> None:
         """Forget the waiting images and the last stamp."""
-        self._forget_waiting()
-        self._order.restart()
-
-    def restart_if_set_back(self, now_ns: int) -> bool:
-        """Restart if a clock was set back to another time than that of the last pair; return whether this happened."""
-        if not self._order.restart_if_set_back(now_ns):
-            return False
-        self._forget_waiting()
-        return True
-
-    def _forget_waiting(self) -> None:
         self._pairing.clear()
         self._without_rig.clear()
+        self._order.restart()
+
+    def clock_jumped_back(self, now_ns: int) -> None:
+        """Start a new run if the clock was set back to another time than that of the last pair."""
+        if self._order.restart_if_set_back(now_ns):
+            self.forget_waiting()
+            self._on_new_run("the clock was set back")
 
     def add_camera_info(self, side: Side, message: CameraInfo) -> None:
         """Add a camera_info, and use the rig that it completes."""
@@ -324,7 +318,7 @@ class StereoInput:
             return
         ordered, begins_run = self._order.add(stamp_ns, images)
         if begins_run:
-            self._on_restart("the stamps have jumped")
+            self._on_new_run("the stamps have jumped")
         frame_id = str(self._infos.last["left"].header.frame_id)
         for pair in ordered:
             self._on_pair(ReceivedPair(stamp_of(pair[0][0]), rig, frame_id, pair, self._depth, self._rectifier))

@@ -67,7 +67,7 @@ class TruthFrame:
     @property
     def strays(self) -> int:
         """Number of transforms that were dropped because of their stamps."""
-        return sum(order.strays for order in self._orders.values())
+        return sum(order.strays for order in list(self._orders.values()))  # another thread may add orders
 
     def rows(self, message: Any, *, is_static: bool) -> list[TrueRow]:  # noqa: ANN401 - tf2_msgs need not be there
         """Return the true poses that a message completes, ordered by stamp."""

@@ -21,13 +21,11 @@ from types import MappingProxyType
 import numpy as np
 import psutil
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from sfr_loc_map.config import param
-from sfr_loc_map.inputs import NS_PER_S, one_line
+from sfr_loc_map.inputs import one_line
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.call_meter import CallMeter
 from sfr_loc_map.nodes.ros.messages import header_msg
@@ -112,8 +110,8 @@ class HealthConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class NodeActivity:
-    """Activity of a node at present: lifecycle state, dropped and waiting messages, findings about its environment."""
+class NodeSnapshot:
+    """A node at present: lifecycle state, dropped and waiting messages, findings about its environment."""
 
     lifecycle: str
     counts: Mapping[str, int]
@@ -125,22 +123,16 @@ class NodeActivity:
 class StatusReporter:
     """Reports health, calls and problems of one node. All methods may be called in any thread."""
 
-    def __init__(self, node: Node, task: str, config: HealthConfig, activity: Callable[[], NodeActivity]) -> None:
-        """Publish the health of a node periodically; `activity` returns its present activity."""
-        self._node, self._task, self._config, self._activity = node, task, config, activity
-        self._last_kind: tuple[str, ...] = ()
+    def __init__(self, node: Node, task: str, config: HealthConfig, snapshot: Callable[[], NodeSnapshot]) -> None:
+        """Create the publisher; `snapshot` describes the node at present."""
+        self.config = config
+        self._node, self._task, self._snapshot = node, task, snapshot
+        self._last_health: tuple[str, ...] = ()  # lifecycle state, level and lasting findings last published
         self._lock, self._process, self.meter = Lock(), psutil.Process(), CallMeter()
         self.calls = 0
         self.activity = ""  #: Activity of the node beside its calls: `COMPILING` or empty.
         self.publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, QoSProfile(depth=QUEUE_DEPTH))
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(config.period_s, self.publish_health, clock=clock)
         self.reset()
-
-    def set_config(self, config: HealthConfig) -> None:
-        """Apply other thresholds and another period."""
-        self._config = config
-        self._timer.timer_period_ns = round(config.period_s * NS_PER_S)
 
     def reset(self) -> None:
         """Forget arrivals, calls and problems, because the node has become active or inactive."""
@@ -185,46 +177,47 @@ class StatusReporter:
 
     def publish_health(self, *, only_changes: bool = False) -> None:
         """Publish the health, worst reason first; with `only_changes` only if state, level or findings have changed."""
-        activity = self._activity()
+        snapshot = self._snapshot()
         with self._lock:
             now = time.monotonic()
-            for name, count in activity.counts.items():
+            for name, count in snapshot.counts.items():
                 if count > self._counts.get(name, 0):
                     self._drops[name] = now
                 self._counts[name] = count
-            window = self._config.window_s
+            window = self.config.window_s
             self._problems = {key: item for key, item in self._problems.items() if now - item[0] <= window}
             problems = [(level, text) for _, level, text in reversed(self._problems.values())]
             memory = int(self._process.memory_info().rss)
-            lasting = self._findings(now, memory, activity)
+            lasting = self._findings(now, memory, snapshot)
             findings = problems + lasting
             level = max((found for found, _ in findings), key=SEVERITY.index, default=Level.OK)
             words = [text for severity in reversed(SEVERITY) for found, text in findings if found is severity]
             values: dict[str, Value] = {
-                "lifecycle": activity.lifecycle,
+                "lifecycle": snapshot.lifecycle,
                 "activity": self.activity,
                 "received_messages_hz": self._rate(self._arrivals, now),
                 "processed_hz": self._rate(self._calls, now),
-                "waiting": activity.waiting,
+                "waiting": snapshot.waiting,
                 "resident_memory_bytes": memory,
             }
             values |= self._offsets
             values |= {n.removesuffix("_s") + "_p95_s": float(np.quantile(v, 0.95)) for n, v in self._latencies.items()}
             if len(words) > MAX_REASONS:
                 words[MAX_REASONS:] = [f"and {len(words) - MAX_REASONS} more"]
-            message = "; ".join(words) or (activity.lifecycle if self._last_call is None else self._last_call[1])
-            before, self._last_kind = self._last_kind, (activity.lifecycle, level.name, *(text for _, text in lasting))
-            values |= dict(activity.counts)
-        if not only_changes or before != self._last_kind:
+            message = "; ".join(words) or (snapshot.lifecycle if self._last_call is None else self._last_call[1])
+            before = self._last_health
+            self._last_health = (snapshot.lifecycle, level.name, *(text for _, text in lasting))
+            values |= dict(snapshot.counts)
+        if not only_changes or before != self._last_health:
             self._publish(StatusKind.HEALTH, level, message, values)
 
-    def _findings(self, now: float, memory: int, activity: NodeActivity) -> list[tuple[Level, str]]:
-        config, found = self._config, list(activity.findings)
+    def _findings(self, now: float, memory: int, snapshot: NodeSnapshot) -> list[tuple[Level, str]]:
+        config, found = self.config, list(snapshot.findings)
         if memory > config.memory_warn_mb * MB:
             found.append((Level.WARN, f"more than {config.memory_warn_mb} MB of resident memory in use"))
-        if activity.lifecycle != NodeState.ACTIVE:
+        if snapshot.lifecycle != NodeState.ACTIVE:
             return found
-        if activity.expects_input and now - self._last_arrival > config.stale_after_s:
+        if snapshot.expects_input and now - self._last_arrival > config.stale_after_s:
             found.append((Level.STALE, f"no input for more than {config.stale_after_s:g} s"))
         if self._last_call is not None and self._last_call[0] is not Level.OK:
             found.append(self._last_call)
@@ -237,7 +230,7 @@ class StatusReporter:
     def _remember(self, moments: deque[float], now: float) -> None:
         """Add a time, and forget the times before the window."""
         moments.append(now)
-        while now - moments[0] > self._config.window_s:
+        while now - moments[0] > self.config.window_s:
             moments.popleft()
 
     def _rate(self, moments: deque[float], now: float) -> float:
@@ -245,7 +238,7 @@ class StatusReporter:
 
         The time since the reset counts as at least 1 s, so that two messages right after the reset give no high rate.
         """
-        span = min(self._config.window_s, max(now - self._since, 1.0))
+        span = min(self.config.window_s, max(now - self._since, 1.0))
         return sum(now - moment <= span for moment in moments) / span
 
     def report_call(self, call: CallRecord, level: Level) -> None:
@@ -272,7 +265,7 @@ class StatusReporter:
         text = one_line(text)
         self._node.get_logger().error(text, throttle_duration_sec=LOG_PERIOD_S)
         self.note_problem(Level.ERROR, text)
-        self._publish(kind, Level.ERROR, text, {"task": self._task, **self._activity().counts})
+        self._publish(kind, Level.ERROR, text, {"task": self._task, **self._snapshot().counts})
         self.publish_health(only_changes=True)
 
     def info(self, text: str) -> None:

@@ -20,7 +20,8 @@ from typing import Any, Generic, TypeVar
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.clock import JumpThreshold, ROSClock
+from rclpy.clock import Clock, JumpThreshold, ROSClock
+from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -31,14 +32,14 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.config import build, flatten, parameters
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
-from sfr_loc_map.inputs import JUMP_BACK_NS
+from sfr_loc_map.inputs import JUMP_BACK_NS, NS_PER_S
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.lifecycle.diagnostics import (
     COMPILING,
     DROPS,
     LOG_PERIOD_S,
-    NodeActivity,
+    NodeSnapshot,
     NodeState,
     StatusReporter,
 )
@@ -55,9 +56,14 @@ WAITING_REQUESTS = 1000
 class ManagedNode(LifecycleNode, Generic[C]):
     """A node that is configured, activated, deactivated and cleaned up.
 
-    Its parameters form one configuration, which is replaced as a whole when live parameters change. A subclass defines
-    the steps `reset_state`, `setup`, `subscribe`, `clock_jumped_back` and `apply_config`, which are called in the
-    executor's thread. Jobs given to `worker` are run in order in the worker's thread.
+    Its parameters form one configuration, which is replaced as a whole when live parameters change. A subclass
+    overrides these methods, which are called in the executor's thread unless their docstrings state another thread:
+
+    - states: `check_config`, `reset_state` and `setup` at a configuration, `subscribe` at an activation
+    - events: `apply_config`, `clock_jumped_back`, `restart_after_fault`, `count_failed`
+    - health: `expects_input`, `counts`, `look_around`
+
+    Jobs given to `worker` are run in order in the worker's thread.
     """
 
     task: str  #: Task of the node; the default node name is `TASK_node`.
@@ -73,21 +79,24 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._origin = f"parameters of {self.get_fully_qualified_name()}"
         self._infos = {info.name: info for info in parameters(self.config_type)}
         self.config: C = build(self.config_type, self._take_overrides(), origin=self._origin)
-        self.check_config(self.config)
         for key, value in flatten(self.config).items():
             self.declare_parameter(key, as_list(value), descriptor(self._infos[key]), ignore_override=True)
-        self.add_on_set_parameters_callback(self._on_set)
-        self.add_post_set_parameters_callback(self._on_set_done)
         self._last_error: Exception | None = None
         self._counts_before: dict[str, int] = {}
         self._quiet = False  # the caller reports a failed transition
-        self.status = StatusReporter(self, self.task, self.config.health, self._activity)
+        self.status = StatusReporter(self, self.task, self.config.health, self._snapshot)
         self.endpoints = Endpoints(
             self, self.config.output_reliability, warn=self.status.warn, on_fault=self._on_callback_fault
         )
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self.endpoints.guarded(self._apply_parameters))
+        publish_health = self.endpoints.guarded(self.status.publish_health)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._health_timer = self.create_timer(self.config.health.period_s, publish_health, clock=steady)
         self._service_group = MutuallyExclusiveCallbackGroup()
         self._answer_invalid_transitions()
         self.reset_state()
+        self.check_config(self.config)
 
     # ---- what a subclass defines
 
@@ -101,7 +110,10 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """Create subscriptions, timers and services."""
 
     def reset_state(self) -> None:
-        """Create the state of a run; called by `__init__`, before each `setup` and at each clean-up."""
+        """Create the state of the node, without input and results.
+
+        Called by `__init__`, at each configuration before `setup`, and at each clean-up.
+        """
 
     def clock_jumped_back(self) -> None:
         """Start a new run."""
@@ -110,11 +122,11 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """Apply another configuration."""
 
     def expects_input(self) -> bool:
-        """Return whether an active node expects input at present; without input, the node then becomes stale."""
+        """Return whether an active node expects input, and becomes stale without it; called in any thread."""
         return True
 
     def counts(self) -> dict[str, int]:
-        """Return what was dropped since the start, by name."""
+        """Return what was dropped since the start, by name; called in any thread."""
         return {"dropped_overload": self._worker.dropped if self._worker is not None else 0}
 
     def look_around(self) -> None:
@@ -163,8 +175,8 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def add_service(self, name: str, work: Callable[[], str], first: Callable[[], object] = lambda: None) -> None:
         """Offer a Trigger service of the active node: `first` is called immediately, `work` in the worker's queue.
 
-        Other callbacks run until the worker has answered. A service is never destroyed, because an answer may be
-        pending.
+        The executor continues with other callbacks while the request waits for the worker. A service is never
+        destroyed, because an answer may be pending.
         """
         name = self.resolve_service_name(name)
         if any(service.srv_name == name for service in self.services):
@@ -174,13 +186,17 @@ class ManagedNode(LifecycleNode, Generic[C]):
             if self.state != NodeState.ACTIVE:
                 response.message = f"the node is {self.state}: activate it first"
                 return response
-            first()
+            response.message = f"{self.task} failed: see the log"
+            try:
+                first()
+            except Exception as error:
+                self._on_callback_fault(error)
+                return response
             executor = self.executor
             future = Future(executor=executor)
             future.add_done_callback(lambda _: executor.wake() if executor is not None else None)
 
             def job() -> None:
-                response.message = f"{self.task} failed: see the log"
                 try:
                     response.message = work()
                     response.success = True
@@ -324,14 +340,14 @@ class ManagedNode(LifecycleNode, Generic[C]):
                 response = change(request, response)
             except Exception:  # rclpy has no public exception class for this; transitions themselves do not raise
                 response.success = False
-            self.status.publish_health(only_changes=True)
+            self.endpoints.guarded(lambda: self.status.publish_health(only_changes=True))()
             return response
 
         service.callback = guarded
 
     # ---- events
 
-    def _activity(self) -> NodeActivity:
+    def _snapshot(self) -> NodeSnapshot:
         waiting = self._worker.waiting if self._worker is not None else 0
         found: list[tuple[Level, str]] = []
         if self.get_node_names_and_namespaces().count((self.get_name(), self.get_namespace())) > 1:
@@ -343,7 +359,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         clock = self.get_clock()
         if isinstance(clock, ROSClock) and clock.ros_time_is_active and not clock.now().nanoseconds:
             found.append((Level.WARN, "use_sim_time is on but nothing was received on /clock: the node's time is 0"))
-        return NodeActivity(self.state, self.counts(), waiting, self.expects_input(), found)
+        return NodeSnapshot(self.state, self.counts(), waiting, self.expects_input(), found)
 
     def _on_fault(self, error: Exception, was_message: bool) -> None:
         """Report an exception of a job: an SfrError in one line, any other exception with its traceback."""
@@ -354,13 +370,19 @@ class ManagedNode(LifecycleNode, Generic[C]):
         if isinstance(error, SfrError):
             self.status.error(str(error))
             return
-        self.get_logger().error("".join(traceback.format_exception(error)))
-        self.status.fault(f"internal fault, {self.task} continues: {type(error).__name__}: {error}")
+        self._report_fault(error)
         self.restart_after_fault()
 
     def _on_callback_fault(self, error: Exception) -> None:
-        """Report an exception of the executor's thread in the worker's queue, as an exception of a job."""
-        self.worker.enqueue(lambda: self._on_fault(error, False))
+        """Report an exception of the executor's thread as an exception of a job; at once if there is no worker."""
+        if self._worker is None:
+            self._report_fault(error)
+        else:
+            self._worker.enqueue(lambda: self._on_fault(error, False))
+
+    def _report_fault(self, error: Exception) -> None:
+        self.get_logger().error("".join(traceback.format_exception(error)))
+        self.status.fault(f"internal fault, {self.task} continues: {type(error).__name__}: {error}")
 
     # ---- parameters
 
@@ -389,7 +411,8 @@ class ManagedNode(LifecycleNode, Generic[C]):
         values = flatten(self.config) | {p.name: as_list(p.value) for p in changes if p.name in self._infos}
         return build(self.config_type, values, origin=self._origin)
 
-    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+    def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """Accept or refuse changed parameters as one set."""
         now = flatten(self.config)
         differing = [c.name for c in changes if c.name in self._infos and as_list(now[c.name]) != as_list(c.value)]
         held = sorted(name for name in differing if not name.startswith(self.live_parameters))
@@ -402,17 +425,21 @@ class ManagedNode(LifecycleNode, Generic[C]):
             self.check_config(self._with(changes))
         except SfrError as error:
             return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
+        except Exception as error:
+            self._report_fault(error)
+            return SetParametersResult(successful=False, reason=f"internal fault: {type(error).__name__}: {error}")
         return SetParametersResult(successful=True)
 
-    def _on_set_done(self, changes: list[Parameter]) -> None:
-        """Apply changed parameters."""
+    def _apply_parameters(self, changes: list[Parameter]) -> None:
+        """Apply accepted parameters."""
         config = self._with(changes)
         if config == self.config:
             return
         self.config = config
         self.get_logger().info(f"parameters have changed; configuration {self.config_json()}")
         self.endpoints.reliability = config.output_reliability
-        self.status.set_config(config.health)
+        self.status.config = config.health
+        self._health_timer.timer_period_ns = round(config.health.period_s * NS_PER_S)
         if self._worker is not None:
             self.apply_config(config)
             self._publish_config()

@@ -15,10 +15,24 @@ from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.nodes.input.truth_input import TruthFrame
+from sfr_loc_map.run_order import RunOrder
 
 T = TYPESTORE.types
 BEGIN_NS, MS = 1_700_000_000_000_000_000, 1_000_000
 Entry = tuple[str, int, Any]
+
+
+def test_dropped_transforms_are_counted_while_another_thread_adds_a_transform() -> None:
+    frame = TruthFrame("map:base_link")
+
+    class Growing(RunOrder[Any]):
+        @property
+        def strays(self) -> int:
+            frame._orders["added meanwhile", "map"] = RunOrder()
+            return 2
+
+    frame._orders["base_link", "map"] = Growing()
+    assert frame.strays == 2
 
 
 def transform(stamp_ns: int, parent: str, child: str, xyz: Any, yaw: float) -> Any:

@@ -10,7 +10,7 @@ from helpers.node_scenes import sent
 from sfr_loc_map.nodes.lifecycle.diagnostics import (
     HealthConfig,
     Level,
-    NodeActivity,
+    NodeSnapshot,
     StatusReporter,
     level_of,
     values_of,
@@ -20,7 +20,7 @@ from sfr_loc_map.runs.calls import CallRecord
 
 def test_a_call_is_reported_in_readable_values(ros: None) -> None:
     node = rclpy.create_node("tried", namespace="/rover")
-    reporter = StatusReporter(node, "localisation", HealthConfig(), lambda: NodeActivity("active", {}, 0, False))
+    reporter = StatusReporter(node, "localisation", HealthConfig(), lambda: NodeSnapshot("active", {}, 0, False))
     taken: list[DiagnosticArray] = []
     reporter.publisher = SimpleNamespace(publish=taken.append)
     about = {"reason": "few_landmarks", "step": np.ones(48), "times": {"conversion_s": 0.5}, "counts": {"dropped_x": 4}}

@@ -22,7 +22,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.lifecycle.diagnostics import values_of
-from sfr_loc_map.nodes.localisation_node import LocalisationNode
+from sfr_loc_map.nodes.localisation_node import LocalisationNode, LocalisationNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.nodes.ros.messages import covariance_of, header_msg
 
@@ -197,6 +197,54 @@ def test_an_exception_of_a_callback_is_reported_and_does_not_end_the_node(ros: N
         peer.well(Level.ERROR, "internal fault, localisation continues: ValueError: a defect")
         send_infos(peer, "loc", LOC_RIG)
         assert peer.play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+
+
+class FailsAtParameters(LocalisationNode):
+    """Raises an exception when a parameter is checked or applied, and before a service is executed."""
+
+    def check_config(self, config: LocalisationNodeConfig) -> None:
+        super().check_config(config)
+        if config.localisation.max_features == 301:
+            raise ValueError("a defect of the check")
+
+    def apply_config(self, config: LocalisationNodeConfig) -> None:
+        raise ValueError("a defect of the change")
+
+    def subscribe(self) -> None:
+        super().subscribe()
+        self.add_service("~/failing", lambda: "done", first=self.fail)
+
+    def fail(self) -> None:
+        raise ValueError("a defect of the service")
+
+
+def test_an_exception_of_a_parameter_or_service_callback_does_not_end_the_node(ros: None, capfd: Capture) -> None:
+    with Manager() as peer, LocalNode(peer, capfd, FailsAtParameters, *MOUNT) as node:
+        assert "a defect of the check" in peer.set(localisation__max_features=301)
+        assert peer.set(localisation__max_features=302) == ""
+        peer.well(Level.ERROR, "internal fault, localisation continues: ValueError: a defect of the change")
+        answer = peer.call("localisation_node/failing")
+        assert (answer.success, answer.message) == (False, "localisation failed: see the log")
+        peer.well(Level.ERROR, "internal fault, localisation continues: ValueError: a defect of the service")
+        assert node.text.count("Traceback") == 3
+        send_infos(peer, "loc", LOC_RIG)
+        assert peer.play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+
+
+class FailsAtHealth(LocalisationNode):
+    """Raises an exception when its health is published."""
+
+    def expects_input(self) -> bool:
+        if self.state == "active":
+            raise ValueError("a defect of the health")
+        return True
+
+
+def test_an_exception_of_the_health_timer_does_not_end_the_node(ros: None, capfd: Capture) -> None:
+    arguments = params("health.period_s:=0.1")
+    with Manager() as peer, LocalNode(peer, capfd, FailsAtHealth, *MOUNT, *arguments) as node:
+        node.wait_for("ValueError: a defect of the health")
+        assert peer.state() == "active"
 
 
 class FailsAtJump(LocalisationNode):
