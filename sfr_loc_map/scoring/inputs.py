@@ -9,7 +9,7 @@ from pathlib import Path
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.clouds.cloud_file import SUFFIXES as CLOUD_SUFFIXES
+from sfr_loc_map.io.clouds import cloud_file
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.metrics.association import Estimates
@@ -58,7 +58,7 @@ class ScoreInputs:
             poses, cloud = (path if (path := estimate / name).is_file() else None for name in TARGET_RESULTS)
             calls, truths = estimate / "stats.csv", (truth if poses else None, truth if cloud else None)
             return cls(poses, truths[0], cloud, truths[1], tuple(stats), target=calls, target_about=about)
-        if estimate.suffix.lower() in CLOUD_SUFFIXES:
+        if estimate.suffix.lower() in (*cloud_file.SUFFIXES, *cloud_file.OTHER_SUFFIXES):
             return cls(cloud=estimate, map_truth=truth, stats=tuple(stats))
         return cls(estimate=estimate, truth=truth, stats=tuple(stats))
 

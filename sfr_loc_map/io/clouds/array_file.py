@@ -50,10 +50,10 @@ def parse_npy(data: bytes, fields: Collection[str] = ()) -> NDArray[Any]:
 
 
 def parse_npz(data: bytes, names: Collection[str]) -> dict[str, NDArray[Any]]:
-    """Return the named members of an NPZ archive; missing members are omitted."""
+    """Return the named members of an NPZ archive, whose names may be in any case; missing members are omitted."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            infos = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            infos = {info.filename.removesuffix(".npy").lower(): info for info in archive.infolist()}
             wanted = {name: infos[name] for name in names if name in infos}
             unpacked = sum(info.file_size for info in wanted.values())
             if unpacked > max(MIN_UNPACKED, MAX_RATIO * len(data)):
@@ -62,3 +62,9 @@ def parse_npz(data: bytes, names: Collection[str]) -> dict[str, NDArray[Any]]:
     except _BROKEN_ARCHIVE as error:
         raise ValueError(f"it is not a complete NPZ archive ({error})") from error
     return {name: parse_npy(member) for name, member in members.items()}
+
+
+def npz_names(data: bytes) -> list[str]:
+    """Return the names of the members of a complete NPZ archive."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return [name.removesuffix(".npy") for name in archive.namelist()]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import logging
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,8 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
 from sfr_loc_map.inputs import MAX_CLOUD_BYTES, expansion_limit, read_bytes, refusing
-from sfr_loc_map.io.clouds.array_file import parse_npz
-from sfr_loc_map.io.tables.number_text import parse_count
+from sfr_loc_map.io.clouds.array_file import npz_names, parse_npz
+from sfr_loc_map.io.tables.number_text import number_or_nan, parse_count
 
 _log = logging.getLogger(__name__)
 Columns = dict[str, NDArray[Any]]  # values of each field, one per point
@@ -43,8 +43,11 @@ PLY_TYPES = {
     }.items()
     for name in names
 }
+PADDING = "_"  #: Name of PCD fields without content.
+NO_VIEWPOINT = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
 PLY_NAMES = {"f4": "float", "u2": "ushort", "u1": "uchar"}
 _PLAIN_NAN = re.compile(rb"[-+]?(?:nan\([a-z0-9_]*\)|1\.#(?:qnan|snan|ind)[a-z0-9]*)", re.IGNORECASE)
+_PLY_END = re.compile(rb"^end_header[^\n]*\n", re.MULTILINE)
 PLY_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -78,7 +81,7 @@ def load_cloud(path: Path) -> LoadedCloud:
     names = ", ".join(SUFFIXES)
     suffix = path.suffix.lower()
     if suffix not in _FORMATS:
-        raise InputError(f"cloud '{path}' ends in '{path.suffix}': {names} are supported")
+        raise InputError(f"cloud '{path}' ends in '{path.suffix}': {names} are supported; convert the cloud")
     with refusing(f"cannot read cloud '{path}'", f"give a file {names}"):
         data = read_bytes(path, MAX_CLOUD_BYTES)
     with refusing(f"cloud '{path}' cannot be read", "write it again"):
@@ -162,6 +165,12 @@ def _stated(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | Non
     return None if fused is None else fused == "true", None if stamps is None else tuple(map(int, words))
 
 
+def _check_names_differ(names: Sequence[str], where: str) -> None:
+    """Raise ValueError if a name occurs twice, because either field might have the values."""
+    if doubled := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"{where} has the field {doubled[0]} twice")
+
+
 def _columns(body: bytes, dtype: np.dtype[Any], count: int, *, is_text: bool) -> Columns:
     """Return the scalar fields of `count` records in binary, or in text with one record per line."""
     names = dtype.names or ()
@@ -204,15 +213,15 @@ class _Property:
 
 def _read_ply(data: bytes) -> tuple[Columns, list[str], Grid]:
     """Return the scalar properties of the vertices of a PLY file; other elements and lists are skipped."""
-    end = data.find(b"end_header")
-    if not data.startswith(b"ply") or end < 0:
-        raise ValueError("it has no PLY header")
-    body = data.index(b"\n", end) + 1
-    lines = data[:end].decode("ascii", "replace").splitlines()
+    end = _PLY_END.search(data)
+    if not data.startswith(b"ply") or end is None:
+        raise ValueError("it has no PLY header, which begins with 'ply' and ends with 'end_header'")
+    body = end.end()
+    lines = data[: end.start()].decode("ascii", "replace").splitlines()
     header = [words for line in lines if (words := line.split())]
-    order = next((words[1] for words in header if words[0] == "format"), "")
+    order = next((" ".join(words[1:2]) for words in header if words[0] == "format"), "")
     if order not in PLY_ORDERS:
-        raise ValueError("its PLY header has no known format")
+        raise ValueError(f"its PLY format is '{order[:40]}': one of {', '.join(PLY_ORDERS)} is required")
     comments = [line.removeprefix("comment ") for line in lines if line.startswith("comment ")]
     position = body
     for name, count, properties in _ply_elements(header, PLY_ORDERS[order]):
@@ -228,14 +237,20 @@ def _ply_elements(header: list[list[str]], order: str) -> list[tuple[str, int, l
     elements: list[tuple[str, int, list[_Property]]] = []
     for words in header:
         if words[0] == "element":
+            if len(words) != 3:
+                raise ValueError(f"its line '{' '.join(words)[:40]}' is no 'element NAME COUNT'")
             elements.append((words[1], parse_count(words[2]), []))
         elif words[0] == "property" and elements:
+            if len(words) != (5 if words[1:2] == ["list"] else 3):
+                raise ValueError(f"its line '{' '.join(words)[:40]}' is no 'property TYPE NAME'")
             kinds = words[2:4] if words[1] == "list" else words[1:2]
             if not all(kind in PLY_TYPES for kind in kinds):
                 raise ValueError(f"it has a property of type '{' '.join(words[1:-1])}', which is not supported")
             types = [order + PLY_TYPES[kind] for kind in kinds]
             name = words[-1].lower()
             elements[-1][2].append(_Property(name, types[-1], types[0] if len(types) > 1 else ""))
+    for element, _, properties in elements:
+        _check_names_differ([item.name for item in properties], f"its element {element}")
     return elements
 
 
@@ -360,40 +375,57 @@ def _pcd_bytes(cloud: PointCloud) -> bytes:
 
 def _read_pcd(data: bytes) -> tuple[Columns, list[str], Grid]:
     """Return the fields and comments of a PCD file, and the size if the cloud is organised."""
+    head, comments, position = _pcd_head(data)
+    storage = " ".join(head["DATA"]).lower()
+    if storage not in ("ascii", "binary", "binary_compressed"):
+        raise ValueError(f"its data is '{storage}' where ascii, binary or binary_compressed is required")
+    size_of_grid = {name: parse_count(head[name][0]) for name in ("WIDTH", "HEIGHT", "POINTS") if name in head}
+    height = size_of_grid.get("HEIGHT", 1)
+    width = size_of_grid.get("WIDTH", size_of_grid.get("POINTS", 0))
+    points = width * height
+    if size_of_grid.get("POINTS", points) != points:
+        raise ValueError(f"it has POINTS {head['POINTS'][0]} where WIDTH and HEIGHT give {points}")
+    viewpoint = [number_or_nan(word) for word in head.get("VIEWPOINT", ())]
+    if viewpoint not in ([], NO_VIEWPOINT):
+        _log.warning(f"the VIEWPOINT {' '.join(head['VIEWPOINT'])[:60]} of a PCD file is ignored: points are not moved")
+    fields, names = [], head["FIELDS"]
+    counts = head.get("COUNT", ["1"] * len(names))
+    if not len(names) == len(head["TYPE"]) == len(head["SIZE"]) == len(counts):
+        raise ValueError("its header has different numbers of FIELDS, TYPE, SIZE and COUNT")
+    for i, (name, kind, size, count) in enumerate(zip(names, head["TYPE"], head["SIZE"], counts, strict=True)):
+        if kind + size not in PCD_TYPES or not 1 <= parse_count(count) <= MAX_COUNT:
+            raise ValueError(f"its field {name} has TYPE {kind}, SIZE {size}, COUNT {count}, which is not supported")
+        shape = () if int(count) == 1 else (int(count),)
+        own_name = f"{name}{i}" if name == PADDING else name.lower()
+        fields.append((own_name, f"<{kind.lower()}{size}", shape))
+    _check_names_differ([name for name, _, _ in fields], "it")
+    if storage == "binary_compressed":
+        columns = _uncompressed(data[position:], np.dtype(fields), points)
+    else:
+        columns = _columns(data[position:], np.dtype(fields), points, is_text=storage == "ascii")
+    return columns, comments, (width, height) if min(width, height) > 1 else None
+
+
+def _pcd_head(data: bytes) -> tuple[dict[str, list[str]], list[str], int]:
+    """Return the words of each line of a PCD header by its first word, the comments, and the offset of the data."""
     head: dict[str, list[str]] = {}
     comments: list[str] = []
     position = 0
     while "DATA" not in head:
         end = data.find(b"\n", position)
         if end < 0:
-            raise ValueError("it has no PCD header")
+            raise ValueError("it has no PCD header, which has the lines FIELDS, SIZE, TYPE, WIDTH and DATA")
         line = data[position:end].decode("ascii", "replace").strip()
         position, words = end + 1, line.split()
         if line.startswith("#"):
             comments.append(line.removeprefix("#").strip())
         elif words:
-            head[words[0]] = words[1:]
-    storage = " ".join(head["DATA"]).lower()
-    if storage not in ("ascii", "binary", "binary_compressed"):
-        raise ValueError(f"its data is '{storage}' where ascii, binary or binary_compressed is required")
-    width, height = parse_count(head["WIDTH"][0]), parse_count(head["HEIGHT"][0])
-    points = width * height
-    if "POINTS" in head and parse_count(head["POINTS"][0]) != points:
-        raise ValueError(f"it has POINTS {head['POINTS'][0]} where WIDTH and HEIGHT give {points}")
-    fields, names = [], head["FIELDS"]
-    layout = zip(names, head["TYPE"], head["SIZE"], head.get("COUNT", ["1"] * len(names)), strict=True)
-    for i, (name, kind, size, count) in enumerate(layout):
-        if kind + size not in PCD_TYPES or not 1 <= parse_count(count) <= MAX_COUNT:
-            raise ValueError(f"its field {name} has TYPE {kind}, SIZE {size}, COUNT {count}, which is not supported")
-        shape = () if int(count) == 1 else (int(count),)
-        fields.append(
-            (f"{name}{i}" if name == "_" else name.lower(), f"<{kind.lower()}{size}", shape)
-        )  # `_` is padding
-    if storage == "binary_compressed":
-        columns = _uncompressed(data[position:], np.dtype(fields), points)
-    else:
-        columns = _columns(data[position:], np.dtype(fields), points, is_text=storage == "ascii")
-    return columns, comments, (width, height) if min(width, height) > 1 else None
+            head["FIELDS" if words[0] == "COLUMNS" else words[0]] = words[1:]  # COLUMNS of version 0.5
+    needed = ["FIELDS", "SIZE", "TYPE", "POINTS" if "WIDTH" not in head else "WIDTH"]
+    wrong = [name for name in needed if not head.get(name)] + [name for name in ("HEIGHT",) if head.get(name) == []]
+    if wrong:
+        raise ValueError(f"its PCD header has no {' and no '.join(wrong)}")
+    return head, comments, position
 
 
 def _uncompressed(body: bytes, dtype: np.dtype[Any], count: int) -> Columns:
@@ -429,7 +461,11 @@ def _npz_bytes(cloud: PointCloud) -> bytes:
 
 def _read_npz(data: bytes) -> tuple[Columns, list[str], Grid]:
     members = parse_npz(data, (*FIELD_TYPES, FUSED, PAIR_STAMPS))
-    columns = {name: values for name, values in members.items() if name in FIELD_TYPES and values.ndim == 1}
+    if not members.keys() >= set("xyz"):
+        raise ValueError(f"it has the arrays {', '.join(npz_names(data))[:80] or 'none'}: x, y and z are required")
+    columns = {name: values for name, values in members.items() if name in FIELD_TYPES}
+    if several := [name for name, values in columns.items() if values.ndim != 1]:
+        raise ValueError(f"its array {several[0]} has the shape {columns[several[0]].shape}: one number per point (N,)")
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"its arrays differ in length: {lengths}")
@@ -444,3 +480,5 @@ _FORMATS: dict[str, tuple[Callable[[bytes], tuple[Columns, list[str], Grid]], Ca
 }
 """Reader and writer of clouds by the ending of the file name."""
 SUFFIXES = tuple(_FORMATS)
+OTHER_SUFFIXES = (".xyz", ".pts", ".las", ".laz", ".e57", ".obj", ".stl", ".vtk")
+"""Endings of clouds of other programs, which are not read."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 
@@ -67,6 +68,7 @@ def with_list(lengths: Callable[[int], int]) -> bytes:
 
 LIST = "property float x\nproperty list uchar int hits\nproperty float y\nproperty float z\n"
 TEXT = "\n".join(" ".join(map(repr, row)) for row in POINTS.astype(np.float64).tolist())
+POINTS_AND_PADDING = np.c_[POINTS.view("<u4"), np.zeros(COUNT, "<u4")].tobytes()
 PACKED = b"".join(POINTS[:, axis].tobytes() for axis in range(3)) + bytes(4 * COUNT)
 CAMERA = "element camera 1\nproperty double view\nproperty list int float lens\n"
 FORMS: dict[str, bytes] = {
@@ -93,8 +95,55 @@ FORMS: dict[str, bytes] = {
     "compressed.pcd": pcd(
         np.array([len(compressed(PACKED)), len(PACKED)], "<u4").tobytes() + compressed(PACKED), "binary_compressed"
     ),
-    "column.pcd": pcd(np.c_[POINTS.view("<u4"), np.zeros(COUNT, "<u4")].tobytes(), "binary", "WIDTH 1\nHEIGHT 50"),
+    "column.pcd": pcd(POINTS_AND_PADDING, "binary", "WIDTH 1\nHEIGHT 50"),
 }
+
+
+def npz(**arrays: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+FORMS |= {
+    "the end of the header in a comment.ply": ply(f"comment end_header\nelement vertex 50\n{VERTEX}", POINTS.tobytes()),
+    "without height.pcd": pcd(POINTS_AND_PADDING, "binary", "WIDTH 50"),
+    "number of points alone.pcd": pcd(POINTS_AND_PADDING, "binary", "# no grid"),
+    "version 5.pcd": pcd(POINTS_AND_PADDING, "binary").replace(b"FIELDS", b"COLUMNS"),
+    "CAPITALS.npz": npz(X=POINTS[:, 0], Y=POINTS[:, 1], Z=POINTS[:, 2]),
+}
+REFUSED: dict[str, tuple[bytes, str]] = {
+    "no count.ply": (ply(f"element vertex\n{VERTEX}", POINTS.tobytes()), "line 'element vertex' is no 'element NAME"),
+    "no name.ply": (ply("element vertex 50\nproperty float\n", b""), "line 'property float' is no 'property TYPE"),
+    "no format.ply": (b"ply\nformat\nend_header\n", "PLY format is ''"),
+    "x twice.ply": (ply(f"element vertex 1\n{VERTEX}property float x\n", b"1 2 3 9\n", "ascii"), "field x twice"),
+    "no width.pcd": (pcd(b"", "binary", "WIDTH\nHEIGHT 1"), "header has no WIDTH"),
+    "no fields.pcd": (pcd(b"", "binary").replace(b"FIELDS x y z _\n", b""), "header has no FIELDS"),
+    "sizes missing.pcd": (pcd(b"", "binary").replace(b"SIZE 4 4 4 1", b"SIZE 4 4"), "different numbers of FIELDS"),
+    "points.npz": (npz(points=POINTS), "it has the arrays points: x, y and z are required"),
+    "grid.npz": (npz(x=np.ones((2, 3)), y=np.ones(6), z=np.ones(6)), "array x has the shape"),
+    "points.xyz": (b"1 2 3\n", "ends in '.xyz': .ply, .pcd, .npz are supported"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_cloud_that_cannot_be_understood_is_refused_by_what_was_found(tmp_path: Path, sfr: Sfr, name: str) -> None:
+    content, words = REFUSED[name]
+    (tmp_path / name).write_bytes(content)
+    done = sfr("score", tmp_path / name, tmp_path)
+    assert done.code == 2
+    assert words in done.err
+    assert len(done.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("viewpoint", ["0.0 0 0 1 0 0 0", "1 2 3 1 0 0 0"])
+def test_a_viewpoint_that_is_not_applied_is_reported(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, viewpoint: str
+) -> None:
+    content = pcd(POINTS_AND_PADDING, "binary").replace(b"0 0 0 1 0 0 0", viewpoint.encode())
+    (tmp_path / "theirs.pcd").write_bytes(content)
+    np.testing.assert_array_equal(load_cloud(tmp_path / "theirs.pcd").xyz, POINTS.astype(np.float64))
+    assert ("VIEWPOINT 1 2 3" in caplog.text) is viewpoint.startswith("1")
 
 
 @pytest.mark.parametrize("name", FORMS)
