@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from numba.core import event
 
+from helpers import ROOT
 from sfr_loc_map import kernels
 from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.io.registry import open_source
@@ -86,7 +87,7 @@ assert after == before, {name: count for name, count in after.items() if count !
 
 @pytest.mark.slow
 def test_maps_and_scores_of_the_sample_find_all_kernels_loaded(tmp_path: Path) -> None:
-    sample = Path(__file__).parents[1] / "sample" / "sample.mcap"
+    sample = ROOT / "sample" / "sample.mcap"
     loc = open_source(sample).loc
     paths = tmp_path / "truth.csv", tmp_path / "late.csv"
     for path, late_ns in zip(paths, (0, 5_000_000), strict=True):  # the second lies between the true stamps

@@ -2,12 +2,11 @@
 
 import re
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
+from helpers import ROOT
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.topics import RAW, TOPICS, Role, call_topic, names, rectified_beside
 
-ROOT = Path(__file__).parents[1]
 OF_ROS = {"/rosout", "/parameter_events", "~/transition_event"}
 
 

@@ -49,7 +49,11 @@ GROUPS = (
     ("test/scoring/test_deviations.py", "test/report/test_test_report.py"),
 )
 """Groups of tests, in order."""
-OF_METHODS = ("test/methods/test_loop.py", "test/methods/test_method_process.py", "test/methods/test_misbehaviour.py")
+OF_METHODS = (
+    "test/methods/child/test_loop.py",
+    "test/methods/test_method_process.py",
+    "test/methods/test_misbehaviour.py",
+)
 """Tests of the calls and measurements of methods."""
 LIBRARIES = ("hypothesis", "msgspec", "numba", "numpy", "scipy.spatial.transform", "scipy.stats", "yaml")
 """Libraries that are imported once for all mutations."""

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from helpers import ROOT
+
 PAGE = next(iter(sorted((ROOT / "docs").rglob("python.md"))))
 FIGURE = "application/vnd.plotly.v1+json"
 

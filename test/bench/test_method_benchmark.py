@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from helpers import ROOT
 from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, loc_pair, write_folder
 from helpers.score_rows import number
@@ -52,7 +53,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def this_package(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let methods, which run as scripts, import the package under test: of an installed one no kernel is compiled."""
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
 
 
 def made_method(

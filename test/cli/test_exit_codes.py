@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from helpers import ROOT
 from helpers.cli_result import Sfr
 from sfr_loc_map.errors import ExitCode
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_normalised
@@ -15,7 +16,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 
 SECOND_NS = 1_000_000_000
-CODES = Path(__file__).parents[2] / "docs" / "operating.md"
+CODES = ROOT / "docs" / "operating.md"
 
 
 def drive(count: int = 25, *, offset_m: float = 0.0) -> Trajectory:

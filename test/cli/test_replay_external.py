@@ -22,7 +22,7 @@ from helpers.processes import Process
 from helpers.score_rows import number, rows_about
 
 COMMAND = ("-m", "sfr_loc_map")
-NODE = Path(__file__).parents[1] / "helpers" / "faulty_external_node.py"
+NODE = HELPERS / "faulty_external_node.py"
 PAIRS = 16
 OF_CALLS = {"calls", "memory", "localisation"}  #: Words of the rows about calls.
 CONVENTION = ["--convention", "frame=left_optical", "--convention", "world=first_pose"]

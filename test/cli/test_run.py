@@ -25,6 +25,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
+from helpers import ROOT
 from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, T_RB_LOCSB, compressed_bag, loc_pair
 from helpers.node_scenes import MOUNT, raw, send_infos, send_pair
@@ -179,7 +180,7 @@ def test_the_unit_file_starts_the_nodes_and_ends_them_as_it_says(tmp_path: Path)
 
     unit = configparser.ConfigParser(interpolation=None, strict=False)
     unit.optionxform = str  # type: ignore[assignment,method-assign]
-    unit.read(Path(__file__).parents[2] / "config" / "examples" / "sfr.service")
+    unit.read(ROOT / "config" / "examples" / "sfr.service")
     service = unit["Service"]
     assert (service["KillMode"], service["Restart"], service["Type"]) == ("mixed", "on-failure", "simple")
     program, *words = shlex.split(service["ExecStart"])

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from helpers import ROOT
 from helpers.loc_drive import drive, noisy, run
 from helpers.made_scene import LOC_RIG, true_pose
 from sfr_loc_map.bench.fault_benchmark import Honesty, stated_errors
@@ -42,7 +43,7 @@ from sfr_loc_map.localisation.ground_motion import NO_ROWS, Ground
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.motion_size import MotionSize
 
-SAMPLE, PAIRS = Path(__file__).parents[2] / "sample" / "sample.mcap", 14
+SAMPLE, PAIRS = ROOT / "sample" / "sample.mcap", 14
 
 DRIVE = drive(30)
 

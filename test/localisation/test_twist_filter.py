@@ -1,12 +1,12 @@
 """A filter of wheel speed and gyro gains by the published twist: its covariance is honest for the filter's interval."""
 
 from itertools import islice, pairwise
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
+from helpers import ROOT
 from sfr_loc_map.evidence.variants import PairsInMemory
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import FaultyLoc
@@ -17,7 +17,7 @@ from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 
-SAMPLE, PAIRS = Path(__file__).parents[2] / "sample" / "sample.mcap", 60
+SAMPLE, PAIRS = ROOT / "sample" / "sample.mcap", 60
 GYRO_RAD_S, BIAS_RAD_S = 2e-4, 1e-3  #: Noise of a gyro in each interval, and its constant error.
 SLIP, WHEEL_M_S = 0.03, 0.01  #: The wheels turn faster than the rover drives, with noise.
 

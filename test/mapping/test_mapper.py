@@ -12,6 +12,7 @@ import numba
 import numpy as np
 import pytest
 
+from helpers import ROOT
 from helpers.disparity_world import hills, make_world, slope
 from helpers.hazard_truth import hazard_accuracy
 from sfr_loc_map.errors import MappingError
@@ -29,7 +30,7 @@ from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.maps import MappedPair, PairMap
 
 T_LM_NAVSB = Transform(matrix_from_rotvec([0.1, 0.35, -0.4]), np.array([1.0, -2.0, 2.0]))
-SAMPLE = Path(__file__).resolve().parents[2] / "sample"
+SAMPLE = ROOT / "sample"
 INNER = np.s_[16:-16, 48:-16]
 """Pixels whose neighbourhood both cameras see."""
 

@@ -1,123 +1,118 @@
-"""Files that the process of a method can and cannot read."""
+"""The rules of a method's process: which paths `rules_of` permits, and which hidden paths are excluded."""
 
 from __future__ import annotations
 
-import csv
+import os
 from pathlib import Path
 
 import pytest
 
-from helpers import HELPERS
-from helpers.cli_result import Sfr
-from helpers.made_scene import LOC_RIG, loc_pair, write_folder
-from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
-from sfr_loc_map.methods.registry import find_method
-from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.suite.running.job import Job, JobKind, JobSource, SourceKind
-from sfr_loc_map.suite.running.job_run import run_job
-
-READER = """
-from pathlib import Path
-import numpy as np
-class Reader:
-    def __init__(self, rig, config):
-        self.paths = config.splitlines()
-        self.statistics = {}
-    def process(self, pair):
-        self.statistics = {path: float(can_read(path)) for path in self.paths}
-        return np.eye(4)
-
-def can_read(path):
-    try:
-        return bool(Path(path).read_text())
-    except OSError:
-        return False
-"""
+from sfr_loc_map.methods.isolation import PACKAGE, rules_of
+from sfr_loc_map.methods.registry import Method
+from sfr_loc_map.metrics.records import MethodKind
 
 
-def test_a_class_of_a_package_reads_its_package_and_not_the_working_directory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    package, copy = tmp_path / "reading_candidate", tmp_path / "converted" / "groundtruth.csv"
-    package.mkdir()
-    copy.parent.mkdir()
-    for path, text in (
-        (package / "__init__.py", ""),
-        (package / "constants.py", "GAIN = 1.0"),
-        (package / "reader.py", f"from . import constants\n{READER}"),
-        (package / "weights.txt", "1 2 3"),
-        (copy, "stamp_ns,x,y,z"),
-    ):
-        path.write_text(text)
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A readable folder: `images/a.png`, `images/truth.csv`, `truth/poses.csv` and `rig.json`."""
+    folder = tmp_path / "data"
+    for name in ("images/a.png", "images/truth.csv", "truth/poses.csv", "rig.json"):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("")
+    monkeypatch.setenv("SFR_METHOD_FILES", str(folder))
     monkeypatch.delenv("PYTHONPATH", raising=False)
-    method = find_method("reading_candidate.reader:Reader", Task.LOCALISATION, f"{package / 'weights.txt'}\n{copy}")
-    with IsolatedLocaliser(method, LOC_RIG, Transform.identity(), hidden=()) as localiser:
-        _, call = localiser.localise(loc_pair(0))
-    assert not call.finding
-    found = {name: value for name, value in call.statistics.items() if name.startswith(str(tmp_path))}
-    assert found == {str(package / "weights.txt"): 1.0, str(copy): 0.0}
+    return folder
 
 
-def test_a_class_of_a_file_reads_the_code_beside_it_and_no_other_file(tmp_path: Path) -> None:
-    """A copy of the truth may be in the folder of the candidate, or below it."""
-    package, recordings = tmp_path / "package", tmp_path / "recordings"
-    package.mkdir()
-    recordings.mkdir()
-    code = tmp_path / "module.py", tmp_path / "libpart.so.1", package / "__init__.py"
-    copies = tmp_path / "groundtruth.csv", recordings / "groundtruth.csv"
-    for path in (*code, *copies):
-        path.write_text("# 1")
-    (tmp_path / "candidate.py").write_text(f"import module\nimport package\n{READER}")
-    config = "\n".join(map(str, (*code, *copies)))
-    method = find_method(f"{tmp_path / 'candidate.py'}:Reader", Task.LOCALISATION, config)
-    with IsolatedLocaliser(method, LOC_RIG, Transform.identity(), hidden=()) as localiser:
-        _, call = localiser.localise(loc_pair(0))
-    assert not call.finding
-    found = {name: value for name, value in call.statistics.items() if name.startswith(str(tmp_path))}
-    assert found == dict.fromkeys(map(str, code), 1.0) | dict.fromkeys(map(str, copies), 0.0)
+def rules(tmp_path: Path, *hidden: Path, target: str = "") -> dict[str, list[str]]:
+    kind = MethodKind.PYTHON if target else MethodKind.PEER
+    return rules_of(Method("x", Task.LOCALISATION, kind, "peer.py", target), tmp_path / "scratch", hidden)
 
 
-def test_the_simulated_sources_of_a_suite_are_hidden(tmp_path: Path) -> None:
-    """Variants of an error budget have the same true path."""
-    variant = tmp_path / "cache" / "simulated-other" / "groundtruth.csv"
-    variant.parent.mkdir(parents=True)
-    variant.write_text("stamp_ns,x,y,z")
-    (tmp_path / "candidate.py").write_text(READER)
-    scratch = tmp_path / "scratch"
-    scratch.mkdir()
-    job = Job(
-        kind=JobKind.LOCALISE,
-        source=JobSource(name="x", kind=SourceKind.FILE, path=str(write_folder(tmp_path / "x", 12, 0)), sha256=""),
-        fault_seed=0,
-        configuration="reader",
-        parameters={
-            "localisation.method": f"{tmp_path / 'candidate.py'}:Reader",
-            "localisation.method_config": str(variant),
-        },
-        start="truth",
-        scoring=TrajectoryScoreConfig(conditions=("frames=3",), spacing=1),
-        repeat=0,
-        threads=1,
-        code="",
-    )
-    run_job(job, scratch, tmp_path / "cache")
-    with (scratch / "stats.csv").open(newline="") as stream:
-        assert {float(row[str(variant)]) for row in csv.DictReader(stream)} == {0.0}
+def readable(found: dict[str, list[str]], path: Path) -> bool:
+    """Return whether a rule permits a path: Landlock permits all below a permitted folder."""
+    return any(Path(text) in (path, *path.parents) for text in (*found["read"], *found["write"]))
 
 
-def test_the_ground_truth_is_no_configuration(drive: Path, tmp_path: Path, sfr: Sfr) -> None:
-    """Also in the formats of other tools; a few numbers that agree with it are an honest setting."""
-    (tmp_path / "candidate.py").write_text((HELPERS / "misbehaving_class.py").read_text())
-    method = ("--method", f"{tmp_path / 'candidate.py'}:Misbehaving")
-    for name in ("t.csv", "t.tum", "t.kitti"):
-        assert sfr("convert", drive, tmp_path / name).code == 0
-        words = ("localise", drive, "-o", tmp_path / "e.csv", *method, "--config", tmp_path / name)
-        refused = sfr(*words)
-        assert (refused.code, "12 of 12 positions of the ground truth" in refused.err) == (2, True), refused.err
-    waypoints = (tmp_path / "t.csv").read_text().splitlines()[3:7]
-    (tmp_path / "config.txt").write_text("\n".join(["stand", *waypoints]))
-    ran = sfr("localise", drive, "-o", tmp_path / "e.csv", *method, "--config", tmp_path / "config.txt")
-    assert ran.code == 0, ran.err
+def test_without_hidden_paths_the_complete_folder_is_readable(tmp_path: Path, data: Path) -> None:
+    found = rules(tmp_path)
+    assert str(data) in found["read"]
+    assert readable(found, data / "truth" / "poses.csv")
+    assert not readable(found, tmp_path / "other")
+
+
+@pytest.mark.parametrize(
+    ("hidden", "unreadable", "still_readable"),
+    [
+        ("truth", ["truth/poses.csv", "truth"], ["images/a.png", "images/truth.csv", "rig.json"]),
+        ("truth/poses.csv", ["truth/poses.csv"], ["images/a.png", "rig.json"]),
+        ("images/truth.csv", ["images/truth.csv"], ["images/a.png", "truth/poses.csv", "rig.json"]),
+        ("", ["images/a.png", "truth/poses.csv", "rig.json"], []),
+        ("..", ["images/a.png", "truth/poses.csv", "rig.json"], []),
+    ],
+    ids=["folder", "file", "file beside others", "the permitted folder", "a parent of the permitted folder"],
+)
+def test_a_hidden_path_is_excluded_and_the_other_files_stay_readable(
+    tmp_path: Path, data: Path, hidden: str, unreadable: list[str], still_readable: list[str]
+) -> None:
+    found = rules(tmp_path, data / hidden)
+    assert str(data) not in found["read"]
+    assert [name for name in unreadable if readable(found, data / name)] == []
+    assert [name for name in still_readable if not readable(found, data / name)] == []
+
+
+def test_several_hidden_paths_and_links_are_excluded(tmp_path: Path, data: Path) -> None:
+    link = tmp_path / "link.csv"
+    link.symlink_to(data / "truth" / "poses.csv")
+    found = rules(tmp_path, link, data / "images" / "truth.csv")
+    assert not readable(found, data / "truth" / "poses.csv")
+    assert not readable(found, data / "images" / "truth.csv")
+    assert readable(found, data / "images" / "a.png")
+
+
+def test_a_folder_with_a_hidden_path_may_be_listed_but_not_read(tmp_path: Path, data: Path) -> None:
+    assert str(data) not in rules(tmp_path)["names"]
+    found = rules(tmp_path, data / "truth")
+    assert str(data) in found["names"]
+    assert str(data) not in found["read"]
+
+
+def test_a_link_in_a_permitted_folder_does_not_permit_its_hidden_target(tmp_path: Path, data: Path) -> None:
+    truth = tmp_path / "elsewhere" / "truth.csv"
+    truth.parent.mkdir()
+    truth.write_text("")
+    (data / "copy.csv").symlink_to(truth)
+    assert not readable(rules(tmp_path, truth), truth)
+
+
+def test_a_link_beside_a_hidden_path_does_not_permit_its_hidden_target(tmp_path: Path, data: Path) -> None:
+    """The parts of a partly hidden folder get rules of their own."""
+    truth = tmp_path / "elsewhere" / "truth.csv"
+    truth.parent.mkdir()
+    truth.write_text("")
+    (data / "copy.csv").symlink_to(truth)
+    found = rules(tmp_path, truth, data / "truth")
+    assert not readable(found, data / "copy.csv")
+    assert str(data / "copy.csv") not in found["read"]
+    assert readable(found, data / "images" / "a.png")
+
+
+def test_the_code_of_a_method_is_readable_unless_hidden(tmp_path: Path, data: Path) -> None:
+    code = tmp_path / "code" / "candidate.py"
+    code.parent.mkdir()
+    for name in ("candidate.py", "helper.py", "poses.csv"):
+        (code.parent / name).write_text("")
+    found = rules(tmp_path, target=f"{code}:Candidate")
+    assert readable(found, code)
+    assert readable(found, code.parent / "helper.py")
+    assert not readable(found, code.parent / "poses.csv")
+    assert not readable(rules(tmp_path, code, target=f"{code}:Candidate"), code)
+
+
+def test_only_the_scratch_folder_and_devices_are_writable(tmp_path: Path, data: Path) -> None:
+    found = rules(tmp_path)
+    assert found["write"][0] == str(tmp_path / "scratch")
+    assert all(path.startswith("/dev/") for path in found["write"][1:])
+    assert not {str(PACKAGE), str(data), os.sep, "/proc", str(Path.home())} & set(found["write"])

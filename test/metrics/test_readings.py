@@ -1,13 +1,12 @@
 """The three readings of the document against an oracle of matrices, which shares no code with the package."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from helpers import ROOT
 from helpers.random_drives import as_score
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
@@ -128,7 +127,7 @@ def test_the_worked_example_of_the_page_on_rebasing() -> None:
     straight = Trajectory(stamps, true, np.tile([0.0, 0.0, 0.0, 1.0], (601, 1)))
     estimates = Estimates.of(Trajectory(stamps, moved, drift.as_quat()))
     score = as_score(score_trajectory(estimates, straight, TrajectoryScoreConfig()))
-    page = (Path(__file__).parents[2] / "docs/concepts/sub_trajectories.md").read_text()
+    page = (ROOT / "docs/concepts/sub_trajectories.md").read_text()
     assert f"{score.figure('position').n} sub-trajectories of 5 m" in page
     for reading in READINGS:
         position, *angles = (

@@ -8,7 +8,7 @@ import pytest
 
 WITHOUT_ROS = (
     *("test_answer_book.py", "test_environment.py", "test_launch_parts.py", "test_odometry_buffer.py"),
-    *("test_pose_matching.py", "test_received.py", "test_run_order.py", "test_worker.py"),
+    *("test_pose_matching.py", "test_received.py", "test_thinned_path.py", "test_transport.py", "test_worker.py"),
 )
 """Files that import nothing of ROS."""
 

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from helpers import ROOT
+
 pytest.importorskip("colcon_core", reason="colcon is not installed: pip install colcon-common-extensions")
 
-ROOT = Path(__file__).parents[2]
 PACKAGE = "sfr_loc_map"
 PARTS = ("sfr_loc_map", "config", "launch_scripts", "scripts", "resource", "setup.py", "setup.cfg", "package.xml")
 PARTS += ("README.md", "pyproject.toml", "LICENSE")

@@ -2,18 +2,18 @@
 
 import re
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PointStamped
 
+from helpers import ROOT
 from helpers.made_scene import LOC_RIG
 from helpers.manager import Capture, LocalNode, Manager
 from helpers.node_scenes import MOUNT, params, send_infos
 from sfr_loc_map.config import param
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 
-PAGE = Path(__file__).parents[2] / "docs" / "nodes.md"
+PAGE = ROOT / "docs" / "nodes.md"
 
 
 @dataclass(frozen=True, slots=True)

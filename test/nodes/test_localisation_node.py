@@ -17,6 +17,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 
 from campaigns import malformed_messages
+from helpers import ROOT
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, forged, loc_pair, true_pose
 from helpers.manager import Capture, LocalNode, Manager, localised
 from helpers.node_scenes import MOUNT, calls, params, raw, send_infos, send_pair
@@ -46,7 +47,7 @@ from sfr_loc_map.nodes.ros.messages import (
 )
 from sfr_loc_map.runs.calls import decode_call
 
-CONFIG = Path(__file__).resolve().parents[2] / "config"
+CONFIG = ROOT / "config"
 OTHER_FRAME = Transform.from_quat([7.0, -2.0, 1.0], [0.0, 0.0, 0.6, 0.8])
 ORIGIN = pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
 

@@ -1,16 +1,16 @@
 """The SROS2 policy allows what the nodes do, and no more."""
 
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import pytest
 
+from helpers import ROOT
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.mapping_node import MappingNode
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 
-POLICY = ET.parse(Path(__file__).parents[2] / "config" / "sros2_policy.xml").getroot()
+POLICY = ET.parse(ROOT / "config" / "sros2_policy.xml").getroot()
 AT_TIMES = {"/tf", "/tf_static", "/clock"}
 """Only with tf2_msgs or use_sim_time."""
 KINDS = {"publish": "publisher", "subscribe": "subscriber", "reply": "service", "request": "client"}

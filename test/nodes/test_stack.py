@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from itertools import pairwise
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,6 +21,7 @@ from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
+from helpers import ROOT
 from helpers.made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, T_RB_LOCSB, loc_pair, nav_pair
 from helpers.manager import Capture, LocalNode, Manager, localised
 from helpers.node_scenes import DRIVERS, MOUNT, OPTICAL, params, raw, send_infos, send_pair
@@ -139,7 +139,7 @@ def test_extrinsics_follow_from_the_frames_of_drivers(driver: str) -> None:
     assert Transform.from_quat((0, 0, 0), OPTICAL).rotation == pytest.approx(OPTICAL_IN_BODY)
 
 
-EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
+EXAMPLES = ROOT / "config" / "examples"
 KINDS = {
     "Odometry": "nav_msgs/msg/Odometry",
     "Path": "nav_msgs/msg/Path",

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from helpers import ROOT
 from helpers.cli_result import Sfr
 from helpers.made_scores import HOSTILE, calls, dig, half, json_of, of_drive, of_map, whole_score
 from sfr_loc_map.metrics.calls import score_target
@@ -207,7 +208,7 @@ def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
 def test_limits_of_the_sample_are_ten_requirements() -> None:
     from sfr_loc_map.metrics.judging.limits_file import load_limits
 
-    limits = load_limits(Path(__file__).resolve().parents[2] / "sample/limits.yaml").limits
+    limits = load_limits(ROOT / "sample/limits.yaml").limits
     assert len({item.id for item in limits}) == len(limits) == 10
     assert all(item.text for item in limits)
 

@@ -1,11 +1,11 @@
 """The sample bag is what the simulator makes of its scenario; its map is that of the truth."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from helpers import ROOT
 from helpers.hazard_truth import hazard_accuracy
 from sfr_loc_map.config import build, load_yaml
 from sfr_loc_map.inputs import Task
@@ -17,7 +17,6 @@ from sfr_loc_map.mapping.maps import FusedMap
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
 
-ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "sample" / "sample.mcap"
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from helpers import ROOT
 from helpers.made_scene import write_folder
 from helpers.score_rows import number
 from sfr_loc_map.errors import InputError
@@ -38,7 +39,7 @@ from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_collected import score_replay
 from sfr_loc_map.scoring.score_run import score_files
 
-SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
+SAMPLE = ROOT / "sample" / "sample.mcap"
 
 
 def mapped(path: Path) -> tuple[Source, MapRun]:

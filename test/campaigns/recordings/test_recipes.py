@@ -9,9 +9,10 @@ import yaml
 
 from campaigns.recordings.drive import Drive, load_drive
 from campaigns.recordings.rows import ROWS
+from helpers import ROOT
 from helpers.cli_result import Sfr
 
-HOWTO = Path(__file__).parents[3] / "docs" / "howto"
+HOWTO = ROOT / "docs" / "howto"
 PAGES = {
     HOWTO / "cameras.md": ("zed", "realsense_without_p3", "oak_d"),
     HOWTO / "nav2_rover.md": ("nav2_rover", "motion_capture_lab"),

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 import yaml
 
+from helpers import ROOT
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.ros.environment import PROFILE, PROFILE_VARIABLES
 
-ROOT = Path(__file__).resolve().parents[3]
 KINDS = {
     "launch": ["LaunchDescription", "LaunchContext"],
     "launch.actions": [*("DeclareLaunchArgument", "SetEnvironmentVariable", "OpaqueFunction", "Shutdown")],

@@ -1,14 +1,13 @@
 """The parameter files are made from the declarations."""
 
-from pathlib import Path
-
 import pytest
 import yaml
 
+from helpers import ROOT
 from sfr_loc_map.config import flatten
 from sfr_loc_map.nodes.parameter_files import FILES, parameter_file
 
-CONFIG = Path(__file__).resolve().parents[3] / "config"
+CONFIG = ROOT / "config"
 
 
 @pytest.mark.parametrize("name", FILES)

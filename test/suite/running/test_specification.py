@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from helpers import ROOT
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.suite.running.job import JobKind
 from sfr_loc_map.suite.running.specification import load_specification
@@ -87,6 +88,6 @@ def test_a_source_that_is_gone_is_named_beside_those_that_are_there(tmp_path: Pa
 
 @pytest.mark.parametrize("name", ["quick", "acceptance", "robustness"])
 def test_the_suites_that_come_along_can_be_read(name: str) -> None:
-    folder = Path(__file__).parents[3] / "config" / "suites"
+    folder = ROOT / "config" / "suites"
     made = load_specification(folder / f"{name}.yaml")
     assert all(Path(source.path).exists() for source in made.sources)

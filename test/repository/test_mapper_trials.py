@@ -3,9 +3,9 @@
 import ast
 from collections.abc import Iterator
 from itertools import pairwise
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from helpers import ROOT
+
 TRIALS = "measurements/mapper_trials.md"
 
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from helpers import ROOT
 from helpers.cli_result import Sfr
 from helpers.score_rows import number
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "candidates.md").read_text(encoding="utf-8").partition("\n## A ROS node")[0]
 
 

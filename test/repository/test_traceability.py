@@ -1,10 +1,8 @@
 """The page of traceability is that of the clauses and the markers, and no clause of the software is without a test."""
 
-from pathlib import Path
-
 import traceability
 
-ROOT = Path(__file__).resolve().parents[1]
+from helpers import ROOT
 
 
 def test_the_page_is_up_to_date() -> None:

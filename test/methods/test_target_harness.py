@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from helpers import HELPERS, score_rows
+from helpers import HELPERS, ROOT, score_rows
 from helpers.cli_result import Sfr
 
-ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [ROOT / "examples/c_candidate" / name for name in ("harness.c", "candidate.c")]
 WRAP = "-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc,--wrap=free"
 SPARC = "sparc64-linux-gnu-gcc"

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from helpers import ROOT
+
 SYSTEM = Path("/usr/bin/python3")
 LIBRARIES = "~/sfr_libraries"
 

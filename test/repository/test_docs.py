@@ -1,11 +1,10 @@
 """The pages name files and targets that are there."""
 
 import re
-from pathlib import Path
 
+from helpers import ROOT
 from sfr_loc_map.doctor.findings import Cause
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 MODULE = re.compile(r"(?<![\w/.*}])((?:[a-z_]+/)*[a-z_]+\.py)\b")
 LINK = re.compile(r"\]\(([^)#:]+)(?:#[\w-]*)?\)")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from helpers import ROOT
 from helpers.cli_result import Sfr
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
@@ -34,7 +35,7 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
     return tmp_path / "e.kitti", tmp_path / "truth.tum"
 
 
-SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
+SAMPLE = ROOT / "sample" / "sample.mcap"
 
 
 def test_a_page_shows_paths_and_errors(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:

@@ -4,11 +4,10 @@ import ast
 import re
 import xml.etree.ElementTree as ET
 from importlib.metadata import version
-from pathlib import Path
 
 import sfr_loc_map
+from helpers import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 ROSDEP_NAMES = {"opencv-python-headless": "python3-opencv", "pyyaml": "python3-yaml"}
 NOT_IN_ROSDEP = {"lazy-loader", "msgspec", "rosbags", "setuptools", "simplejpeg"}
 

@@ -1,0 +1,75 @@
+"""Methods are found by name, by class and by library, and a peer is found in its interpreter."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from helpers.cli_result import Sfr
+from helpers.made_scene import LOC_RIG, loc_pair, true_pose
+from sfr_loc_map import __version__
+from sfr_loc_map.bench.method_benchmark import methods_to_compare
+from sfr_loc_map.errors import MethodError
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
+from sfr_loc_map.methods.registry import find_method
+from sfr_loc_map.metrics.records import MethodKind, MethodRecord
+
+
+def test_names_are_looked_up(tmp_path: Path, sfr: Sfr) -> None:
+    assert find_method("sfr", Task.LOCALISATION).target == "sfr_loc_map.methods.ours:localiser"
+    for name, task, words in (
+        ("none", Task.LOCALISATION, "no method 'none' for localisation: give one of sfr, opencv, package.module"),
+        ("none.py:Class", Task.LOCALISATION, "there is no file"),
+        ("pandora", Task.MAPPING, "no method 'pandora'"),
+    ):
+        with pytest.raises(MethodError, match=words):
+            find_method(name, task)
+    listed = sfr("bench", "methods", "--json", "-")
+    named = [item["name"] for item in json.loads(listed.out)["methods"]]
+    assert named == ["sfr", "opencv", "orbslam3", "sfr", "sgbm", "pandora"]
+    assert __version__ in listed.out
+    assert (Path(sfr("bench", "methods", "--include-dir").out.strip()) / "sfr_candidate.h").is_file()
+    for method in ("external", "none"):
+        assert sfr("localise", tmp_path, "-o", tmp_path / "out.csv", "--method", method).code == 2
+
+
+ORBSLAM3 = """
+import numpy as np
+
+class Sensor:
+    STEREO = 1
+
+class Answer:
+    pose_valid = True
+
+class Slam:
+    def __init__(self, vocab_file, settings_file, sensor, use_viewer):
+        assert open(vocab_file).read() == "words"
+        assert "Camera.fps: 10.0" in open(settings_file).read()
+    def track_stereo(self, left, right, seconds):
+        answer = Answer()
+        answer.pose_wc = np.eye(4)
+        answer.pose_wc[2, 3] = seconds  # forward, 1 m/s
+        return answer
+"""
+
+
+def test_a_peer_is_found_in_its_interpreter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "pyorbslam3.py").write_text(ORBSLAM3)
+    (tmp_path / "pyorbslam3-9.1.dist-info").mkdir()
+    (tmp_path / "pyorbslam3-9.1.dist-info" / "METADATA").write_text("Name: pyorbslam3\nVersion: 9.1\n")
+    (tmp_path / "words.txt").write_text("words")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    *_, peer = methods_to_compare(Task.LOCALISATION, Path(sys.executable), tmp_path / "words.txt")[0]
+    with IsolatedLocaliser(peer, LOC_RIG, true_pose(0), rate_hz=10.0, hidden=()) as slam:
+        estimate, call = slam.localise(loc_pair(0), 1.1)
+    assert not call.finding
+    about = {"name": "orbslam3", "version": "9.1", "kind": MethodKind.PEER}
+    assert slam.record == MethodRecord(**about, isolation=slam.record.isolation)
+    T_first_now = Transform(np.eye(3), np.array([0.0, 0.0, 1.1]))
+    expected = true_pose(0) @ LOC_RIG.T_rb_left @ T_first_now @ LOC_RIG.T_rb_left.inverse()
+    np.testing.assert_allclose(estimate.T_ds_rb.matrix, expected.matrix, atol=1e-12)
