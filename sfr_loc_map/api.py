@@ -34,7 +34,7 @@ from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs import offline
-from sfr_loc_map.runs.calls import CallStats, stats_of
+from sfr_loc_map.runs.call_stats import CallStats, stats_of
 from sfr_loc_map.scoring.conversion import converted_run
 from sfr_loc_map.scoring.inputs import CloudToScore, Correction, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_map_truth, load_run, with_fusion_flag
@@ -112,7 +112,7 @@ def localise(
         how = _parameters(LocalisationConfig, config, "localisation")
     else:
         how = _under_test(method, Task.LOCALISATION, config, opened)
-    steps = _named(opened.path, offline.drive(drive, how, first))
+    steps = _named(opened.path, offline.run_localiser(drive, how, first))
     if live:
         return (step.estimate for step in steps)
     done = offline.DriveRun(list(steps))
@@ -144,7 +144,7 @@ def map(
             raise ConfigError(f"refine_poses is an option of our mapper: omit it with method {method}")
         else:
             how = _under_test(method, Task.MAPPING, config, opened)
-        run = offline.panorama(panorama, how)
+        run = offline.run_mapper(panorama, how)
     for line in run.warnings:
         warnings.warn(line, UserWarning, stacklevel=2)
     cloud = run.fused.cloud if fuse else run.unfused

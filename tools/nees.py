@@ -29,7 +29,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.association import associate
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.consistency import relative_covariance, relative_errors, sums_of_steps
-from sfr_loc_map.runs.calls import estimates_of, stats_of
+from sfr_loc_map.runs.call_stats import estimates_of, stats_of
 from sfr_loc_map.runs.offline import localise, start_pose, trajectory_of
 
 SCENARIOS = ("rocky", "rolling", "crater_rim", "flat", "low_sun", "sample")

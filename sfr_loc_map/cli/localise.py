@@ -62,7 +62,7 @@ def localise(
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
     from sfr_loc_map.runs import offline
-    from sfr_loc_map.runs.calls import save_stats, stats_beside
+    from sfr_loc_map.runs.call_files import save_stats, stats_beside
     from sfr_loc_map.runs.track_video import track_video
 
     check_suffix(output, FILE_SUFFIXES)
@@ -77,7 +77,7 @@ def localise(
         first_pose = offline.start_pose(sequence, start)
         truth = source if sequence.ground_truth is not None else "TRUTH"
         watch = None if video is None else film.enter_context(track_video(video, sequence.rig))
-        steps = offline.drive(sequence, theirs or parameters, first_pose, watch)
+        steps = offline.run_localiser(sequence, theirs or parameters, first_pose, watch)
         done = offline.DriveRun(_finished(steps, len(sequence)))
         save_trajectory(output, done.trajectory)
         with beside():

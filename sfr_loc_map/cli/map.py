@@ -68,9 +68,9 @@ def map_cloud(
     """Map up to three stereo pairs with the code of the mapping node, or with another method."""
     from sfr_loc_map.io.clouds.cloud_file import SUFFIXES
     from sfr_loc_map.io.sequence import panorama_of
-    from sfr_loc_map.runs.calls import save_stats, stats_beside
+    from sfr_loc_map.runs.call_files import save_stats, stats_beside
     from sfr_loc_map.runs.map_files import MapOutputs, check_dems, save_map
-    from sfr_loc_map.runs.offline import panorama
+    from sfr_loc_map.runs.offline import run_mapper
 
     check_suffix(output, SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
@@ -97,7 +97,7 @@ def map_cloud(
 
     with naming(source), progress_bar("pairs") as bar, stopping(stop) as ended:
         task = bar.add_task("mapping", total=len(sequence))
-        run = panorama(sequence, theirs or parameters, progress, ended)
+        run = run_mapper(sequence, theirs or parameters, progress, ended)
         hold()
     cloud = save_map(run, sequence.rig.fx, outputs, beside)
     with beside():

@@ -122,7 +122,7 @@ class Trajectory(Shown):
 
     def to_stats(self, path: str | os.PathLike[str]) -> None:
         """Write one row per call (time, memory, state, covariance) as `sfr localise --stats` does."""
-        from sfr_loc_map.runs.calls import save_stats
+        from sfr_loc_map.runs.call_files import save_stats
 
         if not self.records:
             raise ConfigError("these poses have no calls: to_stats() requires a trajectory that sfr.localise returned")

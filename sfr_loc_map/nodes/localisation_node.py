@@ -29,6 +29,8 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.frontend.masks import read_mask
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.pose_file import PoseFile
+from sfr_loc_map.localisation.session import LocalisationSession
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.extrinsics import Extrinsics
@@ -40,7 +42,6 @@ from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
 from sfr_loc_map.nodes.ros import messages
 from sfr_loc_map.nodes.ros.qos import profile
 from sfr_loc_map.runs.calls import call_of_estimate
-from sfr_loc_map.runs.localisation_session import LocalisationSession, PoseFile
 from sfr_loc_map.topics import (
     DEBUG_IMAGE,
     ESTIMATE,

@@ -1,4 +1,4 @@
-"""Runs of a localiser or mapper, of the suite or under test, over a complete source, with a record of each call."""
+"""A localiser or mapper, ours or one under test, over a complete source: its calls, its results and their files."""
 
 import lazy_loader
 

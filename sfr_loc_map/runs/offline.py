@@ -1,6 +1,6 @@
-"""Runs of localiser and mapper, or of a method under test, over a complete source, without ROS.
+"""A localiser or mapper over a complete source, without ROS; the nodes make the same calls of `process`.
 
-The nodes make the same calls of `process`.
+`run_localiser` and `run_mapper` accept the configuration of our localiser or mapper, or a method under test.
 """
 
 from __future__ import annotations
@@ -112,12 +112,12 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
     return StartPose(interpolated(truth.pose(after - 1), truth.pose(after), share), stamp_ns=wanted)
 
 
-def drive(
+def run_localiser(
     sequence: LocSequence, how: LocalisationConfig | UnderTest, start: StartPose, watch: FrameObserver | None = None
 ) -> Iterator[Step]:
-    """Yield the step of each pair of a drive, by the localiser of the suite or by a method under test.
+    """Yield the step of each pair of a drive by our localiser or by a method under test.
 
-    `watch` is called after each pair of the suite's localiser.
+    `watch` is called after each pair of our localiser.
     """
     with checked_clock():
         if isinstance(how, UnderTest):
@@ -131,7 +131,7 @@ def drive(
 def localise(
     sequence: LocSequence, config: LocalisationConfig, start: StartPose, watch: FrameObserver | None = None
 ) -> Iterator[tuple[PoseEstimate, CallRecord]]:
-    """Yield the estimate and the cost of each pair of a drive; `watch` is called after each pair."""
+    """Yield the estimate and the cost of each pair of a drive by our localiser; `watch` is called after each pair."""
     localiser = Localiser(sequence.rig, config, start)
     load_kernels("localisation")
     meter = CallMeter()
@@ -208,13 +208,13 @@ class MapRun:
         return [*warnings_of_pairs(self.maps), *self.fused.warnings]
 
 
-def panorama(
+def run_mapper(
     sequence: NavSequence,
     how: MappingConfig | UnderTest,
     progress: Progress = lambda done: None,
     ended: Callable[[], bool] = lambda: False,
 ) -> MapRun:
-    """Map the pairs of a source by the mapper of the suite or by a method under test; see `map_pairs`."""
+    """Map the pairs of a source by our mapper or by a method under test; see `map_pairs`."""
     with checked_clock():
         if isinstance(how, UnderTest):
             return map_pairs_with(sequence, how, progress, ended)
@@ -227,7 +227,7 @@ def map_pairs(
     progress: Progress = lambda done: None,
     ended: Callable[[], bool] = lambda: False,
 ) -> MapRun:
-    """Map the pairs of a source and fuse them. Once `ended` returns true, only the mapped pairs are fused."""
+    """Map the pairs of a source by our mapper and fuse them; once `ended` returns true, only the mapped pairs."""
     check_count(sequence)
     mapper = Mapper(sequence.rig, config)
     load_kernels("mapping")

@@ -7,8 +7,8 @@ from pathlib import Path
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.io.clouds.cloud_file import save_cloud, save_points
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
-from sfr_loc_map.runs.calls import save_stats
-from sfr_loc_map.runs.collected_run import CollectedRun
+from sfr_loc_map.runs.call_files import save_stats
+from sfr_loc_map.runs.replay_result import ReplayResult
 
 
 class ReplayFiles:
@@ -37,7 +37,7 @@ class ReplayFiles:
             path.unlink(missing_ok=True)
 
 
-def save_replay(result: CollectedRun, files: ReplayFiles) -> None:
+def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
     """Write the available results of a replay, without the score."""
     if len(result.estimate):
         save_trajectory(files.estimate, result.estimate)

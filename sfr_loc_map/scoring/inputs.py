@@ -16,7 +16,8 @@ from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth
 from sfr_loc_map.metrics.pose_convention import PoseConvention, converted_estimates
 from sfr_loc_map.metrics.records import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, TargetRecord
-from sfr_loc_map.runs.calls import CallStats, stats_beside
+from sfr_loc_map.runs.call_files import stats_beside
+from sfr_loc_map.runs.call_stats import CallStats
 
 TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
 """Files in a folder of target results: description of the target, and possible estimates."""

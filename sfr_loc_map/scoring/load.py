@@ -28,7 +28,8 @@ from sfr_loc_map.io.truth.read import truth_of_file
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, truths_of
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TargetRecord
-from sfr_loc_map.runs.calls import CallStats, estimates_of, load_call_stats, united
+from sfr_loc_map.runs.call_files import load_call_stats
+from sfr_loc_map.runs.call_stats import CallStats, estimates_of, united
 from sfr_loc_map.scoring.inputs import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.topics import ESTIMATE
 

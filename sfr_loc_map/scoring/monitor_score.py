@@ -33,7 +33,8 @@ from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.runs.calls import CallRecord, CallStats, estimates_of, is_covariance_reported
+from sfr_loc_map.runs.call_stats import CallStats, estimates_of
+from sfr_loc_map.runs.calls import CallRecord, is_covariance_reported
 from sfr_loc_map.scoring.conversion import convention_mismatch
 from sfr_loc_map.scoring.inputs import DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.live_score import LiveRun, score_so_far

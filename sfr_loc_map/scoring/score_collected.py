@@ -18,9 +18,9 @@ from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.runs.calls import stats_of
-from sfr_loc_map.runs.collected_run import CollectedRun
+from sfr_loc_map.runs.call_stats import stats_of
 from sfr_loc_map.runs.replay_files import ReplayFiles
+from sfr_loc_map.runs.replay_result import ReplayResult
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import estimates_of_calls, with_read_files
 from sfr_loc_map.scoring.score_run import score_run
@@ -28,7 +28,7 @@ from sfr_loc_map.scoring.score_run import score_run
 
 def score_replay(
     source: Source,
-    result: CollectedRun,
+    result: ReplayResult,
     config: ScoreConfig,
     limits: Limits | None,
     *,
@@ -89,7 +89,7 @@ def score_replay(
     return score_run(run, config, limits)
 
 
-def _scored_cloud(source: Source, result: CollectedRun) -> CloudToScore | None:
+def _scored_cloud(source: Source, result: ReplayResult) -> CloudToScore | None:
     xyz = result.points if result.cloud is None else result.cloud.xyz
     if source.nav is None or xyz is None:
         return None

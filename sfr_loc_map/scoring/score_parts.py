@@ -36,7 +36,7 @@ from sfr_loc_map.metrics.records import Alignment, Association, CallRecords, Clo
 from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
-from sfr_loc_map.runs.calls import CallStats
+from sfr_loc_map.runs.call_stats import CallStats
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
 
 FEW_TRUE_POSES = 1.0 / SPARSER  #: Number of true poses per image up to which a sparse truth is reported.

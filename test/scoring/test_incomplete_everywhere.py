@@ -31,8 +31,9 @@ from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.summary import overall_of
 from sfr_loc_map.report.test_report import render_test_report
-from sfr_loc_map.runs.calls import CallRecord, stats_of
-from sfr_loc_map.runs.collected_run import CollectedRun
+from sfr_loc_map.runs.call_stats import stats_of
+from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.runs.replay_result import ReplayResult
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_collected import score_replay
@@ -158,7 +159,7 @@ def scored(made: Made) -> Score:
 
 def replayed(made: Made) -> Score:
     source = Source(Path(__file__), SourceFormat.FOLDER, Loc(made.truth), Nav(made.nav))
-    result = CollectedRun(made.estimate, made.cloud, made.records, tuple(NAV_STAMPS))
+    result = ReplayResult(made.estimate, made.cloud, made.records, tuple(NAV_STAMPS))
     return score_replay(source, result, CONFIG, LIMITS)
 
 

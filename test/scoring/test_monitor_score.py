@@ -34,7 +34,8 @@ from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_traject
 from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.report_file import ReportFile
 from sfr_loc_map.report.deviations import deviations_of
-from sfr_loc_map.runs.calls import CallRecord, encode_call, estimates_of, stats_of
+from sfr_loc_map.runs.call_stats import estimates_of, stats_of
+from sfr_loc_map.runs.calls import CallRecord, encode_call
 from sfr_loc_map.scoring.bag_estimates import bag_estimates
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.topics import ESTIMATE, call_topic

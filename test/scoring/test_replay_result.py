@@ -31,9 +31,9 @@ from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.nodes.replay.external_poses import with_converted_poses
 from sfr_loc_map.report.summary import overall_of
 from sfr_loc_map.runs.calls import CallRecord
-from sfr_loc_map.runs.collected_run import CollectedRun, ExternalRun
 from sfr_loc_map.runs.offline import MapRun, map_pairs
 from sfr_loc_map.runs.replay_files import ReplayFiles, save_replay
+from sfr_loc_map.runs.replay_result import ExternalResult, ReplayResult
 from sfr_loc_map.scoring.inputs import Correction, ScoreInputs
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_collected import score_replay
@@ -81,7 +81,7 @@ def test_live_replay_and_score_of_every_file_format_are_equal_to_the_last_digit(
     source, run = mapped(SAMPLE if case == "sample, fused" else write_folder(tmp_path / "source", 0, 3))
     cloud = run.unfused if case == "folder, not fused" else run.fused.cloud
     stamps = tuple(item.stamp_ns for item in run.maps)
-    result, files = CollectedRun(Trajectory.empty(), cloud, run.records, stamps), ReplayFiles(tmp_path)
+    result, files = ReplayResult(Trajectory.empty(), cloud, run.records, stamps), ReplayFiles(tmp_path)
     save_replay(result, files)
     replayed = of_map(score_replay(source, result, ScoreConfig(), None))
     assert replayed["cloud"]["kind"] == ("single pairs" if case == "folder, not fused" else "fused")
@@ -118,7 +118,7 @@ def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
     for (rows, estimate), partial in product(parts.items(), (False, True)):
         files = ReplayFiles(tmp_path / f"{rows}-{partial}")
         files.folder.mkdir()
-        result = CollectedRun(estimate, None, [], ())
+        result = ReplayResult(estimate, None, [], ())
         save_replay(result, files)
         config = score_config(["frames=2"], {"trajectory.partial": partial, "trajectory.spacing": 1})
         score = score_replay(source, result, config, limits, files=files)
@@ -148,7 +148,7 @@ def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_pat
     source = open_source(path)
     stamps = np.asarray(source.loc.stamps_ns)
     estimate = Trajectory(stamps, np.zeros((12, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (12, 1)))
-    result = CollectedRun(estimate, None, [], ())
+    result = ReplayResult(estimate, None, [], ())
     score = score_replay(source, result, score_config(["frames=2"], {}), None)
     assert score.incomplete == "the map contains 0 of 3 pairs"
     assert any("the truth has 3 poses for 12 images" in text for text in score.warnings)
@@ -159,7 +159,7 @@ def test_the_calls_of_a_replay_belong_to_its_estimate(tmp_path: Path) -> None:
     truth, files = source.loc.ground_truth, ReplayFiles(tmp_path / "run")
     estimate = Trajectory(truth.stamps_ns, 0.999 * truth.positions, truth.quats_xyzw)
     calls = [CallRecord(int(stamp), 0.1, "tracking") for stamp in truth.stamps_ns]
-    result, config = CollectedRun(estimate, None, calls, ()), score_config(["frames=2"], {})
+    result, config = ReplayResult(estimate, None, calls, ()), score_config(["frames=2"], {})
     files.folder.mkdir()
     save_replay(result, files)
     score = score_replay(source, result, config, None, files=files)
@@ -177,9 +177,9 @@ def test_the_states_of_an_external_node_that_reports_none_are_unknown(tmp_path: 
     calls = [CallRecord(int(stamp), seconds, state or "") for stamp in truth.stamps_ns]
     answers = AnswerCounts(pairs=12, answered=12)
     node = ExternalScore(task="localisation", topic="t", frames="odom", answers=answers, latency_s=None)
-    run = ExternalRun(MethodRecord(name="n", version=None, kind=MethodKind.EXTERNAL), node, ())
+    run = ExternalResult(MethodRecord(name="n", version=None, kind=MethodKind.EXTERNAL), node, ())
     config = score_config(("frames=2",), {})
-    result = with_converted_poses(CollectedRun(estimate, None, calls, (), run), source, config, Correction())
+    result = with_converted_poses(ReplayResult(estimate, None, calls, (), run), source, config, Correction())
     limits = parse_limits({"trajectory": [{"condition": "frames=2", "lost_max_share": 0.0}]}, "limits")
     score = score_replay(source, result, config, limits)
     found = [score.number(name) for name in ("lost", "degraded")]

@@ -24,7 +24,9 @@ from sfr_loc_map.io.bag.messages import odometry
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.message_types import STRING
-from sfr_loc_map.runs.calls import CallRecord, encode_call, estimates_of, load_call_stats, save_stats
+from sfr_loc_map.runs.call_files import load_call_stats, save_stats
+from sfr_loc_map.runs.call_stats import estimates_of
+from sfr_loc_map.runs.calls import CallRecord, encode_call
 from sfr_loc_map.scoring.load import estimates_of_calls, load_estimates
 
 Scored = Callable[..., dict[str, Any]]

@@ -40,7 +40,7 @@ from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
 from sfr_loc_map.nodes.ros import environment, messages
 from sfr_loc_map.nodes.ros.publishers import UNKNOWN_NODE
 from sfr_loc_map.nodes.ros.qos import LATCHED
-from sfr_loc_map.runs.collected_run import ExternalRun
+from sfr_loc_map.runs.replay_result import ExternalResult
 
 DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0
@@ -118,7 +118,7 @@ class ExternalNode(ABC):
         elif command is not None:
             self._watch = ProcessWatch([command.popen.pid])
 
-    def result(self) -> ExternalRun:
+    def result(self) -> ExternalResult:
         """Return answers and process of the node, and stop measuring the process; called while the process runs."""
         self.check_process()
         if self._watch is not None:
@@ -136,7 +136,7 @@ class ExternalNode(ABC):
         method = MethodRecord(name=self._name, version=self.version, kind=MethodKind.EXTERNAL)
         log, declared = "" if self._command is None else self._command.text, options.convention.settings
         of_cloud = ConventionRecord(declared=declared) if options.task is Task.MAPPING and declared else None
-        return ExternalRun(method, score, answers.findings, log, of_cloud)  # poses are converted later
+        return ExternalResult(method, score, answers.findings, log, of_cloud)  # poses are converted later
 
     def wait_for(self, stamp_ns: int) -> None:
         """Wait until a pair is answered, its timeout has passed, or the process has ended."""

@@ -14,15 +14,16 @@ from sfr_loc_map.metrics.association import Estimates, symmetric
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.pose_convention import converted_estimates
 from sfr_loc_map.metrics.records import ConventionRecord
-from sfr_loc_map.runs.calls import CallRecord, estimates_of, stats_of
-from sfr_loc_map.runs.collected_run import CollectedRun
+from sfr_loc_map.runs.call_stats import estimates_of, stats_of
+from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.runs.replay_result import ReplayResult
 from sfr_loc_map.scoring.conversion import corrected
 from sfr_loc_map.scoring.inputs import Correction, DriveToScore
 
 
 def with_converted_poses(
-    result: CollectedRun, source: Source, config: ScoreConfig, correction: Correction
-) -> CollectedRun:
+    result: ReplayResult, source: Source, config: ScoreConfig, correction: Correction
+) -> ReplayResult:
     """Return a result with the poses of an external localiser converted to RB in DS, as are their calls.
 
     Each pose requires a call. A result without an external localiser is returned unchanged.

@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.runs.calls import CallRecord, published_or_of_call
-from sfr_loc_map.runs.collected_run import CollectedRun, ExternalRun
+from sfr_loc_map.runs.replay_result import ExternalResult, ReplayResult
 
 
 @dataclass(slots=True)
@@ -34,7 +34,7 @@ class ReceivedResults:
     sent_pairs: set[tuple[str, int]] = field(default_factory=set)
     #: Stamp and points `(N, 3)` in LM of each cloud of an external node.
     points: list[tuple[int, FloatArray]] = field(default_factory=list)
-    external: ExternalRun | None = None  #: Answers and process of the external node; set at the end of the replay.
+    external: ExternalResult | None = None  #: Answers and process of the external node; set at the end of the replay.
 
     def add_pose(self, row: tuple[int, tuple[float, ...], tuple[float, ...]], covariance: FloatArray) -> None:
         """Add stamp, position and quaternion of a pose, with its covariance `(6, 6)`."""
@@ -93,12 +93,12 @@ class ReceivedResults:
         mapped = self.calls[Task.MAPPING]
         return sum((MappingState.MAPPED_SET, stamp_ns) in mapped for stamp_ns, _ in self.clouds)
 
-    def collected_run(self) -> CollectedRun:
+    def replay_result(self) -> ReplayResult:
         """Return the results of the replay, for its score and its files."""
         (cloud, mapped_ns), points = self.last_map(), None
         if self.external_task is Task.MAPPING:
             cloud, points, mapped_ns = self.external_map()
-        return CollectedRun(self.trajectory, cloud, self.records, mapped_ns, self.external, points)
+        return ReplayResult(self.trajectory, cloud, self.records, mapped_ns, self.external, points)
 
     def external_map(self) -> tuple[PointCloud | None, FloatArray | None, tuple[int, ...]]:
         """Return the map of an external node: its cloud, or its points if they have no pixels, and stamps of its pairs.

@@ -14,9 +14,9 @@ from sfr_loc_map.nodes.replay.external_poses import with_converted_poses
 from sfr_loc_map.nodes.replay.options import ReplayOptions
 from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.session import replay
-from sfr_loc_map.runs.collected_run import CollectedRun
 from sfr_loc_map.runs.offline import states_text, tracking_warning
 from sfr_loc_map.runs.replay_files import ReplayFiles, save_replay
+from sfr_loc_map.runs.replay_result import ReplayResult
 from sfr_loc_map.scoring.inputs import Correction
 from sfr_loc_map.scoring.score_collected import score_replay
 
@@ -25,7 +25,7 @@ from sfr_loc_map.scoring.score_collected import score_replay
 class ScoredReplay:
     """The result of a replay."""
 
-    result: CollectedRun
+    result: ReplayResult
     score: Score
     remarks: tuple[str, ...]  #: Remarks for the user in addition to the score, one line each.
     warning: str | None  #: Warning that many poses are lost or degraded; None if few are.
@@ -55,11 +55,11 @@ def replay_and_score(
         except SfrError as error:
             if files is None or not results.count:
                 raise
-            _save(results.collected_run(), files)
+            _save(results.replay_result(), files)
             raise type(error)(f"{error}; the results received before are in '{files.folder}'") from error
         if was_interrupted and not results.count:
             raise KeyboardInterrupt
-        result = results.collected_run()
+        result = results.replay_result()
         try:
             result = with_converted_poses(result, source, options.score, correction)
         finally:
@@ -89,7 +89,7 @@ def replay_and_score(
     )
 
 
-def _save(result: CollectedRun, files: ReplayFiles) -> None:
+def _save(result: ReplayResult, files: ReplayFiles) -> None:
     """Write the results; the files of an earlier replay are removed, because it may have written more of them."""
     files.remove()
     save_replay(result, files)

@@ -33,8 +33,8 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
-from sfr_loc_map.runs.calls import load_call_stats, save_stats
-from sfr_loc_map.runs.offline import DriveRun, UnderTest, drive, panorama, start_pose
+from sfr_loc_map.runs.call_files import load_call_stats, save_stats
+from sfr_loc_map.runs.offline import DriveRun, UnderTest, run_localiser, run_mapper, start_pose
 from sfr_loc_map.scoring.inputs import CloudToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_run
@@ -70,7 +70,7 @@ def _localise(job: Job, source: Source, truth: Path, scratch: Path, hidden: Sequ
     section, start = _section(job, "localisation"), start_pose(source.loc, job.start)
     method = chosen_method(section, Task.LOCALISATION)
     how = build(LocalisationConfig, section) if method is None else UnderTest(method, hidden=hidden)
-    done = DriveRun(list(drive(source.loc, how, start)))
+    done = DriveRun(list(run_localiser(source.loc, how, start)))
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
     save_trajectory(estimate, done.trajectory)
     save_stats(stats, done.records, done.method, done.trajectory)
@@ -86,7 +86,7 @@ def _map(job: Job, source: Source, truth: Path, scratch: Path, hidden: Sequence[
     section = _section(job, "mapping")
     method = chosen_method(section, Task.MAPPING)
     how = build(MappingConfig, section) if method is None else UnderTest(method, hidden=hidden)
-    run = panorama(source.nav, how)
+    run = run_mapper(source.nav, how)
     cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
     save_cloud(cloud, run.fused.cloud)
     save_stats(stats, run.records, run.method)

@@ -77,7 +77,7 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
         parts.peer.ros_node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
         play(source, options, parts, lambda rig: None)
         live = final_report(parts, reports)
-    offline = to_dict(score_replay(source, results.collected_run(), config, None))
+    offline = to_dict(score_replay(source, results.replay_result(), config, None))
     found, expected = dict(numbers(live)), dict(numbers(offline))
     # how much of the drive has no estimate follows from the images, which the monitor does not know
     known = {name for name in expected if not name.startswith("completeness/None/None/")}

@@ -21,8 +21,8 @@ from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore, MethodKind,
 from sfr_loc_map.nodes.replay import run
 from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
 from sfr_loc_map.nodes.replay.received import ReceivedResults
-from sfr_loc_map.runs.collected_run import ExternalRun
 from sfr_loc_map.runs.replay_files import ReplayFiles
+from sfr_loc_map.runs.replay_result import ExternalResult
 from sfr_loc_map.scoring.inputs import Correction
 
 OPTIONS = ReplayOptions(
@@ -109,7 +109,7 @@ def test_poses_that_cannot_be_converted_are_saved_as_published(tmp_path: Path, m
 
     def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, *_: object) -> bool:
         add_results(results, stamps_ns)
-        results.external = ExternalRun(method, score, ())
+        results.external = ExternalResult(method, score, ())
         return False
 
     monkeypatch.setattr(run, "replay", replayed)

@@ -13,7 +13,7 @@ from sfr_loc_map.runs.calls import CallRecord
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ExternalRun:
+class ExternalResult:
     """The results about an external node in a replay."""
 
     method: MethodRecord
@@ -25,12 +25,12 @@ class ExternalRun:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CollectedRun:
+class ReplayResult:
     """The results of a replay."""
 
     estimate: Trajectory  # empty without a drive
     cloud: PointCloud | None  # the last cloud
     records: Sequence[CallRecord]  # all calls of localiser and mapper
     mapped_ns: tuple[int, ...]  # stamps of the pairs of the cloud, in the order of the points' `pair`
-    external: ExternalRun | None = None  # its poses are converted by `nodes.replay.external_poses`
+    external: ExternalResult | None = None  # its poses are converted by `nodes.replay.external_poses`
     points: FloatArray | None = None  # `(N, 3)` in LM, of an external mapper without pixels

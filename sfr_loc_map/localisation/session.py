@@ -1,4 +1,4 @@
-"""The start pose of a localiser and its covariance, across resets, faults and restarts of the process.
+"""The localiser of a node, with its start pose across resets, faults and restarts of the process.
 
 A new process starts at the pose that the previous process saved, unless a pose is set. A reset is a restart whose first
 pose is the identity. After a change of rig or configuration, or a fault, the localiser continues at its last pose.
@@ -6,32 +6,23 @@ pose is the identity. After a change of rig or configuration, or a fault, the lo
 
 from __future__ import annotations
 
-import json
 import math
-import os
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Annotated, Literal
 
-import msgspec
 import numpy as np
 
-from sfr_loc_map.atomic import check_output
-from sfr_loc_map.errors import InputError, LocalisationError, OutputError, SfrError
+from sfr_loc_map.errors import InputError, LocalisationError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.plausibility import is_plausible_covariance
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import LOST_VARIANCE, read_bytes
+from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.pose_file import PoseFile
 
-SCHEMA = "sfr-resume/1"
-MAX_BYTES = 100_000
-REPLACED = "the run starts at its first pose, and the file is replaced"
 LocaliserFactory = Callable[[StereoRig, LocalisationConfig, StartPose], Localiser]
 
 
@@ -179,81 +170,3 @@ def _components(pose: Transform) -> FloatArray:
     pitch = -math.asin(min(max(rotation[2, 0], -1.0), 1.0))
     yaw = math.atan2(rotation[1, 0], rotation[0, 0])
     return np.array([*pose.translation, roll, pitch, yaw])
-
-
-class _Content(msgspec.Struct):
-    schema: Literal["sfr-resume/1"]
-    rig: str
-    stamp_ns: Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
-    translation_m: tuple[float, float, float]
-    quat_xyzw: tuple[float, float, float, float]
-    covariance: Annotated[list[float], msgspec.Meta(min_length=36, max_length=36)]
-
-
-class PoseFile:
-    """Saves the last known pose of a rig, at which a localisation node that was killed resumes.
-
-    The file is replaced by renaming, so that a process that is killed leaves the previous file. The file is not
-    synchronised with the disk: after a loss of power it may be old, empty or missing. A file that is corrupt or of
-    another rig is reported and replaced, and a pose that is too old is ignored, because a rover must localise without
-    intervention. Any other file is never modified.
-    """
-
-    def __init__(self, path: Path, max_age_s: float) -> None:
-        """Create the store without reading or writing; a pose whose stamp is older than `max_age_s` is not loaded."""
-        self._path, self._max_age_s = Path(os.path.realpath(path)), max_age_s
-
-    def check(self) -> None:
-        """Check that poses can be saved: the file has a saved pose, complete or corrupt, or does not exist."""
-        check_output(self._path)
-        try:
-            data = read_bytes(self._path, MAX_BYTES)
-        except FileNotFoundError:
-            return
-        except OSError as error:
-            raise OutputError(f"resume_file '{self._path}': {error.strerror}; choose another name") from error
-        head = f'{{"schema": "{SCHEMA}"'.encode()
-        # files that a loss of power truncated or emptied are accepted
-        if data.strip(b"\0") and not (data.startswith(head) or head.startswith(data)):
-            raise OutputError(f"resume_file '{self._path}' has no saved pose; remove it or choose another name")
-
-    def load(self, stamp_ns: int, rig: StereoRig) -> StartPose | None:
-        """Return the saved pose; None if there is none, or if it is too old or not earlier than this stamp."""
-        try:
-            kept = msgspec.json.decode(read_bytes(self._path, MAX_BYTES), type=_Content)
-            pose = Transform.from_quat(kept.translation_m, kept.quat_xyzw)
-            covariance = np.array(kept.covariance).reshape(6, 6)
-            if not is_plausible_covariance(covariance):
-                raise InputError("its covariance is invalid")
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, RecursionError, SfrError) as error:
-            raise InputError(f"resume_file '{self._path}' cannot be read: {error}; {REPLACED}") from error
-        if kept.rig != rig.fingerprint:
-            raise InputError(f"resume_file '{self._path}' is of another rig or calibration; {REPLACED}")
-        age_s = (stamp_ns - kept.stamp_ns) * 1e-9
-        return StartPose(pose, covariance, kept.stamp_ns) if 0.0 < age_s <= self._max_age_s else None
-
-    def save(self, known: StartPose, rig: StereoRig) -> None:
-        """Save a pose with its stamp, unless its covariance is invalid or too large."""
-        if not is_plausible_covariance(np.asarray(known.covariance)):
-            return
-        content = {
-            "schema": SCHEMA,
-            "rig": rig.fingerprint,
-            "stamp_ns": known.stamp_ns,
-            "translation_m": known.T_ds_rb.translation.tolist(),
-            "quat_xyzw": known.T_ds_rb.quat_xyzw.tolist(),
-            "covariance": np.asarray(known.covariance).reshape(-1).tolist(),
-        }
-        # a constant name, so that processes that are killed while writing do not accumulate files
-        part = self._path.with_name(f".{self._path.name}.part")
-        try:
-            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_NONBLOCK  # a pipe must not block
-            with open(os.open(part, flags, 0o666), "w", encoding="utf-8") as stream:
-                stream.write(json.dumps(content))
-            os.replace(part, self._path)
-        except OSError as error:
-            raise OutputError(
-                f"cannot write resume_file '{self._path}': {error.strerror}; a restart would resume at an older pose"
-            ) from error

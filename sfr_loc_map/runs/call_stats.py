@@ -1,0 +1,185 @@
+"""The calls of a run as columns, and the states, covariances and steps that they give the poses of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
+from sfr_loc_map.metrics.call_meter import METHOD
+from sfr_loc_map.metrics.calls import Calls, concatenated, stacked, stage_of
+from sfr_loc_map.metrics.consistency import STEP_SIZE
+from sfr_loc_map.metrics.records import FindingRecord, MethodRecord, ProcessUsage
+from sfr_loc_map.runs.calls import CallRecord, findings_of, is_covariance_reported
+
+SEVERITIES = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}  #: Severity of states; 0 for others.
+USAGE_NAMES = ("cpu_s", "cpu_between_s", "threads", "processes")
+"""Statistics of a call that state the usage of a method, measured from outside its processes."""
+USAGE_METHOD = "of the method's processes and all that they started, at each call, from outside (psutil)"
+ADAPTER_S = 0.015  #: Processor time of a method's adapter per call, s, with the resolution of 0.01 s.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CallStats:
+    """Calls as columns, as in the CSV file."""
+
+    calls: Calls
+    covariance: FloatArray | None  # `(N, 21)` upper triangles, NaN if unknown; None if all are unknown
+    steps: FloatArray | None  # `(N, 48)` steps between the poses; NaN and None as above
+    method: MethodRecord | None = None  # None if unknown
+    findings: tuple[FindingRecord, ...] = ()  # errors of the method, one record for each kind
+    processes: ProcessUsage | None = None  # usage of the method's processes; None if not measured
+    positions: FloatArray | None = None  # `(N, 3)` estimated positions of the calls, NaN without estimate
+    has_stamps: bool = True  # whether the calls have stamps; otherwise they are numbered
+
+    @property
+    def localised_ns(self) -> IntArray:
+        """Stamps of the calls of a localiser; calls of a mapper may have the same stamps."""
+        return self.calls.stamps_ns[self.calls.is_localisation]
+
+    def has_task(self, task: Task) -> bool:
+        """Return whether there is a call of a task."""
+        is_localisation = self.calls.is_localisation
+        return bool((is_localisation if task is Task.LOCALISATION else ~is_localisation).any())
+
+    def localised_rows(self, stamps_ns: IntArray) -> NDArray[np.intp]:
+        """Return the row of the call of a localiser for each stamp, -1 where there is no call.
+
+        If several calls have one stamp, the row is that of the worst state; for equal states, that of the last call.
+        """
+        rows = np.flatnonzero(self.calls.is_localisation)
+        severity = np.array([SEVERITIES.get(self.calls.states[row], 0) for row in rows.tolist()], np.intp)
+        order = np.lexsort((severity, self.calls.stamps_ns[rows]))  # stable
+        rows = np.append(-1, rows[order])
+        called_ns = self.calls.stamps_ns[rows[1:]]
+        last = np.searchsorted(called_ns, stamps_ns, "right")
+        is_called = np.isin(stamps_ns, called_ns)
+        return rows[np.where(is_called, last, 0)]
+
+
+def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: FloatArray | None = None) -> Estimates:
+    """Return the poses with the states, covariances and steps that calls and published covariances report.
+
+    `covariance` `(N, 21)` has the upper triangles that were published with the poses. The covariance of a pose is the
+    published one, or that of its call if none is published (`is_covariance_reported`). A pose is lost if the state of
+    its call or its covariance reports a loss.
+    """
+    states = np.full(len(trajectory), "", object)
+    steps = of_calls = None
+    if stats is not None:
+        rows = stats.localised_rows(trajectory.stamps_ns)
+        states = np.array([*stats.calls.states, ""], object)[rows]
+        steps = _steps_between(trajectory.stamps_ns, stats, rows)
+        of_calls = _values_at(stats.covariance, rows)
+    covariance = _first_reported(covariance, of_calls)
+    lost, degraded = states == TrackingState.LOST, states == TrackingState.DEGRADED
+    is_known = np.asarray(states != "", np.bool_)
+    is_lost_known = is_known
+    if covariance is not None:
+        lost = lost | lost_by_covariance(covariance)
+        is_lost_known = is_known | np.isfinite(covariance).all(axis=1)
+    estimates = Estimates.of(trajectory, lost, degraded, covariance, steps)
+    return replace(estimates, is_lost_known=is_lost_known, is_degraded_known=is_known)
+
+
+def _first_reported(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
+    """Return the first reported covariance of each row, NaN in rows without one; None if none is reported."""
+    found: FloatArray | None = None
+    for covariance in (second, first):
+        if covariance is None or not (is_reported := is_covariance_reported(covariance)).any():
+            continue
+        otherwise = np.full_like(covariance, np.nan) if found is None else found
+        found = np.where(is_reported[:, None], covariance, otherwise)
+    return found
+
+
+def _steps_between(stamps_ns: IntArray, stats: CallStats, rows: NDArray[np.intp]) -> FloatArray | None:
+    """Return the steps `(N, 48)` to poses from the rows of their calls; NaN if the previous pose is missing."""
+    steps = _values_at(stats.steps, rows)
+    if steps is None or stats.steps is None:
+        return None
+    has_step = stats.calls.is_localisation & np.isfinite(stats.steps).all(axis=1)
+    stepped_ns = np.unique(stats.calls.stamps_ns[has_step])
+    own_ns = np.unique(stamps_ns)
+    steps_until = np.searchsorted(stepped_ns, own_ns, "right")
+    has_gap = np.diff(steps_until) > np.isin(own_ns[1:], stepped_ns)
+    steps[np.isin(stamps_ns, own_ns[1:][has_gap])] = np.nan
+    return steps
+
+
+def _values_at(values: FloatArray | None, rows: NDArray[np.intp]) -> FloatArray | None:
+    """Return rows of an array `(N, K)`; the row -1 is NaN."""
+    return None if values is None else np.vstack((values, np.full(values.shape[1], np.nan)))[rows]
+
+
+def stats_of(
+    records: Sequence[CallRecord], method: MethodRecord | None = None, estimate: Trajectory | None = None
+) -> CallStats:
+    """Return one or more calls as columns, with the positions that the estimate of the same run has at their stamps."""
+
+    def numbers(values: Iterable[float | None]) -> FloatArray:
+        return np.array([np.nan if value is None else value for value in values], np.float64)
+
+    def rows(values: list[FloatArray | None], width: int) -> FloatArray:
+        return np.array([np.full(width, np.nan) if value is None else value for value in values])
+
+    names = sorted({name for record in records for name in record.statistics})
+    stages = {stage: numbers(r.statistics.get(name) for r in records) for name in names if (stage := stage_of(name))}
+    calls = Calls(
+        np.array([record.stamp_ns for record in records], np.int64),
+        numbers(record.processing_time_s for record in records),
+        [record.state for record in records],
+        numbers(record.peak_rss_bytes for record in records),
+        numbers(record.above_idle_bytes for record in records),
+        stages,
+        memory_method=METHOD,
+    )
+    covariances = [None if record.covariance is None else record.covariance[UPPER] for record in records]
+    steps = [record.step for record in records]
+    findings = findings_of([record.finding for record in records], calls.stamps_ns.tolist())
+    taken = [numbers(record.statistics.get(name) for record in records) for name in USAGE_NAMES]
+    about = (method, findings, processes_of(taken, calls))
+    positions = None
+    if estimate is not None and len(estimate):
+        given = positions_of(estimate)
+        positions = np.array([given.get(record.stamp_ns, [np.nan] * 3) for record in records])
+    if all(item is None for item in (*covariances, *steps)):
+        return CallStats(calls, None, None, *about, positions)
+    return CallStats(calls, rows(covariances, len(UPPER[0])), rows(steps, STEP_SIZE), *about, positions)
+
+
+def processes_of(taken: Sequence[FloatArray], calls: Calls) -> ProcessUsage | None:
+    """Return the usage of the processes of a method in all calls, from the columns of USAGE_NAMES."""
+    known = np.isfinite(taken[0]) & np.isfinite(taken[1])
+    if not known.any():
+        return None
+    cpu_s, between_s, threads, processes = (np.nan_to_num(values[known]) for values in taken)
+    within_s = threads * np.nan_to_num(calls.seconds[known]) + ADAPTER_S
+    return ProcessUsage(
+        cpu_s=float(cpu_s.sum() + between_s.sum()),
+        cpu_outside_s=float(between_s.sum() + np.maximum(cpu_s - within_s, 0.0).sum()),
+        peak_rss_bytes=int(np.nanmax(np.append(calls.peak_bytes, 0.0))),
+        processes=int(processes.max()),
+        threads=int(threads.max()),
+        method=USAGE_METHOD,
+    )
+
+
+def united(parts: Sequence[CallStats]) -> CallStats:
+    """Return the calls of one or more files of one run, with covariances and steps but without the other fields."""
+    counts = [len(part.calls.stamps_ns) for part in parts]
+    covariance = stacked([part.covariance for part in parts], counts)
+    steps = stacked([part.steps for part in parts], counts)
+    return CallStats(concatenated([part.calls for part in parts]), covariance, steps)
+
+
+def positions_of(estimate: Trajectory) -> dict[int, list[float]]:
+    """Return the positions of an estimate by stamp."""
+    return dict(zip(estimate.stamps_ns.tolist(), estimate.positions.tolist(), strict=True))
