@@ -26,9 +26,23 @@ from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.table import Figure, figure_row
 
 MISSING_SHARE = 0.01  #: Missing fraction above which an estimate is reported as incomplete without limits.
+DISTANCE, TIME = "distance", "time"  #: Parts of the rows of the longest gap.
 GAP_PERIODS = 5  #: A gap is a time of more than this number of median periods between neighbouring poses.
 SPARSER = 1.5  #: The truth is sparser than the images if the ratio of their median periods exceeds this.
 DOUBLED_SHARE = 0.1  #: A file contains two runs if the fraction of repeated stamps with another position exceeds this.
+
+
+class TruePath(NamedTuple):
+    """The ascending stamps of the true poses, and the length of the true path up to each pose."""
+
+    stamps_ns: IntArray  #: `(T,)`
+    travelled_m: FloatArray  #: `(T,)`
+
+    def travelled_at(self, stamps_ns: IntArray) -> FloatArray:
+        """Return the length of the path up to stamps, m, interpolated linearly; there must be a true pose."""
+        begin_ns = self.stamps_ns[0]
+        since_ns = (self.stamps_ns - begin_ns).astype(np.float64)  # differences of stamps are exact in float64
+        return np.asarray(np.interp((stamps_ns - begin_ns).astype(np.float64), since_ns, self.travelled_m))
 
 
 class Gaps(NamedTuple):
@@ -47,7 +61,7 @@ class GapSizes(NamedTuple):
     missing_share: float
 
 
-def completeness(
+def drive_completeness(
     estimate: Trajectory,
     truth: Trajectory,
     association: Association,
@@ -63,46 +77,55 @@ def completeness(
     """
     stamps = single_run_stamps(estimate, "estimate")
     single_run_stamps(truth, "ground truth")
-    true_ns, rows = np.unique(truth.stamps_ns, return_index=True)
-    true_ns = settled(true_ns, stamps, in_flight_ns)
-    rows = rows[: len(true_ns)]
-    steps = np.linalg.norm(np.diff(truth.positions[rows], axis=0), axis=1)
-    travelled_m = np.append(0.0, np.cumsum(steps))
+    path = true_path(truth, stamps, in_flight_ns)
     tolerance_ns = round(association.tolerance_s * NS_PER_S)
     max_gap_ns = round(association.max_gap_s * NS_PER_S)
-    unseen_ns = estimates_without_truth(settled(stamps, stamps[:0], in_flight_ns), true_ns, max_gap_ns, tolerance_ns)
-    needed, images = np.union1d(true_ns, unseen_ns), None
+    images: int | None = None
     if image_stamps_ns is not None and len(image_stamps_ns):
         needed = settled(np.unique(image_stamps_ns), stamps, in_flight_ns)
         images = len(needed)
+    else:
+        due_ns = settled(stamps, stamps[:0], in_flight_ns)
+        needed = np.union1d(path.stamps_ns, estimates_without_truth(due_ns, path.stamps_ns, max_gap_ns, tolerance_ns))
     near_ns = nearness_ns(needed, tolerance_ns)
     has_estimate, has_frame = has_near(needed, stamps, near_ns), has_near(needed, frames_ns, near_ns)
-    has_truth = is_spanned(needed, true_ns, max_gap_ns, tolerance_ns)
-    has_truth &= has_frame | ~has_estimate | ~needs_frame(needed, true_ns, near_ns, association.mode)
+    has_truth = is_spanned(needed, path.stamps_ns, max_gap_ns, tolerance_ns)
+    has_truth &= has_frame | ~has_estimate | ~needs_frame(needed, path.stamps_ns, near_ns, association.mode)
     gaps = gaps_of(needed, ~has_estimate)
     # the truth may be denser than the unknown images, so that only a long time without an estimate is a gap of the path
-    gaps_of_path = gaps if images else gaps_in_truth(stamps, true_ns)
-    sizes = sizes_of(gaps_of_path, stamps, true_ns, travelled_m, images)
-    incomplete = why_not_covered(gaps_of_path, sizes, conditions, images)
-    given, matched, expected = len(estimate.stamps_ns), association.matched, len(needed)
-    unmatched, doubled = len(stamps) - matched, association.estimate_duplicates
-    counts = {
-        "missing": (int(np.count_nonzero(~has_estimate)), expected),
-        "images_without_truth": (int(np.count_nonzero(~has_truth)), expected),
-        "lost": (association.lost, matched),
-        "degraded": (association.degraded, matched),
-        "unmatched": (unmatched, len(stamps)),
-        "doubled": (doubled, given),
-    }
-    figures = [expected_row(RowPart(DRIVE), int(np.count_nonzero(has_estimate & has_truth)), expected)]
-    for name, (count, total) in counts.items():
-        figures += share_rows(name, count, total)
-    without_images = path_without_images(needed, true_ns, travelled_m, max_gap_ns) if images else None
-    figures.append(figure_row("path_without_images", n=images or 0, value=without_images))
-    longest = sizes_of(gaps, stamps, true_ns, travelled_m, images)
-    figures.append(figure_row("longest_gap", part="distance", value=longest.longest_m))
-    figures.append(figure_row("longest_gap", part="time", unit="s", value=longest.longest_s))
+    gaps_of_path = gaps if images else gaps_in_truth(stamps, path.stamps_ns)
+    incomplete = why_not_covered(gaps_of_path, sizes_of(gaps_of_path, stamps, path, images), conditions, images)
+    expected, given, matched = len(needed), len(stamps), association.matched
+    figures = [
+        expected_row(RowPart(DRIVE), int(np.count_nonzero(has_estimate & has_truth)), expected),
+        *share_rows("missing", int(np.count_nonzero(~has_estimate)), expected),
+        *share_rows("images_without_truth", int(np.count_nonzero(~has_truth)), expected),
+        *share_rows("lost", association.lost, matched),
+        *share_rows("degraded", association.degraded, matched),
+        *share_rows("unmatched", given - matched, given),
+        *share_rows("doubled", association.estimate_duplicates, len(estimate.stamps_ns)),
+        figure_row(
+            "path_without_images",
+            n=images or 0,
+            value=path_without_images(needed, path, max_gap_ns) if images else None,
+        ),
+        *longest_gap_rows(sizes_of(gaps, stamps, path, images)),
+    ]
     return msgspec.structs.replace(association, images=images, incomplete=incomplete), figures
+
+
+def true_path(truth: Trajectory, estimates_ns: IntArray, in_flight_ns: int) -> TruePath:
+    """Return the path of the true poses whose results are due."""
+    stamps_ns, rows = np.unique(truth.stamps_ns, return_index=True)
+    stamps_ns = settled(stamps_ns, estimates_ns, in_flight_ns)
+    steps_m = np.linalg.norm(np.diff(truth.positions[rows[: len(stamps_ns)]], axis=0), axis=1)
+    return TruePath(stamps_ns, np.append(0.0, np.cumsum(steps_m)))
+
+
+def longest_gap_rows(sizes: GapSizes) -> Iterator[Figure]:
+    """Yield the longest distance and the longest time without an estimate."""
+    yield figure_row("longest_gap", part=DISTANCE, value=sizes.longest_m)
+    yield figure_row("longest_gap", part=TIME, unit="s", value=sizes.longest_s)
 
 
 def settled(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> IntArray:
@@ -206,24 +229,19 @@ def estimates_without_truth(stamps: IntArray, true_ns: IntArray, max_gap_ns: int
     return np.asarray(stamps[~is_spanned(stamps, true_ns, max_gap_ns, tolerance_ns)])
 
 
-def path_without_images(
-    images_ns: IntArray, true_ns: IntArray, travelled_m: FloatArray, max_gap_ns: int
-) -> float | None:
+def path_without_images(images_ns: IntArray, path: TruePath, max_gap_ns: int) -> float | None:
     """Return the fraction of the true path before the first image, after the last image, and in gaps between images.
 
     A gap is longer than `max_gap_ns` and than five median periods. No estimate is expected there. None without a path.
     """
-    if not len(true_ns) or travelled_m[-1] <= 0.0:
+    true_ns = path.stamps_ns
+    if not len(true_ns) or path.travelled_m[-1] <= 0.0:
         return None
     steps_ns = np.diff(images_ns)
     is_hole = steps_ns > max(max_gap_ns, GAP_PERIODS * float(np.median(steps_ns)) if len(steps_ns) else 0.0)
-    begins_ns = np.concatenate((true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:]))
-    ends_ns = np.concatenate((images_ns[:1], images_ns[1:][is_hole], true_ns[-1:]))
-    since_ns = (true_ns - true_ns[0]).astype(np.float64)  # differences of stamps are exact in float64
-    begins_m, ends_m = (
-        np.interp((at_ns - true_ns[0]).astype(np.float64), since_ns, travelled_m) for at_ns in (begins_ns, ends_ns)
-    )
-    return float(np.sum(np.maximum(ends_m - begins_m, 0.0)) / travelled_m[-1])
+    begins_m = path.travelled_at(np.concatenate((true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])))
+    ends_m = path.travelled_at(np.concatenate((images_ns[:1], images_ns[1:][is_hole], true_ns[-1:])))
+    return float(np.sum(np.maximum(ends_m - begins_m, 0.0)) / path.travelled_m[-1])
 
 
 def gaps_of(needed: IntArray, is_absent: Mask) -> Gaps:
@@ -249,22 +267,19 @@ def gaps_in_truth(stamps: IntArray, true_ns: IntArray) -> Gaps:
     return Gaps(begins, ends, missing)
 
 
-def sizes_of(gaps: Gaps, stamps: IntArray, true_ns: IntArray, travelled_m: FloatArray, images: int | None) -> GapSizes:
+def sizes_of(gaps: Gaps, stamps: IntArray, path: TruePath, images: int | None) -> GapSizes:
     """Return the longest gap, and the missing fraction of images, true path, or time if the rover did not move."""
     gaps_s = (gaps.ends_ns - gaps.begins_ns) / NS_PER_S
     gaps_m = np.zeros(len(gaps_s))
-    if len(true_ns) and len(gaps_s):
-        since_ns = (true_ns - true_ns[0]).astype(np.float64)  # differences of stamps are exact in float64
-        begins = np.interp((gaps.begins_ns - true_ns[0]).astype(np.float64), since_ns, travelled_m)
-        ends = np.interp((gaps.ends_ns - true_ns[0]).astype(np.float64), since_ns, travelled_m)
-        gaps_m = ends - begins
+    if len(path.stamps_ns) and len(gaps_s):
+        gaps_m = path.travelled_at(gaps.ends_ns) - path.travelled_at(gaps.begins_ns)
     judged = 0.0
     if images:
         judged = 1.0 - gaps.missing / images
-    elif len(stamps) and len(true_ns):
-        whole, in_gaps = float(travelled_m[-1]), float(gaps_m.sum())
+    elif len(stamps) and len(path.stamps_ns):
+        whole, in_gaps = float(path.travelled_m[-1]), float(gaps_m.sum())
         if whole <= 0.0:
-            whole, in_gaps = int(true_ns[-1] - true_ns[0]) / NS_PER_S, float(gaps_s.sum())
+            whole, in_gaps = int(path.stamps_ns[-1] - path.stamps_ns[0]) / NS_PER_S, float(gaps_s.sum())
         judged = 1.0 - in_gaps / whole if whole > 0.0 else 1.0
     return GapSizes(float(gaps_m.max(initial=0.0)), float(gaps_s.max(initial=0.0)), 1.0 - judged)
 

@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import Estimates, Frames
-from sfr_loc_map.metrics.completeness import completeness
+from sfr_loc_map.metrics.completeness import drive_completeness
 from sfr_loc_map.metrics.config import Condition, Rebase, TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import StepSums, nees_rows, sums_of_steps
 from sfr_loc_map.metrics.copies import copy_rows, judged_of_truth
@@ -75,7 +75,7 @@ def score_trajectory(
     if not placed.association.matched and not under_way:
         raise MetricsError(nothing_matched(estimates.trajectory, truth))
     frames = placed.frames
-    association, covered = completeness(
+    association, covered = drive_completeness(
         estimates.trajectory, truth, placed.association, frames.stamps_ns, conditions, image_stamps_ns, in_flight_ns
     )
     unknown = placed.estimates.unknown_states(frames.estimate_rows)

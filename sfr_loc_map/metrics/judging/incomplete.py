@@ -22,7 +22,7 @@ from sfr_loc_map.metrics.catalogue import (
     statistic_title,
     title_of,
 )
-from sfr_loc_map.metrics.completeness import covered_text
+from sfr_loc_map.metrics.completeness import DISTANCE, TIME, covered_text
 from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.limit_scope import judged_parts, limits_of
@@ -226,7 +226,7 @@ def missing_text(score: Score) -> str:
     what = "images" if drive is None or drive.images else "true poses"
     if value == 1.0 and drive is None:
         return f"no pose for any of {score.number('missing', 'n', part=None):.0f} {what}"
-    longest_m, longest_s = (score.number("longest_gap", part=part) for part in ("distance", "time"))
+    longest_m, longest_s = (score.number("longest_gap", part=part) for part in (DISTANCE, TIME))
     longest_gap = None if longest_m is None or longest_s is None else (longest_m, longest_s)
     return covered_text(1.0 - value, what, longest_gap)
 
