@@ -1,8 +1,22 @@
-"""The metrics of the specification: errors, time and memory.
+"""The metrics of the specification: errors, time and memory, and the verdicts on them.
 
-`formulas` has the formulas of the specification in the order of its clauses, `score` the table of figures, and
-`judging` the verdicts. The modules that compute scores are `trajectory_score`, `cloud_error` and `calls`. This package
-does not import them, so that its import is fast.
+The modules by subject, each subject in the order of its use:
+
+- formulas: `formulas` has the formulas of the specification in the order of its clauses, and the statistics of errors.
+- table of figures: `catalogue` has a line for each figure, `row_part` the parts of rows, `table` the rows, `config` the
+  settings. `score` has the table with the verdicts (`verdict`), `records` and the data of the plots (`details`).
+- trajectory: `association` pairs estimates with true poses, `placement` makes the frames, `trajectory_errors` the
+  sub-trajectories and their rows, and `trajectory_score` the score. It also calls `other_frames` and `standing` (errors
+  that the figures do not contain), `copies`, `truth_error`, `consistency` (NEES), `three_sigma` and `plot_columns`.
+- map and calls: `cloud_error` scores clouds. `call_meter` measures a call, and `calls` scores the calls of a run.
+- completeness: `completeness` counts expected and judged items. `shortfall_kinds` states how many may be missing.
+- statistics: `intervals` has the 95 % interval of mean + 3 sigma, `tolerance` the tolerance bounds.
+- verdicts: `limits` has the limits, and the package `judging` makes the verdicts.
+- stored scores: `score_json` reads and writes scores. `stored` and `raw_values` check a score that is read.
+- conventions: `pose_convention` converts estimates of another convention, `convention_diagnosis` finds the convention.
+- beside the specification: `aligned_error` (APE and RPE), `comparison` of several scores, `caveats`.
+
+This package imports none of its modules, so that its import is fast.
 """
 
 import lazy_loader
