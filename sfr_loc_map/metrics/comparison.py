@@ -26,6 +26,7 @@ from sfr_loc_map.metrics.records import MethodRecord, Record
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.trajectory_errors import overlap_of
 
 SCHEMA = "sfr-compare/1"
 SIGNIFICANT = 0.05  #: Significance level of the corrected p-value.
@@ -160,7 +161,7 @@ def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) 
         return
     starts, ends = np.asarray(mine.start_frame)[rows], np.asarray(mine.end_frame)[rows]
     spacing = max(int(np.median(np.diff(starts))), 1) if len(starts) > 1 else 1
-    overlap = float(np.mean(-(-(ends - starts) // spacing)))  # as in `trajectory_errors.overlap_of`
+    overlap = overlap_of(starts, ends, spacing)
     left_out = (len(spans) - len(rows), len(other_spans) - len(rows))
     for kind in KINDS.values():
         columns, other_columns = mine.errors_of(kind.name), theirs.errors_of(kind.name)

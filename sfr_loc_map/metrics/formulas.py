@@ -15,7 +15,7 @@ with this module.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -27,6 +27,7 @@ from sfr_loc_map.geometry.rotation import quat_angle, quat_conjugate, quat_multi
 DISTANCE_TOLERANCE_M = 1e-9  #: Rounding error by which a path may be shorter than the distance of a condition.
 MIN_DIRECTION_M = 1e-6  #: Shortest horizontal displacement that has a direction; below, the true heading is used.
 Lengths = NDArray[np.longdouble]  #: Path lengths `(F,)`, m.
+Number = TypeVar("Number", float, FloatArray)
 
 
 # ---- 4.1.1 Sub-trajectories
@@ -199,7 +200,7 @@ def sigma_of_vectors(errors: FloatArray) -> float:
     return float(np.linalg.norm(standard_deviation(errors)))
 
 
-def mean_plus_3sigma(mean: float, sigma: float) -> float:
+def mean_plus_3sigma(mean: Number, sigma: Number) -> Number:
     """Return |mean| + 3 sigma, because the mean of the heading error is signed [4.2.3.3]."""
     return abs(mean) + 3.0 * sigma
 

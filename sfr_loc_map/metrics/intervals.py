@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.formulas import mean_plus_3sigma
 
 Interval = tuple[float, float]  #: Lower and upper bound of a 95 % interval.
 MAX_BLOCKS = 512  #: Maximum number of groups of consecutive errors; the size of a group is a power of two.
@@ -74,7 +75,7 @@ def interval95(errors: FloatArray, overlap: float, *, unsigned: bool) -> Interva
     variance_of_mean = float(np.mean(np.sum(np.square(means - mean), axis=1))) / share
     true_size = max(size - variance_of_mean / size, 0.0) if size > 0.0 else 0.0
     true_sigma = np.sqrt(np.sum(variances) * (1.0 - 1.0 / count) / (1.0 - 1.0 / independent))
-    centre = float(true_size + 3.0 * true_sigma)
+    centre = float(mean_plus_3sigma(true_size, true_sigma))
     directions = float(np.sum(variances) ** 2 / np.sum(np.square(variances)))
     freedom = (independent - 1.0) * np.sqrt(directions)
     scatter = scatter_of(figures, share, freedom, unsigned=unsigned)
@@ -154,7 +155,7 @@ def resampled(groups: Moments, mean: FloatArray, overlap: float, size: int = 1) 
     series = joined(blocks.rows(drawn))
     means = mean + series.mean
     variances = series.squares / np.maximum(series.n - 1.0, 1.0)[:, None]
-    figures = np.linalg.norm(means, axis=1) + 3.0 * np.sqrt(np.sum(variances, axis=1))
+    figures = mean_plus_3sigma(np.linalg.norm(means, axis=1), np.sqrt(np.sum(variances, axis=1)))
     lags = np.arange(1.0, np.ceil(overlap))
     fall = 1.0 - lags / overlap
     shown = np.maximum(1.0 - lags / float(block * size), 0.0)

@@ -44,8 +44,7 @@ def is_moving(judged: SubTrajectories) -> Mask:
     moved_m = [np.linalg.norm(formulas.displacement(position, starts, at), axis=1) for at in places]
     farthest_m = np.max(moved_m, axis=0)
     attitude = judged.poses.true_attitude
-    cosine = np.abs(np.sum(attitude[starts] * attitude[ends], axis=1))
-    turn_deg = np.degrees(2.0 * np.arccos(np.minimum(cosine, 1.0)))
+    turn_deg = formulas.attitude_error_deg(attitude[ends], attitude[starts])  # the rotation from start to end
     least_deg = max(TURN_DEG, MOVING_SHARE * np.max(turn_deg, initial=0.0))
     return np.asarray((farthest_m > MOVING_SHARE * np.max(farthest_m, initial=0.0)) | (turn_deg > least_deg))
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import KINDS, Subject
+from sfr_loc_map.metrics.formulas import mean_plus_3sigma
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import POOLED, Figure, figure_row
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
@@ -81,13 +82,13 @@ def pooled_row(figure: str, condition: str, used: Sequence[tuple[str, Sequence[F
     sigmas = np.array([[row.sigma or 0.0 for row in rows] for _, rows in used], np.float64)
     squares = np.square(sigmas) * (count[:, None] - 1.0)
     mean, sigma = (float(values[0]) for values in _pooled(count, means, squares, np.ones((1, len(count)))))
-    found: dict[str, Any] = {"mean": mean, "sigma": sigma, "mean_plus_3sigma": mean + 3.0 * sigma}
+    found: dict[str, Any] = {"mean": mean, "sigma": sigma, "mean_plus_3sigma": mean_plus_3sigma(mean, sigma)}
     if means.shape[1] == 1:  # the mean of a scalar figure keeps its sign
         found["mean"] = float(count @ means[:, 0]) / total
     if many >= MIN_DRIVES and found["mean_plus_3sigma"] > 0.0:
         weights = drawn_weights(many)[:, [numbers[drive] for drive, _ in used]]
         drawn_means, drawn_sigmas = _pooled(count, means, squares, weights)
-        logs = np.log(np.maximum(drawn_means + 3.0 * drawn_sigmas, 1e-300))
+        logs = np.log(np.maximum(mean_plus_3sigma(drawn_means, drawn_sigmas), 1e-300))
         factor = float(np.exp(half_width(logs, many)))
         found["low95"], found["high95"] = found["mean_plus_3sigma"] / factor, found["mean_plus_3sigma"] * factor
     return figure_row(figure, condition, POOLED, n=total, independent=many, **found)
