@@ -1,12 +1,13 @@
 """Options that several subcommands share, and functions that interpret their values.
 
-The help shows options without a panel first. The panels contain less common options.
+The help shows options without a panel first. The panels contain less common options. The option `--live` is in
+`live_option`, options that only the commands of a group share are in the module of the group.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -30,6 +31,13 @@ MORE = "More"
 METHOD = "Method under test"
 CONVENTION = "Convention of an estimate other than poses of RB in DS"
 _NAMESPACE = re.compile(r"/?([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?/?")
+
+
+def refuse_given(options: Mapping[str, object], reason: str) -> None:
+    """Raise ConfigError for the first of the options that was given, because it would have no effect."""
+    for name, value in options.items():
+        if value:
+            raise ConfigError(f"'{name}' {reason}")
 
 
 # ---- sources and their configuration

@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption
+from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption, refuse_given
 from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show, warn
 from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, is_judged, not_judged
 from sfr_loc_map.config import build
@@ -98,62 +98,62 @@ def report(
     check_suffix(output, FORMATS)
     check_suffix(test_report, HTML_SUFFIXES)
     check_suffix(control, (".csv",))
-    check_outputs(
-        json_path, output, test_report, junit, control, inputs=(*results, *(evidence or ()), truth), overwrite=overwrite
-    )
-    is_test = any(path is not None for path in (test_report, junit, control))
-    if evidence and test_report is None:
-        raise ConfigError("'--evidence' is shown in the test report: give --test-report T.html, too")
-    if not all(path.suffix == ".json" for path in results):
-        if is_test:
-            raise ConfigError(f"'{results[0]}': a test report requires scores: give *.json of sfr score or replay")
-        if all((path / "plan.json").is_file() for path in results):
-            _compare_suites(results, output, json_path)
+    read = (*results, *(evidence or ()), truth)
+    check_outputs(json_path, output, test_report, junit, control, inputs=read, overwrite=overwrite)
+    of_test_report = {"--evidence": evidence, "--title": title}
+    of_test = {"--test-report": test_report, "--junit": junit, "--control": control}
+    of_trajectories = {"--truth": truth, "--align": align != "none"}
+    if test_report is None:
+        refuse_given(of_test_report, "is shown in the test report: give --test-report T.html, too")
+    if test_report is None and control is None:
+        heading = {"--number": number, "--issue": issue}
+        refuse_given(heading, "is shown in the test report: give --test-report T.html or --control F.csv, too")
+    if all(path.suffix == ".json" for path in results):
+        refuse_given(of_trajectories, "applies only to trajectories, but scores were given: omit it")
+        scores = _read_scores(results)
+        if any(path is not None for path in of_test.values()):
+            pages = {"--output": output, "--json": json_path}
+            refuse_given(pages, "is not written with --test-report, --junit or --control: omit it")
+            _sign(results, scores, (title, number, issue), evidence or (), test_report, junit, control)
+            _conclude_signed(scores, lenient=lenient)
             return
-        if json_path is not None:
-            raise ConfigError(
-                f"'--json {json_path}' requires scores, but trajectories were given: omit it, or compute figures with "
-                "sfr score EST TRUTH --json"
-            )
-        config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
-        _draw(results, truth, config, output)
+        if len(scores) > 1:
+            _compare_scores(results, scores, output, json_path)
+        else:
+            page = results[0].with_name("report.html") if output is None else output
+            check_outputs(page, inputs=results, overwrite=overwrite)
+            _write_score(scores[0], page, json_path)
+        _conclude_all(scores, lenient=lenient)
         return
-    from msgspec.structs import replace as struct_replace
+    refuse_given(of_test, f"requires scores, but '{results[0]}' is none: give *.json of sfr score or replay")
+    if all((path / "plan.json").is_file() for path in results):
+        refuse_given(of_trajectories, "applies only to trajectories, but suites were given: omit it")
+        _compare_suites(results, output, json_path)
+        return
+    refuse_given(
+        {"--json": json_path},
+        "requires scores, but trajectories were given: omit it, or compute figures with sfr score EST TRUTH --json",
+    )
+    config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
+    _draw(results, truth, config, output)
 
-    from sfr_loc_map.metrics.judging.several_scores import common_verdict, each_by_its_limits
+
+def _read_scores(paths: list[Path]) -> list[Score]:
+    """Return the scores of files, each judged by its limits; a score whose limits are unavailable has a warning."""
+    from msgspec.structs import replace
+
+    from sfr_loc_map.metrics.judging.several_scores import each_by_its_limits
     from sfr_loc_map.metrics.score_json import load_score
     from sfr_loc_map.scoring.provenance import limits_not_seen
 
-    read = []
-    for path in results:
+    scores = []
+    for path in paths:
         score = load_score(path)
         if (unseen := limits_not_seen(score, str(path))) is not None:
             warn(unseen)
-            score = struct_replace(score, warnings=(*score.warnings, unseen))
-        read.append(score)
-    scores = each_by_its_limits(read)
-    if is_test:
-        if output is not None:
-            raise ConfigError(
-                f"'-o {output}' writes the comparison page, which is not written with --test-report, --junit or "
-                "--control: omit -o"
-            )
-        common = common_verdict(scores)
-        _write_test_report(scores, test_report, (title, number, issue), junit, common.text, evidence or ())
-        if control is not None:
-            named = dict(zip(map(str, results), scores, strict=True))
-            _write_control_document(named, control, (number, issue))
-        _conclude_all(scores, lenient=lenient)
-        if common.text or not all(map(is_judged, scores)):
-            not_judged([common.text or NO_LIMITS], lenient=lenient)
-        return
-    elif len(scores) > 1:
-        _compare_scores(results, scores, output, json_path)
-    else:
-        page = results[0].with_name("report.html") if output is None else output
-        check_outputs(page, inputs=results, overwrite=overwrite)
-        _write_score(scores[0], page, json_path)
-    _conclude_all(scores, lenient=lenient)
+            score = replace(score, warnings=(*score.warnings, unseen))
+        scores.append(score)
+    return each_by_its_limits(scores)
 
 
 def _write_score(score: Score, page: Path, json_path: str | None) -> None:
@@ -191,30 +191,54 @@ def _conclude_all(scores: list[Score], *, lenient: bool) -> None:
         raise undecided
 
 
-def _write_test_report(
-    scores: list[Score],
-    test_report: Path | None,
-    heading: tuple[str, str, str],
-    junit: Path | None,
-    no_common_verdict: str,
-    evidence: Sequence[Path],
-) -> None:
-    """Write the test report of scores and their verdicts as JUnit XML, each if requested."""
-    from sfr_loc_map.report.junit import junit as junit_of
-    from sfr_loc_map.report.test_report import render_test_report
+def _conclude_signed(scores: list[Score], *, lenient: bool) -> None:
+    """Raise the error of the verdicts of scores; without limits, or without a common verdict, they are not judged."""
+    from sfr_loc_map.metrics.judging.several_scores import common_verdict
 
+    _conclude_all(scores, lenient=lenient)
+    reason = common_verdict(scores).text
+    if reason or not all(map(is_judged, scores)):
+        not_judged([reason or NO_LIMITS], lenient=lenient)
+
+
+def _sign(
+    paths: list[Path],
+    scores: list[Score],
+    heading: tuple[str, str, str],
+    evidence: Sequence[Path],
+    test_report: Path | None,
+    junit: Path | None,
+    control: Path | None,
+) -> None:
+    """Write the test report, the JUnit file and the control document, each if requested.
+
+    `heading` has the title, the number and the issue of the test report.
+    """
     if junit is not None:
-        named = {f"score {n}": score for n, score in enumerate(scores, 1)}
-        without = {name: NO_LIMITS for name, score in named.items() if not is_judged(score)}
-        if no_common_verdict and not without:
-            without = {"all scores together": no_common_verdict}
-        write_text(junit_of({name: score for name, score in named.items() if name not in without}, without), junit)
+        _write_junit(scores, junit)
     if test_report is not None:
+        from sfr_loc_map.report.test_report import render_test_report
         from sfr_loc_map.suite.pages.evidence_files import read_evidence
 
         write_text(render_test_report(scores, *heading, read_evidence(evidence)), test_report)
         say(f"test report: {test_report}")
         propose(f"open {test_report} in a browser, print it for the signatures")
+    if control is not None:
+        _, number, issue = heading
+        _write_control_document(dict(zip(map(str, paths), scores, strict=True)), control, (number, issue))
+
+
+def _write_junit(scores: list[Score], junit: Path) -> None:
+    """Write the verdicts as JUnit XML; a score without limits, or a missing common verdict, is an error in the file."""
+    from sfr_loc_map.metrics.judging.several_scores import common_verdict
+    from sfr_loc_map.report.junit import junit as junit_of
+
+    named = {f"score {number}": score for number, score in enumerate(scores, 1)}
+    judged = {name: score for name, score in named.items() if is_judged(score)}
+    unjudged = {name: NO_LIMITS for name in named if name not in judged}
+    if not unjudged and (reason := common_verdict(scores).text):
+        unjudged = {"all scores together": reason}
+    write_text(junit_of(judged, unjudged), junit)
 
 
 def _write_control_document(scores: dict[str, Score], control: Path, report: tuple[str, str]) -> None:
@@ -242,8 +266,7 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
     from sfr_loc_map.report.page import render_overview
     from sfr_loc_map.report.summary import Overall
 
-    if page is not None and page.suffix not in HTML_SUFFIXES:
-        raise ConfigError(f"'-o {page}': a comparison is a page: name it *.html")
+    _check_page(page)
     names = names_of(paths, scores)
     result = compare_scores(scores, names)
     tables = [*methods_tables(scores, names), *comparison_tables(result)]
@@ -255,6 +278,11 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
         propose("... -o comparison.html", why="the same as a page with figures")
     shown = [table for table in tables if table.name != "provenance"]  # too wide for a terminal; the page has it
     show(result.to_dict(), json_path, shown)
+
+
+def _check_page(page: Path | None) -> None:
+    if page is not None and page.suffix not in HTML_SUFFIXES:
+        raise ConfigError(f"'-o {page}': a comparison is a page: name it *.html")
 
 
 def _compare_suites(folders: list[Path], page: Path | None, json_path: str | None) -> None:
@@ -269,6 +297,7 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
     if len(folders) != 2:
         what = "sfr suite report makes the page of one" if len(folders) == 1 else "sfr suite history takes several"
         raise ConfigError(f"{len(folders)} folders of suites given: exactly two are compared; {what}")
+    _check_page(page)
     reference, compared = (summarise(Store(folder)) for folder in folders)
     result = compare_suites(reference, compared, (str(folders[0]), str(folders[1])))
     tables = comparison_tables(result)

@@ -34,6 +34,7 @@ from sfr_loc_map.cli.options import (
     judgement,
     named_beside,
     parse_settings,
+    refuse_given,
 )
 from sfr_loc_map.cli.output import HTML_SUFFIXES, STANDARD_OUTPUT, beside, check_outputs, check_suffix, say, show
 from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, is_judged, not_judged, present
@@ -233,8 +234,7 @@ def score(
             "--target-timing": target_timing,
             "--target-run": target_run,
         }
-        if given := [name for name, value in unused.items() if value]:
-            raise ConfigError(f"'--diagnose' shows the convention mismatches and makes no score: omit {given[0]}")
+        refuse_given(unused, "has no effect with --diagnose, which makes no score: omit it")
         _diagnose(inputs, config, json_path, lenient=lenient)
         return
     inputs = _measured_on(inputs, target, target_timing, target_run)

@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 from helpers.made_scores import whole_score
 from sfr_loc_map.cli.main import app
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.errors import ConfigError, InputError, OutputError
 from sfr_loc_map.metrics.score_json import to_json
 
 
@@ -25,3 +26,35 @@ def test_a_missing_score_leaves_nothing(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["report", str(tmp_path / "none.json")])
     assert isinstance(result.exception, InputError)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "refused"),
+    [
+        (("--truth", "truth.csv"), "--truth"),
+        (("--align", "se3"), "--align"),
+        (("--title", "A test"), "--title"),
+        (("--junit", "v.xml", "--number", "TR-7"), "--number"),
+        (("--junit", "v.xml", "--json", "all.json"), "--json"),
+        (("--control", "v.csv", "-o", "page.html"), "--output"),
+    ],
+)
+def test_an_option_without_effect_is_refused_and_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], refused: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("score.json").write_text(to_json(whole_score()))
+    result = CliRunner().invoke(app, ["report", "score.json", *options])
+    assert isinstance(result.exception, ConfigError)
+    assert str(result.exception).startswith(f"'{refused}' ")
+    assert [path.name for path in tmp_path.iterdir()] == ["score.json"]
+
+
+def test_a_comparison_of_suites_is_a_page(tmp_path: Path) -> None:
+    for name in ("before", "after"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "plan.json").write_text("{}")
+    words = ["report", str(tmp_path / "before"), str(tmp_path / "after"), "-o", str(tmp_path / "page.md")]
+    result = CliRunner().invoke(app, words)
+    assert isinstance(result.exception, ConfigError)
+    assert "a comparison is a page" in str(result.exception)
