@@ -7,7 +7,8 @@ The messages of a bag that is played as recorded are passed on unchanged. Other 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
@@ -76,6 +77,23 @@ def parts_of_pairs(source: Source) -> dict[tuple[str, int], tuple[str, int]]:
             for topic, stamp_ns in stamps_ns.items():
                 found[topic.removesuffix(COMPRESSED_END), stamp_ns] = (rig, pair_ns)
     return found
+
+
+class PairTracker:
+    """Reports when all messages of a stereo pair, including a required pose, have been published."""
+
+    def __init__(self, parts: Mapping[tuple[str, int], tuple[str, int]]) -> None:
+        """Start before the first message; `parts` is the result of `parts_of_pairs`."""
+        self._pair_of = parts
+        self._missing = Counter(parts.values())  # unpublished messages of each pair
+
+    def add(self, message: Message) -> tuple[str, int] | None:
+        """Add a published message; return rig and stamp of the completed pair, or None."""
+        pair = self._pair_of.get((message.topic.removesuffix(COMPRESSED_END), message.stamp_ns))
+        if pair is None:
+            return None
+        self._missing[pair] -= 1
+        return None if self._missing[pair] else pair
 
 
 def messages_of(source: Source) -> Iterator[Message]:

@@ -40,7 +40,8 @@ from sfr_loc_map.run_order import AGREEING
 from sfr_loc_map.runs.calls import CallRecord, call_of_fusion, call_of_stages
 from sfr_loc_map.topics import CLOUD, DISPARITY, ELEVATION, HAZARD, NAV_POSE
 
-POSE_DEPTH, OUTPUT_DEPTH = 100, 10  #: Queue depths of nav/pose and of the disparity; clouds and grids are latched.
+POSE_DEPTH = 100  #: Queue depth of nav/pose.
+OUTPUT_DEPTH = 10  #: Queue depth of the disparity; clouds and grids are latched.
 OVERDUE_S = 0.2  #: Period of the check for pairs that have waited too long for their pose.
 ANY_RIG = StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1)  #: Rig for checking parameters before the rig is known.
 
@@ -103,15 +104,15 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._poses_received = 0  # since the last `look_around`
         self._lm_frame = config.frame(config.lm_frame)
         self._pairs: list[CountedPair] = []  # of the map in progress
+        self._mapped_rig: StereoRig | None = None  # of the pairs that the worker processes; `rig` may be newer
         self._mapper: Mapper | None = None  # for the parameters and the mapped rig, created on demand
-        self._mapped_rig: StereoRig | None = None
         self._matching: PoseMatching[ReceivedPair] = PoseMatching(
             config.input.stamp_tolerance_ns, config.pose_wait_s, self._report_without_pose
         )
 
     def apply_config(self, config: MappingNodeConfig) -> None:
         """Process the next pairs with changed parameters; pairs of the map in progress are kept."""
-        self.worker.enqueue(lambda: self._set_rig(self._mapped_rig))
+        self.worker.enqueue(self._forget_mapper)
 
     def reset_received(self) -> None:
         """Reset the counts of received messages."""
@@ -149,7 +150,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
             if self._mapped_rig is not None:
                 self.get_logger().warning("camera_info has changed: a new map begins")
             self._pairs.clear()
-            self._set_rig(rig)
+            self._mapped_rig = rig
+            self._forget_mapper()
 
         self._matching.clear_pairs()
         self.worker.enqueue(work)
@@ -189,8 +191,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     # ---- in the worker's thread
 
-    def _set_rig(self, rig: StereoRig | None) -> None:
-        self._mapped_rig, self._mapper = rig, None
+    def _forget_mapper(self) -> None:
+        self._mapper = None
 
     def _mapper_of_rig(self) -> Mapper:
         """Return the mapper; raise an `SfrError` if there is no rig yet, or if the parameters do not suit the rig."""

@@ -55,8 +55,7 @@ from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TRUE_POINTS, call_topi
 
 ESTIMATES, TRUTH = "estimate", "truth"
 SOURCES = (ESTIMATES, TRUTH, NAV_POSE, Task.LOCALISATION, *MappingState)
-"""Sources of stamped messages. A new run of one source is a new run of all. The mapper calls of each state are one
-source, because calls of different states have the same stamp."""
+"""Sources of stamped messages, in step: a new run of one source is a new run of all."""
 IN_FLIGHT_S = 5.0  #: During a run, results of pairs younger than this do not count as missing.
 
 
@@ -107,7 +106,14 @@ class MonitorNodeConfig(NodeConfig):
 
 
 class MonitorNode(ManagedNode[MonitorNodeConfig]):
-    """Receives estimates, ground truth, clouds and calls, and publishes the score."""
+    """Receives estimates, ground truth, clouds and calls, and publishes the score.
+
+    What is discarded at each event:
+
+    - new run of any source: what was scored of the previous run (`_begin_run`); `CommonRuns` drops its late messages
+    - `~/reset`: as at a new run, and the stamps of all sources
+    - configuration, clean-up: everything (`reset_state`)
+    """
 
     task = "monitor"
     config_type = MonitorNodeConfig
@@ -253,7 +259,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self._score_maps()
             self._note(call.stamp_ns)
 
-        self._add_in_order(task if task is Task.LOCALISATION else call.state, call.stamp_ns, add)
+        # Mapper calls of different states may have the same stamp, so that each state is a source.
+        source = task if task is Task.LOCALISATION else call.state
+        self._add_in_order(source, call.stamp_ns, add)
 
     def _on_pose(self, message: PoseStamped) -> None:
         stamp_ns = stamp_of(message)

@@ -21,11 +21,19 @@ from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.calibration.camera_info import rig_from_camera_info
 from sfr_loc_map.io.convert import ConvertOptions, convert
 from sfr_loc_map.io.images.codec import samples_of
-from sfr_loc_map.io.message_stream import Message, begin_of, between, end_of, messages_of, parts_of_pairs, topics_of
+from sfr_loc_map.io.message_stream import (
+    Message,
+    PairTracker,
+    begin_of,
+    between,
+    end_of,
+    messages_of,
+    parts_of_pairs,
+    topics_of,
+)
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
-from sfr_loc_map.nodes.replay.pacing import PairTracker
 
 
 def played(path: Path, remap: dict[str, str] | None = None) -> dict[tuple[str, int], Message]:

@@ -132,7 +132,7 @@ class TruthInput(ABC):
     """Receives the true poses that a node uses for scoring."""
 
     @abstractmethod
-    def subscribe(self, subscribe: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
+    def subscribe(self, add_subscription: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
         """Receive true poses; `add` is called with the poses of each message."""
 
     @property
@@ -152,12 +152,12 @@ class TopicTruthInput(TruthInput):
         """Receive nothing yet."""
         self._node, self._reliability = node, reliability
 
-    def subscribe(self, subscribe: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
+    def subscribe(self, add_subscription: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
         """Receive true poses of the published type."""
 
         def subscribe_to(msgtype: str) -> Callable[[], object]:
             reader = TruePoses(msgtype)
-            return subscribe(message_type(msgtype), TRUE_POSES, lambda message: add(reader.rows(message)), qos)
+            return add_subscription(message_type(msgtype), TRUE_POSES, lambda message: add(reader.rows(message)), qos)
 
         self._topic = TruthTopic(subscribe_to)
 
@@ -180,7 +180,7 @@ class FrameTruthInput(TruthInput):
         self._frame = frame
         self._reader = TruthFrame(frame)
 
-    def subscribe(self, subscribe: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
+    def subscribe(self, add_subscription: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
         """Receive the transforms."""
         kind = tf_message_type()
         if kind is None:
@@ -191,8 +191,8 @@ class FrameTruthInput(TruthInput):
 
         on_static = partial(on_transforms, is_static=True)
         on_moving = partial(on_transforms, is_static=False)
-        subscribe(kind, TF_STATIC, on_static, TF_STATIC_QOS, has_several_publishers=True)
-        subscribe(kind, TF, on_moving, qos, has_several_publishers=True)
+        add_subscription(kind, TF_STATIC, on_static, TF_STATIC_QOS, has_several_publishers=True)
+        add_subscription(kind, TF, on_moving, qos, has_several_publishers=True)
 
     @property
     def strays(self) -> int:

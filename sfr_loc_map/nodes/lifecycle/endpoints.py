@@ -90,7 +90,7 @@ class Endpoints:
         return partial(self._node.destroy_subscription, subscription)
 
     def add_latched(self, kind: type[Any], topic: str, callback: Callable[..., None]) -> None:
-        """Subscribe to latched messages."""
+        """Subscribe to latched messages, beside a volatile subscription that reports incompatible publishers."""
         subscription = self._node.create_subscription(
             kind,
             topic,

@@ -131,7 +131,7 @@ class ResultCollector:
                 return
             if count != results.count:
                 count, deadline = results.count, time.monotonic() + QUIET_S
-            self._peer.spin_for(POLL_S)
+            self._peer.spin(POLL_S)
             self._check_nodes()
 
     def _on_odometry(self, message: Odometry) -> None:

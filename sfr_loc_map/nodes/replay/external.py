@@ -64,7 +64,7 @@ class ExternalNode(ABC):
         self.options = options
         self.version: str | None = None
         self._peer, self._command = peer, command
-        self._name = "external"
+        self._name = "external" if command is None else command.name  # until the graph reports the node
         self._watch: ProcessWatch | None = None
         self._results = results
         self._answers = AnswerBook(options.timeout_s, options.frames)
@@ -84,7 +84,16 @@ class ExternalNode(ABC):
         self._answers.note_sent(stamp_ns, sent_s)
 
     def wait_until_ready(self, topics: list[str]) -> None:
-        """Wait until the node subscribes to images; subscribe to its answers with the offered reliability."""
+        """Wait until the node subscribes to images, subscribe to its answers, and start measuring its process."""
+        self._wait_for_subscription(topics)
+        self._subscribe_to_answers()
+        if self.options.watch:
+            self._watch = ProcessWatch(processes_named(self.options.watch))
+        elif self._command is not None:
+            self._watch = ProcessWatch([self._command.popen.pid])
+
+    def _wait_for_subscription(self, topics: list[str]) -> None:
+        """Wait until the node subscribes to one of the topics; raise a NodeError if its process ends or it does not."""
         graph, command = self._peer.ros_node, self._command
 
         def listens() -> bool:
@@ -101,6 +110,10 @@ class ExternalNode(ABC):
 
         self._peer.wait_for(listens, self.options.start_timeout_s, problem)
 
+    def _subscribe_to_answers(self) -> None:
+        """Subscribe with the reliability that the publishers offer, and take the name of the node from the graph."""
+        graph = self._peer.ros_node
+
         def are_named() -> bool:
             names = [item.node_name for item in graph.get_publishers_info_by_topic(self.options.topic)]
             return bool(names) and UNKNOWN_NODE not in names
@@ -108,15 +121,11 @@ class ExternalNode(ABC):
         self._peer.spin(PUBLISHER_GRACE_S, are_named)
         publishers = list(graph.get_publishers_info_by_topic(self.options.topic))
         names = {item.node_name for item in publishers} - {UNKNOWN_NODE}
-        self._name = ", ".join(sorted(names)) or (self._name if command is None else command.name)
+        self._name = ", ".join(sorted(names)) or self._name
         reliable = {item.qos_profile.reliability for item in publishers} == {ReliabilityPolicy.RELIABLE}
         policy = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
         quality = QoSProfile(depth=DEPTH, reliability=policy)
         graph.create_subscription(self.kind, self.options.topic, self._on_answer, quality)
-        if self.options.watch:
-            self._watch = ProcessWatch(processes_named(self.options.watch))
-        elif command is not None:
-            self._watch = ProcessWatch([command.popen.pid])
 
     def result(self) -> ExternalResult:
         """Return answers and process of the node, and stop measuring the process; called while the process runs."""

@@ -76,7 +76,7 @@ def is_ros_parameter_file(path: Path) -> bool:
 
 
 def first_pose(source: Source, start: str, offset_s: float) -> StartPose | None:
-    """Return the start pose of a drive that is played from an offset; None for the identity or without a drive."""
+    """Return the start pose of a localisation that is played from an offset; None for the identity or without one."""
     if source.loc is None or start == "identity":
         return None
     with naming(source.path):

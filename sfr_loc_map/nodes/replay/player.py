@@ -5,6 +5,7 @@ The services have the names of the rosbag2 player: `~/pause` and `~/resume` (std
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Mapping
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -14,7 +15,6 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.message_stream import Message
 from sfr_loc_map.localisation.estimate import StartPose
-from sfr_loc_map.nodes.replay.pacing import Pacer
 from sfr_loc_map.nodes.replay.replay_peer import ANSWER_TIMEOUT_S, ReplayPeer
 from sfr_loc_map.nodes.ros.messages import header_msg, message_type, pose_msg
 from sfr_loc_map.nodes.ros.peer import POLL_S
@@ -22,6 +22,26 @@ from sfr_loc_map.topics import INITIAL_POSE, INITIAL_POSE_SET
 
 START_TIMEOUT_S = 300.0  #: Long, because the first start after an installation compiles the kernels.
 SOURCE_DEPTH = 20
+
+
+class Pacer:
+    """Computes when a message is due, from its stamp and the rate; each rig has its own clock."""
+
+    def __init__(self, rate: float) -> None:
+        """Set the rate, a multiple of the recorded speed; at a rate of 0, each message is due immediately."""
+        self._rate = rate
+        self._origins: dict[str, tuple[float, int]] = {}  # by rig: time and stamp of the first message
+
+    def restart(self) -> None:
+        """Restart the clocks at the next message, as after a pause."""
+        self._origins.clear()
+
+    def wait_s(self, message: Message) -> float:
+        """Return the time until a message is due, s; 0 if it is due."""
+        if self._rate <= 0.0:
+            return 0.0
+        begin_s, first_ns = self._origins.setdefault(message.rig, (time.monotonic(), message.stamp_ns))
+        return max(begin_s + (message.stamp_ns - first_ns) * 1e-9 / self._rate - time.monotonic(), 0.0)
 
 
 class Player:

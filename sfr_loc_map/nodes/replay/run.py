@@ -46,25 +46,22 @@ def replay_and_score(
 
     `progress` is called with the rig of each played pair, `say` with a line about each step. The correction applies to
     the poses of an external localiser. If a signal ends the replay, the played part is scored; without any result, a
-    KeyboardInterrupt is raised. If the replay fails, the results received before are written, but not scored.
+    KeyboardInterrupt is raised. If the replay or the conversion fails, the received results are written but not scored.
     """
     results = ReceivedResults(None if options.external is None else options.external.task)
     with naming(source.path):
         try:
-            was_interrupted = replay(source, options, results, progress, say)
+            was_interrupted = replay(source, options, results, progress=progress, say=say)
+            result = with_converted_poses(results.replay_result(), source, options.score, correction)
         except SfrError as error:
             if files is None or not results.count:
                 raise
-            _save(results.replay_result(), files)
-            raise type(error)(f"{error}; the results received before are in '{files.folder}'") from error
+            _save(results.replay_result(), files)  # poses of an external node are saved as published
+            raise type(error)(f"{error}; the received results are in '{files.folder}'") from error
         if was_interrupted and not results.count:
             raise KeyboardInterrupt
-        result = results.replay_result()
-        try:
-            result = with_converted_poses(result, source, options.score, correction)
-        finally:
-            if files is not None:
-                _save(result, files)  # poses that cannot be converted are saved as published
+        if files is not None:
+            _save(result, files)
         remarks = tuple(_remarks(results, options))
     score = score_replay(
         source,

@@ -23,7 +23,6 @@ from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import external_node
 from sfr_loc_map.nodes.replay.node_arguments import node_arguments, pairs_per_map
 from sfr_loc_map.nodes.replay.options import ReplayOptions
-from sfr_loc_map.nodes.replay.pacing import PairTracker
 from sfr_loc_map.nodes.replay.player import Player
 from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
@@ -43,7 +42,7 @@ class Participants(NamedTuple):
     collector: ResultCollector
 
 
-def replay(source: Source, options: ReplayOptions, results: ReceivedResults, progress: Progress, say: Say) -> bool:
+def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, progress: Progress, say: Say) -> bool:
     """Replay a source through the nodes, and add what they publish to `results`.
 
     Returns whether a signal ended the replay early. After an error, `results` has what was received before.
@@ -65,7 +64,7 @@ def replay(source: Source, options: ReplayOptions, results: ReceivedResults, pro
 def play(source: Source, options: ReplayOptions, participants: Participants, progress: Progress) -> None:
     """Publish a source until its end or until the player is stopped, then wait for the missing results."""
     _, player, collector = participants
-    pairs = PairTracker(message_stream.parts_of_pairs(source))
+    pairs = message_stream.PairTracker(message_stream.parts_of_pairs(source))
     if options.start is not None:
         player.set_pose(options.start)
 

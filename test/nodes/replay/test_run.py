@@ -68,7 +68,7 @@ def test_the_estimate_is_saved_if_the_mapper_published_no_cloud(
     source = open_source(write_folder(tmp_path / "source", 3, 1))
     stamps_ns = list(source.loc.stamps_ns)
 
-    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, *_: object) -> bool:
+    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, **_: object) -> bool:
         add_results(results, stamps_ns)
         return False
 
@@ -86,13 +86,13 @@ def test_the_results_before_an_error_are_saved(tmp_path: Path, monkeypatch: pyte
     files = ReplayFiles(tmp_path)
     files.report.write_text("of an earlier replay", encoding="utf-8")
 
-    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, *_: object) -> bool:
+    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, **_: object) -> bool:
         for stamp_ns in stamps_ns:
             results.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.eye(6))
         raise NodeError("mapping_node was killed by SIGKILL")
 
     monkeypatch.setattr(run, "replay", replayed)
-    text = f"; the results received before are in '{tmp_path}'" if count else ""
+    text = f"; the received results are in '{tmp_path}'" if count else ""
     with pytest.raises(NodeError, match=f"^mapping_node was killed by SIGKILL{re.escape(text)}$"):
         replay(tmp_path, Correction())
     assert files.estimate.exists() == bool(count)
@@ -107,7 +107,7 @@ def test_poses_that_cannot_be_converted_are_saved_as_published(tmp_path: Path, m
     score = ExternalScore(task=Task.LOCALISATION.value, topic="pose", frames="", answers=AnswerCounts(), latency_s=None)
     method = MethodRecord(name="theirs", version=None, kind=MethodKind.EXTERNAL)
 
-    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, *_: object) -> bool:
+    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, **_: object) -> bool:
         add_results(results, stamps_ns)
         results.external = ExternalResult(method, score, ())
         return False
