@@ -55,7 +55,8 @@ def info(
 ) -> None:
     """Show the content of a source and the issues that block its use, each with its fix; exit 1 if there are any."""
     from sfr_loc_map.doctor.examination import examine
-    from sfr_loc_map.doctor.fixes import observe, with_fix
+    from sfr_loc_map.doctor.fixes import with_fix
+    from sfr_loc_map.doctor.observation import observe
     from sfr_loc_map.io.source_config import SourceConfig, config_beside
     from sfr_loc_map.source_setup.facts import facts_of, facts_tables
 

@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.findings import Finding
-from sfr_loc_map.doctor.observation import Observation, observe_bag, observe_source
+from sfr_loc_map.doctor.observation import observe
 from sfr_loc_map.errors import SfrError
-from sfr_loc_map.io.bag.files import is_bag
-from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.source_setup.proposal import propose_config
-
-
-def observe(source: Path, config: SourceConfig, advance: Callable[[], None] = lambda: None) -> Observation:
-    """Return the observation of a source; `advance` is called once for each pair that is read."""
-    if is_bag(source) and config.uses_messages_as_recorded:
-        return observe_bag(source, config)
-    return observe_source(source, config, advance)
 
 
 def with_fix(

@@ -16,6 +16,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.bag.bag import TYPESTORE, Bag, Topic, read_extrinsics
+from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.message_stream import messages_of
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
@@ -149,6 +150,16 @@ class Observation:
     def has_images(self, rig: str) -> bool:
         """Return whether there are images of both sides."""
         return all((topic := self.images(rig, side)) is not None and topic.messages for side in SIDES)
+
+
+def observe(source: Path, config: SourceConfig, progress: Callable[[], None] = lambda: None) -> Observation:
+    """Return the observation of a source; `progress` is called once for each pair that is read.
+
+    The messages of a bag are observed as they were recorded, unless the configuration changes them.
+    """
+    if is_bag(source) and config.uses_messages_as_recorded:
+        return observe_bag(source, config)
+    return observe_source(source, config, progress)
 
 
 def _collected(stream: Iterable[tuple[str, int, Callable[[], Any]]]) -> tuple[dict[str, ObservedTopic], str]:

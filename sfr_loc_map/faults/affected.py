@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,15 +14,6 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 READ_NOISE = 1.0  #: Noise of a camera without light, grey levels.
 
 
-class Moment(NamedTuple):
-    """Time and random values of an affected pair."""
-
-    progress: float  #: Elapsed fraction of the burst, 0 to 1.
-    pair: int  #: Index of the pair in the source.
-    spot: FloatArray  #: `(2,)` random point, as fractions of width and height.
-    rng: np.random.Generator  #: Random generator of the pair.
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Affected:
     """The inputs of a fault function: the affected pair, the previous pair, the next stamp and random values."""
@@ -32,9 +22,12 @@ class Affected:
     pair: StereoPair  #: The pair before this fault, with the previous faults.
     previous: StereoPair | None  #: The last new pair before this fault; None for the first pair.
     following_ns: int | None  #: Stamp of the next pair of the source, with faults of the clock; None after the last.
-    moment: Moment
     rig: StereoRig  #: The true rig.
-    fixed: np.random.Generator  #: Random generator with the same seed for all pairs of a drive.
+    index: int  #: Index of the pair in the source.
+    progress: float  #: Elapsed fraction of the burst, 0 to 1.
+    spot: FloatArray  #: `(2,)` random point, as fractions of width and height.
+    pair_rng: np.random.Generator  #: Random generator of the pair.
+    drive_rng: np.random.Generator  #: Random generator with the same seed for all pairs of a drive.
 
     @property
     def amount(self) -> float:

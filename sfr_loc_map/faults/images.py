@@ -79,7 +79,7 @@ def right_camera_rotated(axis: int, sign: float, at: Affected) -> StereoPair:
 
 def drifting(at: Affected) -> StereoPair:
     """Turn the right camera to the left at a constant rate, from the pair `start` of the fault on."""
-    progress = max((at.moment.pair - at.fault.start) / DRIFT_PAIRS, 0.0)
+    progress = max((at.index - at.fault.start) / DRIFT_PAIRS, 0.0)
     return replace(at.pair, right=rotated(at.pair.right, 1, -at.amount * progress, at.rig))
 
 
@@ -119,7 +119,7 @@ def blurred(image: GreyImage, at: Affected) -> GreyImage:
 def sheared(image: GreyImage, at: Affected) -> GreyImage:
     """Shift each row in proportion to its distance from the middle row, in a random direction."""
     height = len(image)
-    slope = (at.amount if at.moment.spot[0] < 0.5 else -at.amount) / height
+    slope = (at.amount if at.spot[0] < 0.5 else -at.amount) / height
     shear = np.array([[1.0, slope, -0.5 * slope * height], [0.0, 1.0, 0.0]])
     return as_grey(warped(image.astype(np.float32), shear))
 
@@ -131,25 +131,25 @@ def exposed(image: GreyImage, at: Affected) -> GreyImage:
 
 def noisy(image: GreyImage, at: Affected) -> GreyImage:
     """Add Gaussian noise."""
-    return with_noise(image.astype(np.float32), at.amount, at.moment.rng)
+    return with_noise(image.astype(np.float32), at.amount, at.pair_rng)
 
 
 def faded(image: GreyImage, at: Affected) -> GreyImage:
     """Darken until the image is black in the middle of the burst, then brighten."""
-    return with_noise(abs(2.0 * at.moment.progress - 1.0) * image.astype(np.float32), READ_NOISE, at.moment.rng)
+    return with_noise(abs(2.0 * at.progress - 1.0) * image.astype(np.float32), READ_NOISE, at.pair_rng)
 
 
 def saturated(image: GreyImage, at: Affected) -> GreyImage:
     """Brighten until the fraction `amount` of the image is clipped."""
     white = max(float(np.quantile(image, 1.0 - at.amount)), 1.0)
-    return with_noise(255.0 / white * image.astype(np.float32), READ_NOISE, at.moment.rng)
+    return with_noise(255.0 / white * image.astype(np.float32), READ_NOISE, at.pair_rng)
 
 
 def blinded(image: GreyImage, at: Affected) -> GreyImage:
     """Add a glare around a random point."""
     height, width = image.shape
     y, x = np.mgrid[:height, :width]
-    distance_px = np.hypot(x - at.moment.spot[0] * width, y - at.moment.spot[1] * height)
+    distance_px = np.hypot(x - at.spot[0] * width, y - at.spot[1] * height)
     r = distance_px / max(0.5 * at.amount * width, 1e-6)
     glare = (255.0 * np.minimum(1.2, 1.2 / np.maximum(r, 1e-3) ** 3)).astype(np.float32)
     return as_grey(image.astype(np.float32) + glare)
@@ -169,7 +169,7 @@ def with_previous(change: Callable[[GreyImage, GreyImage, Affected], GreyImage],
 
 def frozen(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:
     """Return the previous image with new noise."""
-    return with_noise(old.astype(np.float32), at.amount, at.moment.rng)
+    return with_noise(old.astype(np.float32), at.amount, at.pair_rng)
 
 
 def ghost(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:

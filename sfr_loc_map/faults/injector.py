@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.faults import images, views
-from sfr_loc_map.faults.affected import Affected, Moment
+from sfr_loc_map.faults.affected import Affected
 from sfr_loc_map.faults.images import following_stamp, stamp_with_fault
 from sfr_loc_map.faults.kinds import Fault, FaultKind
 from sfr_loc_map.geometry.arrays import Mask
@@ -121,10 +121,20 @@ class FaultInjector:
         first = int(self._bursts[number][index])
         if first == UNAFFECTED:
             return pair
-        rng = np.random.default_rng([self._seed, number, index])
-        moment = Moment((index - first + 0.5) / fault.burst, index, rng.random(2), rng)
-        fixed = np.random.default_rng([self._seed, number, self._count])
-        return CHANGES[fault.kind](Affected(fault, pair, previous, following_ns, moment, self._true_rig, fixed))
+        pair_rng = np.random.default_rng([self._seed, number, index])
+        affected = Affected(
+            fault=fault,
+            pair=pair,
+            previous=previous,
+            following_ns=following_ns,
+            rig=self._true_rig,
+            index=index,
+            progress=(index - first + 0.5) / fault.burst,
+            spot=pair_rng.random(2),
+            pair_rng=pair_rng,
+            drive_rng=np.random.default_rng([self._seed, number, self._count]),
+        )
+        return CHANGES[fault.kind](affected)
 
 
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:

@@ -34,7 +34,7 @@ def with_body(at: Affected) -> Views:
     """Cover the bottom rows of both images with a fixed texture, at the depth of the rover's own body."""
     rig = at.rig
     disparity = rig.fx / BODY_DEPTH
-    texture = _texture(rig.height, rig.width + int(disparity) + 2, at.pair.left, at.fixed)
+    texture = _texture(rig.height, rig.width + int(disparity) + 2, at.pair.left, at.drive_rng)
     cover = np.zeros((rig.height, rig.width), np.float32)
     cover[rig.height - round(at.amount * rig.height) :] = 1.0
     left = _covered(at.pair.left, texture[:, : rig.width], cover, at)
@@ -45,9 +45,9 @@ def with_arm(at: Affected) -> Views:
     """Cover a rectangle that enters from below, decelerates and stops at the end of the burst."""
     rig = at.rig
     side, disparity = np.sqrt(at.amount), rig.fx / BODY_DEPTH
-    texture = _texture(2 * rig.height, rig.width, at.pair.left, at.fixed)
-    width, first = round(side * rig.width), round((1.0 - side) * at.fixed.random() * rig.width)
-    rows = round(side * rig.height * np.sin(0.5 * np.pi * min(at.moment.progress, 1.0)))
+    texture = _texture(2 * rig.height, rig.width, at.pair.left, at.drive_rng)
+    width, first = round(side * rig.width), round((1.0 - side) * at.drive_rng.random() * rig.width)
+    rows = round(side * rig.height * np.sin(0.5 * np.pi * min(at.progress, 1.0)))
     cover = np.zeros((rig.height, rig.width), np.float32)
     cover[rig.height - rows :, first : first + width] = 1.0
     view = texture[rows : rows + rig.height]
@@ -58,8 +58,8 @@ def with_arm(at: Affected) -> Views:
 def with_texture(at: Affected) -> Views:
     """Cover the bottom rows of both images with a texture that moves sideways, at the depth of the rover's own body."""
     rig = at.rig
-    shift = round(SPEED * rig.width) * at.moment.pair
-    texture = np.roll(_texture(rig.height, 2 * rig.width, at.pair.left, at.fixed), shift, axis=1)
+    shift = round(SPEED * rig.width) * at.index
+    texture = np.roll(_texture(rig.height, 2 * rig.width, at.pair.left, at.drive_rng), shift, axis=1)
     cover = np.zeros((rig.height, rig.width), np.float32)
     cover[rig.height - round(at.amount * rig.height) :] = 1.0
     there = texture[:, round(rig.fx / BODY_DEPTH) :][:, : rig.width]
@@ -69,7 +69,7 @@ def with_texture(at: Affected) -> Views:
 def with_reflection(at: Affected) -> Views:
     """Blend both images with a fixed texture at the depth of the rover's own body."""
     rig = at.rig
-    texture, kept = _texture(rig.height, rig.width, at.pair.left, at.fixed), 1.0 - at.amount
+    texture, kept = _texture(rig.height, rig.width, at.pair.left, at.drive_rng), 1.0 - at.amount
     there = moved(texture, -rig.fx / BODY_DEPTH)
     left = as_grey(kept * at.pair.left + at.amount * texture)
     return left, as_grey(kept * at.pair.right + at.amount * there)
@@ -80,8 +80,8 @@ def with_scratches(at: Affected) -> Views:
     rig = at.rig
     lines = np.zeros((rig.height, rig.width), np.uint8)
     while np.count_nonzero(lines) < at.amount * lines.size:
-        start, end = (at.fixed.random((2, 2)) * (rig.width, rig.height)).astype(int).tolist()
-        cv2.line(lines, start, end, int(at.fixed.integers(1, 256)), 1)
+        start, end = (at.drive_rng.random((2, 2)) * (rig.width, rig.height)).astype(int).tolist()
+        cv2.line(lines, start, end, int(at.drive_rng.integers(1, 256)), 1)
     light = np.where(lines > 0, SCRATCH_LIGHT * (lines / 128.0 - 1.0), 0.0).astype(np.float32)
     return as_grey(at.pair.left + light), as_grey(at.pair.right + light)
 
@@ -91,10 +91,10 @@ def with_object(at: Affected) -> Views:
     rig = at.rig
     side = np.sqrt(at.amount * 4.0 / np.pi)
     width, height = side * rig.width, side * rig.height
-    texture = _texture(rig.height, rig.width, at.pair.left, at.fixed)
-    centre = at.moment.progress * (rig.width + width) - 0.5 * width
+    texture = _texture(rig.height, rig.width, at.pair.left, at.drive_rng)
+    centre = at.progress * (rig.width + width) - 0.5 * width
     v, u = np.mgrid[: rig.height, : rig.width].astype(np.float32)
-    row = (0.3 + 0.4 * at.fixed.random()) * rig.height
+    row = (0.3 + 0.4 * at.drive_rng.random()) * rig.height
     views = []
     for image, x in zip((at.pair.left, at.pair.right), (centre, centre - rig.fx / OBJECT_DEPTH), strict=True):
         inside = ((u - x) / (0.5 * width + 1e-6)) ** 2 + ((v - row) / (0.5 * height + 1e-6)) ** 2 < 1.0
@@ -110,8 +110,8 @@ def with_dirt(at: Affected) -> Views:
     for image in (at.pair.left, at.pair.right):
         cover = np.zeros((rig.height, rig.width), np.uint8)
         while cover.mean() < at.amount:
-            centre = (round(at.fixed.random() * rig.width), round(at.fixed.random() * rig.height))
-            radius = max(1, round(SPOT_RADIUS * (0.5 + at.fixed.random()) * rig.width))
+            centre = (round(at.drive_rng.random() * rig.width), round(at.drive_rng.random() * rig.height))
+            radius = max(1, round(SPOT_RADIUS * (0.5 + at.drive_rng.random()) * rig.width))
             cv2.circle(cover, centre, radius, 1, -1)
         shade = cv2.GaussianBlur(cover.astype(np.float32), (0, 0), 0.25 * SPOT_RADIUS * rig.width)
         views.append(_darkened(image, np.asarray(shade, np.float32), DIRT_BRIGHTNESS))
@@ -123,7 +123,7 @@ def with_shadow(at: Affected) -> Views:
     rig = at.rig
     side = np.sqrt(at.amount)
     width, height = round(min(side, 0.9) * rig.width), round(at.amount / min(side, 0.9) * rig.height)
-    first = round(at.fixed.random() * (rig.width - width))
+    first = round(at.drive_rng.random() * (rig.width - width))
     shade = np.zeros((rig.height, rig.width), np.float32)
     shade[rig.height - min(height, rig.height) :, first : first + width] = 1.0
     shade = cv2.GaussianBlur(shade, (0, 0), 0.01 * rig.width).astype(np.float32)
@@ -131,8 +131,8 @@ def with_shadow(at: Affected) -> Views:
     return _darkened(at.pair.left, shade, SHADOW_BRIGHTNESS), _darkened(at.pair.right, there, SHADOW_BRIGHTNESS)
 
 
-def _texture(height: int, width: int, like: GreyImage, fixed: np.random.Generator) -> FloatImage:
-    noise = fixed.standard_normal((2, height, width), np.float32)
+def _texture(height: int, width: int, like: GreyImage, drive_rng: np.random.Generator) -> FloatImage:
+    noise = drive_rng.standard_normal((2, height, width), np.float32)
     grains = [cv2.GaussianBlur(layer, (0, 0), sigma) for layer, sigma in zip(noise, (1.0, 4.0), strict=True)]
     total = sum(layer / max(float(layer.std()), 1e-6) for layer in grains)
     bright = float(np.clip(like.mean(), 60.0, 190.0))
@@ -141,7 +141,7 @@ def _texture(height: int, width: int, like: GreyImage, fixed: np.random.Generato
 
 def _covered(image: GreyImage, view: FloatImage, cover: FloatImage, at: Affected) -> GreyImage:
     """Return the image with another view, with new noise, where `cover` exceeds 0.5."""
-    return np.where(cover > 0.5, with_noise(view, READ_NOISE, at.moment.rng), image).astype(np.uint8)
+    return np.where(cover > 0.5, with_noise(view, READ_NOISE, at.pair_rng), image).astype(np.uint8)
 
 
 def _darkened(image: GreyImage, shade: FloatImage, brightness: float) -> GreyImage:
