@@ -56,11 +56,12 @@ def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: 
         )
 
 
-def check_extrinsics(position_m: FloatArray) -> None:
-    """Check the position `(3,)` of a stereo rig on its rover, metres."""
+def check_extrinsics(position_m: FloatArray, name: str = "the stereo rig", frame: str = "RB") -> None:
+    """Check the position `(3,)` of a stereo rig on its rover, or of a camera on its body, metres."""
     if not (np.abs(position_m) <= MAX_EXTRINSICS_M).all():
         raise GeometryError(
-            f"the stereo rig is at {position_m.tolist()} m in RB: up to {MAX_EXTRINSICS_M:g} m are allowed"
+            f"{name} is at {position_m.tolist()} m in {frame}: up to {MAX_EXTRINSICS_M:g} m are allowed; are the "
+            "units metres?"
         )
 
 

@@ -89,6 +89,7 @@ class Source(Shown):
     missing_nav_ns: tuple[int, ...] = ()  #: Stamps of mapping pairs that are listed but have no images.
     configuration: Path | None = None  #: File of the configuration that the source is read with.
     truth_files: tuple[Path, ...] = ()  #: Files and bags with the truth besides `path`, by the layout or configuration.
+    calibration: str = ""  #: Origin of the calibration of the drive, if it is not part of the layout.
     recorded: RecordedBag | None = None  #: The bag, if its messages are used as recorded; None for all other sources.
 
     @property

@@ -77,13 +77,15 @@ def _facts_of_pairs(source: Source) -> dict[str, Any]:
         facts["rate_hz"] = None if not period_s else 1.0 / period_s
         facts["gaps"] = 0 if period_s is None else int((gaps_s > GAP * period_s).sum())
         facts["longest_gap_s"] = float(gaps_s.max()) if len(gaps_s) else None
+        if source.calibration:
+            facts["calibration"] = source.calibration
         mounted = source.loc.rig.T_rb_sb
         facts["extrinsics"] = "not known" if mounted is None else f"LOCSB at {mounted.translation.round(4).tolist()} m"
         truth = source.loc.ground_truth
         facts["truth"] = "none"
         if truth is not None and len(truth):
             length_m = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum()
-            kind = "poses" if getattr(truth, "has_attitude", True) else "positions"
+            kind = "poses" if truth.has_attitude else "positions"
             facts["truth"] = f"{len(truth)} {kind}, {length_m:.3f} m long, {getattr(truth, 'read_from', '')}".rstrip(
                 ", "
             )

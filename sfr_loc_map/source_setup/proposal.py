@@ -15,6 +15,7 @@ from sfr_loc_map.geometry.extrinsics import COULD_BE
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag.bag import Bag, Topic, read_frame_tree
+from sfr_loc_map.io.calibration.calibration_file import CalibrationError
 from sfr_loc_map.io.images.codec import claimed_size
 from sfr_loc_map.io.layouts.bag_source import image_name
 from sfr_loc_map.io.registry import format_of, open_source
@@ -79,7 +80,7 @@ def propose_config(
     """Examine a source and propose its configuration; the values in the sections of `given` are kept.
 
     The reason for a given value is "as before" if `before` has the same value. Files in or below the folder of `path`
-    are named relative to this folder. InputError if the source is invalid or corrupt.
+    are named relative to this folder. InputError if the source or the given calibration is invalid or corrupt.
     """
     is_bag = format_of(source) is SourceFormat.BAG
     sections = {name: dict(v) if isinstance(v, Mapping) else v for name, v in given.items()}
@@ -181,6 +182,8 @@ def _mounting_and_truth(found: Proposal, *, is_bag: bool) -> None:
     """Open the source as proposed, and add extrinsics, conditions, remarks, and the values that are still missing."""
     try:
         loc = open_source(found.source, found.config).loc
+    except CalibrationError:
+        raise
     except SfrError as error:
         found.missing += [] if found.missing else [str(error)]  # a missing value is the cause
         return
@@ -208,7 +211,7 @@ def _mounting_and_truth(found: Proposal, *, is_bag: bool) -> None:
         return
     given = found.sections.get("truth", {})
     name = str(given.get("source") or given.get("frame") or "of the source")
-    found.has_attitude = getattr(truth, "has_attitude", True)
+    found.has_attitude = truth.has_attitude
     found.has_height, found.has_tilt = getattr(truth, "has_height", True), getattr(truth, "has_tilt", True)
     if "lever_arm_m" not in given and (is_tracker(name) or not found.has_attitude):
         text = f"the truth {name} is assumed to track RB (lever arm 0): give --set 'truth.lever_arm_m=[X, Y, Z]'"

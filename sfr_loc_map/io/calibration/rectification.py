@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -13,32 +13,24 @@ from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
-from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, check_extrinsics
 from sfr_loc_map.geometry.stereo import SAME_PX, StereoRig
-from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, refusing
-from sfr_loc_map.io.calibration.camera_info import (
-    TOLERANCE,
-    have_one_camera_matrix,
-    rig_from_camera_info,
-    rig_from_projections,
-)
+from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.io.calibration.camera_info import TOLERANCE, have_one_camera_matrix, rig_from_camera_info
 
-Rectify = Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
 COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
 """Supported distortion models, and the numbers of coefficients that each may have."""
 FISHEYE = ("equidistant", "fisheye")
-FOCAL_RATIO = (0.5, 2.0)
-"""Accepted ratio of rectified to original focal length. OpenCV's choice is far smaller for wide fisheye lenses."""
+MAX_ROTATION_DEFECT = 1e-3  #: Largest entry of R R^T - I.
 MIN_VALID = 0.25  #: Smallest accepted fraction of a rectified image that raw pixels cover.
 SAME_DIRECTION = 1e-5  #: Smaller changes of a distortion coefficient or an entry of R are ignored (`SAME_PX`).
-RECTIFIED_TOLERANCE = 1e-9
-"""Largest deviation of calibrated cameras from a rectified pair, rad and m, that needs no rectification."""
 
 
 @dataclass(frozen=True, slots=True)
 class RawCamera:
-    """The calibration of a camera whose images are not rectified: distortion, K, R and P of sensor_msgs/CameraInfo."""
+    """A camera with the rectification of its images: distortion, K, R and P of sensor_msgs/CameraInfo.
+
+    `stereo_calibration.CalibratedCamera` is a camera for which R and P are not yet computed.
+    """
 
     size: tuple[int, int]  #: Width and height, pixels.
     model: str  #: Model of the distortion, one of `COEFFICIENTS`.
@@ -52,29 +44,33 @@ class RawCamera:
         """Return the calibration in a sensor_msgs/CameraInfo; `name` is its topic (`loc/left/camera_info`)."""
         lists = (np.asarray(values, np.float64).reshape(-1).tolist() for values in (info.d, info.k, info.r, info.p))
         d, k, r, p = (tuple(values) for values in lists)
-        model = str(info.distortion_model)
-        if not model and not any(d):
-            model = "plumb_bob"
-        if model not in COEFFICIENTS:
-            known = ", ".join(COEFFICIENTS)
-            raise InputError(f"{name} has distortion model '{model[:40]}': one of {known} can be rectified")
-        d = d or (0.0,) * COEFFICIENTS[model][0]  # a lens without distortion may have no coefficients
-        if len(d) not in COEFFICIENTS[model]:
-            wanted = " or ".join(map(str, COEFFICIENTS[model]))
-            raise InputError(f"{name} has {len(d)} coefficients d: model {model} needs {wanted}")
         roi = info.roi
         has_full_size = (roi.width, roi.height) in ((0, 0), (info.width, info.height))
         is_cropped = not has_full_size or roi.x_offset or roi.y_offset
         if is_cropped or info.binning_x > 1 or info.binning_y > 1:
             raise InputError(f"{name} has binning or a region of interest: send full images without binning")
-        is_complete = (len(k), len(r), len(p)) == (9, 9, 12) and np.isfinite([*d, *k, *r, *p]).all()
-        if not is_complete or k[0] <= 0.0 or k[4] <= 0.0 or p[0] <= 0.0:
+        return cls((int(info.width), int(info.height)), str(info.distortion_model), d, k, r, p).checked(name)
+
+    def checked(self, name: str) -> RawCamera:
+        """Return the calibration, with default values for a lens without distortion and for an empty R.
+
+        InputError, which begins with `name`, if the images cannot be rectified by it.
+        """
+        model = self.model or ("" if any(self.d) else "plumb_bob")
+        if model not in COEFFICIENTS:
+            known = ", ".join(COEFFICIENTS)
+            raise InputError(f"{name} has distortion model '{model[:40]}': one of {known} can be rectified")
+        d = self.d or (0.0,) * COEFFICIENTS[model][0]
+        check_coefficients(model, d, name)
+        is_complete = (len(self.k), len(self.r), len(self.p)) == (9, 9, 12)
+        is_finite = np.isfinite([*d, *self.k, *self.r, *self.p]).all()
+        if not (is_complete and is_finite) or self.k[0] <= 0.0 or self.k[4] <= 0.0 or self.p[0] <= 0.0:
             raise InputError(f"{name} has no k or p, or numbers that are not finite: calibrate the camera")
-        r = r if any(r) else tuple(np.eye(3).reshape(-1).tolist())
+        r = self.r if any(self.r) else tuple(np.eye(3).reshape(-1).tolist())
         rotation = np.reshape(r, (3, 3))
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3:
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > MAX_ROTATION_DEFECT:
             raise InputError(f"{name}: r is not a rotation: calibrate the pair")
-        return cls((int(info.width), int(info.height)), model, d, k, r, p)
+        return replace(self, model=model, d=d, r=r)
 
     def maps(self) -> Sequence[Any]:
         """Return OpenCV's fixed-point maps (1/32 pixel) from rectified to raw pixels."""
@@ -111,6 +107,13 @@ class RawCamera:
         return max(rotation, _largest_difference(self.k, p)) <= TOLERANCE
 
 
+def check_coefficients(model: str, coefficients: Sequence[float], name: str) -> None:
+    """Raise InputError if a distortion model does not have this number of coefficients."""
+    if len(coefficients) not in COEFFICIENTS[model]:
+        wanted = " or ".join(map(str, COEFFICIENTS[model]))
+        raise InputError(f"{name} has {len(coefficients)} coefficients d: model {model} needs {wanted}")
+
+
 def _largest_difference(numbers: ArrayLike, others: ArrayLike) -> float:
     """Return the largest absolute difference of two lists of equal length; NaN if a number is NaN."""
     return float(np.abs(np.subtract(numbers, others)).max())
@@ -124,17 +127,13 @@ class StereoRectifier:
         self.cameras = cameras
         self._maps = tuple(camera.maps() for camera in cameras)
         for side, camera, maps in zip(SIDES, cameras, self._maps, strict=True):
-            fraction = _valid_fraction(maps[0], camera.size)
-            is_centred = all(
-                0.0 <= centre < side_px for centre, side_px in zip(camera.p[2::4], camera.size, strict=False)
-            )
-            if fraction < MIN_VALID or not is_centred:
+            fraction = valid_fraction(maps[0], camera.size)
+            (width, height), cx, cy = camera.size, camera.p[2], camera.p[6]
+            if fraction < MIN_VALID or not (0.0 <= cx < width and 0.0 <= cy < height):
                 raise InputError(
-                    f"{name}/{side}: with its R and P the raw image covers {100.0 * fraction:.3g} % of the "
-                    "rectified image "
-                    f"(focal length {camera.p[0]:g} px, principal point ({camera.p[2]:g}, {camera.p[6]:g}) of "
-                    f"{camera.size[0]} x {camera.size[1]}): calibrate the pair again, or give a calibration "
-                    "whose R and P fit the images"
+                    f"{name}/{side}: with its R and P the raw image covers {100.0 * fraction:.3g} % of the rectified "
+                    f"image (focal length {camera.p[0]:g} px, principal point ({cx:g}, {cy:g}) of {width} x {height}): "
+                    "calibrate the pair again, or give a calibration whose R and P fit the images"
                 )
 
     def rectify(self, left: GreyImage, right: GreyImage) -> tuple[GreyImage, GreyImage]:
@@ -221,128 +220,11 @@ def _largest_shift_px(p_left: FloatArray, p_right: FloatArray, size: tuple[int, 
     return float(max(shifts))
 
 
-def _valid_fraction(places: Any, size: tuple[int, int]) -> float:  # noqa: ANN401 - of OpenCV
+def valid_fraction(places: Any, size: tuple[int, int]) -> float:  # noqa: ANN401 - of OpenCV
     """Return the fraction of a rectified image that raw pixels cover; `places` `(H, W, 2)` are raw pixel positions."""
     width, height = size
     u, v = places[:, :, 0], places[:, :, 1]
     return float(((u >= 0) & (u < width) & (v >= 0) & (v < height)).mean())
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CalibratedCamera:
-    """A calibrated camera before rectification."""
-
-    size: tuple[int, int]
-    """Width and height of the images, pixels."""
-    intrinsics: tuple[float, float, float, float]
-    """fx, fy, cx, cy, pixels; pixel centres are at integer coordinates."""
-    distortion: tuple[float, ...]
-    """Distortion coefficients of the model, in OpenCV's order."""
-    T_body_cam: Transform
-    model: str = "plumb_bob"
-
-    def __post_init__(self) -> None:
-        fx, fy, cx, cy = self.intrinsics
-        check_camera(self.size, (fx, fy), (cx, cy))
-        check_distortion(self.distortion)
-        check_extrinsics(self.T_body_cam.translation)
-
-    @property
-    def k(self) -> FloatArray:
-        """Camera matrix `(3, 3)`."""
-        fx, fy, cx, cy = self.intrinsics
-        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-
-    def as_raw(self, rotation: FloatArray, projection: FloatArray) -> RawCamera:
-        """Return the camera with the R `(3, 3)` and P `(3, 4)` that rectify its images."""
-        numbers = (tuple(np.ravel(matrix).tolist()) for matrix in (self.k, rotation, projection))
-        return RawCamera(self.size, self.model, self.distortion, *numbers)
-
-
-def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[RawCamera, RawCamera]:
-    """Return both cameras with the R and P that rectify them (Bouguet, no black border); R = I if already rectified."""
-    if left.size != right.size:
-        raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}: both must have one size")
-    fisheye = left.model in FISHEYE
-    if fisheye != (right.model in FISHEYE):
-        raise InputError(
-            f"{name}: the left lens is {left.model}, the right {right.model}: calibrate both with one model"
-        )
-    T_right_left = right.T_body_cam.inverse() @ left.T_body_cam
-    across = -T_right_left.rotation.T @ T_right_left.translation
-    off = max(float(np.abs(T_right_left.rotation - np.eye(3)).max()), float(np.abs(across[1:]).max()))
-    plain = not any(left.distortion) and not any(right.distortion) and left.intrinsics == right.intrinsics
-    if plain and off <= RECTIFIED_TOLERANCE and across[0] > 0.0:
-        shift = -(left.intrinsics[0] * round(float(across[0]), 12))  # without the rounding errors of the poses
-        rotations, projections = (np.eye(3), np.eye(3)), (np.c_[left.k, np.zeros(3)], np.c_[left.k, (shift, 0.0, 0.0)])
-    else:
-        lenses = (np.array(values) for values in (left.k, left.distortion, right.k, right.distortion))
-        with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
-            try:
-                *rotations, one, other = (cv2.fisheye if fisheye else cv2).stereoRectify(
-                    *(*lenses, left.size, T_right_left.rotation, T_right_left.translation),
-                    flags=cv2.CALIB_ZERO_DISPARITY,
-                    **{"balance" if fisheye else "alpha": 0},
-                )[:4]
-            except cv2.error as error:
-                raise ValueError(str(error)) from error
-        projections = (one, other)
-        if _coverage_problem((left, right), rotations, projections):
-            projections = _kept_projections((left, right), rotations, float(other[0, 3] / other[0, 0]))
-            if problem := _coverage_problem((left, right), rotations, projections):
-                raise InputError(f"{name}: the cameras cannot be rectified: {problem}; correct the calibration")
-            other = projections[1]
-        if not other[0, 3] < 0 or other[1, 3] != 0:
-            raise InputError(
-                f"{name}: the right camera is not to the right of the left camera: are they swapped, or one above "
-                "the other?"
-            )
-    one, other = map(CalibratedCamera.as_raw, (left, right), rotations, projections)
-    return one, other
-
-
-def _kept_projections(
-    cameras: Sequence[CalibratedCamera], rotations: Sequence[FloatArray], shift: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return projections with the mean focal length that keep the cameras' principal points in place on average."""
-    focal = float(np.mean([camera.intrinsics[:2] for camera in cameras]))
-    axes = np.array([rotation[:, 2] for rotation in rotations])  # optical axes in the rectified frame
-    centres = np.array([camera.intrinsics[2:] for camera in cameras])
-    centre = (centres - focal * axes[:, :2] / axes[:, 2:]).mean(axis=0)
-    one = np.array([[focal, 0.0, centre[0], 0.0], [0.0, focal, centre[1], 0.0], [0.0, 0.0, 1.0, 0.0]])
-    other = one.copy()
-    other[0, 3] = focal * shift
-    return one, other
-
-
-def _coverage_problem(
-    cameras: Sequence[CalibratedCamera], rotations: Sequence[FloatArray], projections: Sequence[FloatArray]
-) -> str:
-    """Return why a rectification does not cover the field of view of the cameras; empty if there is no problem."""
-    for camera, rotation, projection in zip(cameras, rotations, projections, strict=True):
-        raw = camera.as_raw(rotation, projection)
-        width, height = camera.size
-        focal, centre = float(projection[0, 0]), projection[:2, 2]
-        ratio = focal / float(np.mean(camera.intrinsics[:2]))
-        if not FOCAL_RATIO[0] <= ratio <= FOCAL_RATIO[1]:
-            return f"the rectified focal length is {focal:.4g} px, {ratio:.3g} times that of the camera"
-        if not (0.0 <= centre[0] < width and 0.0 <= centre[1] < height):
-            return f"the rectified principal point ({centre[0]:.4g}, {centre[1]:.4g}) is outside of the image"
-        fraction = _valid_fraction(raw.maps()[0], camera.size)
-        if fraction < MIN_VALID:
-            return f"raw pixels are mapped to {100.0 * fraction:.3g} % of the rectified image"
-    return ""
-
-
-def rectified_pair(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[StereoRig, Rectify | None]:
-    """Return the rectified rig, with its pose in the body, and the rectifying function; None if already rectified."""
-    cameras = one, other = rectified_cameras(name, left, right)
-    rig = rig_from_projections(np.array(one.p), np.array(other.p), one.size, name)
-    T_body_left = Transform(left.T_body_cam.rotation @ np.reshape(one.r, (3, 3)).T, left.T_body_cam.translation)
-    T_rb_sb = T_body_left @ rig.T_sb_left.inverse()
-    with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
-        rig = replace(rig, T_rb_sb=Transform.from_quat(T_rb_sb.translation, T_rb_sb.quat_xyzw))
-    return rig, None if one.is_rectified and other.is_rectified else StereoRectifier(cameras).rectify
 
 
 def _remapped(image: GreyImage, maps: Sequence[Any]) -> GreyImage:

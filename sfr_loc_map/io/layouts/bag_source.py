@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, refusing
 from sfr_loc_map.io.bag.bag import Bag, Topic, pose_of, read_extrinsics, read_trajectory
-from sfr_loc_map.io.calibration.files import Calibration, read_calibration
+from sfr_loc_map.io.calibration.calibration_file import Calibration, read_calibration
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, points_image, samples_of
 from sfr_loc_map.io.images.files import check_size
 from sfr_loc_map.io.layouts.head_pose import head_poses
@@ -58,6 +58,7 @@ class _BagPairs:
         self._points = bag.find(TRUE_POINTS, POINTS) if self.task is Task.MAPPING else None
         self._topics = [*self._sides, *([self._points] if self._points else [])]
         found, self.frame = self._calibrated(calibration, kind == RECTIFIED)
+        self.calibrated_by = found.text
         if calibration.baseline_m:
             left, right = found.infos
             right = copy(right)
@@ -264,11 +265,13 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
     is_adapted = (
         any(part is not None and part.is_adapted for part in (loc, nav)) or config.truth != AS_THE_SOURCE_HAS_IT
     )
+    calibration = "" if loc is None else loc.calibrated_by
     if RAW in kinds.values():
-        return Source(path, SourceFormat.RAW_BAG, loc, nav)
+        return Source(path, SourceFormat.RAW_BAG, loc, nav, calibration=calibration)
     if is_adapted:
-        return Source(path, SourceFormat.CONFIGURED_BAG, loc, nav)
-    return Source(path, SourceFormat.BAG, loc, nav, recorded=RecordedBag(path, config.remap))
+        return Source(path, SourceFormat.CONFIGURED_BAG, loc, nav, calibration=calibration)
+    recorded = RecordedBag(path, config.remap)
+    return Source(path, SourceFormat.BAG, loc, nav, calibration=calibration, recorded=recorded)
 
 
 def image_name(bag: Bag, rig: str) -> str | None:

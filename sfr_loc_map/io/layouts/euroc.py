@@ -19,8 +19,8 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text, refusing
-from sfr_loc_map.io.calibration.files import parse_opencv_yaml, read_sensor_yaml
-from sfr_loc_map.io.calibration.rectification import rectified_pair
+from sfr_loc_map.io.calibration.calibration_file import parse_opencv_yaml, read_sensor_yaml
+from sfr_loc_map.io.calibration.stereo_calibration import rectified_pair
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, whole_pairs
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import IMAGE_ENDINGS
-from sfr_loc_map.io.calibration.files import read_calibration
+from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.images.codec import read_grey
 from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
@@ -45,7 +45,7 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
     rig, rectifier = found.rig("loc")
     rig = replace(rig, T_rb_sb=found.T_rb_sb)
     loc = ImageFileSequence(rig, entries, None, None if rectifier is None else rectifier.rectify)
-    return Source(path, SourceFormat.IMAGES, loc, None)
+    return Source(path, SourceFormat.IMAGES, loc, None, calibration=found.text)
 
 
 def _sides(path: Path) -> tuple[Path, Path] | None:

@@ -18,8 +18,8 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag.messages import camera_info
+from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.calibration.camera_info import projection
-from sfr_loc_map.io.calibration.files import read_calibration
 from sfr_loc_map.io.calibration.rectification import rectified_rig, rig_of_rectified
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.registry import open_source
@@ -172,7 +172,7 @@ def test_files_of_opencv_and_orb_slam_give_the_baseline(tmp_path: Path, name: st
 def test_the_size_of_settings_without_one_is_that_of_the_images(tmp_path: Path, size: tuple[int, int] | None) -> None:
     (tmp_path / "c.yaml").write_text(f"%YAML:1.0\n{SETTINGS['Tlr']}")
     if size is None:
-        with pytest.raises(InputError, match=r"it has no camera\.width"):
+        with pytest.raises(InputError, match=r"it has no Camera\.width"):
             read_calibration(tmp_path / "c.yaml")
     else:
         assert read_calibration(tmp_path / "c.yaml", size).infos[0].width == size[0]

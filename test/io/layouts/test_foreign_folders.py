@@ -16,7 +16,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.clouds.cloud_file import load_cloud
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.source_config import source_config
+from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, source_config
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.score_json import from_json
 from sfr_loc_map.report.summary import run_facts
@@ -55,6 +55,22 @@ def test_a_folder_of_images_and_a_chain_of_kalibr_are_a_source(
     assert list(loc.stamps_ns) == stamps
     assert next(iter(loc.pairs())).left.mean() > 90.0
     assert loc.rig.T_rb_sb is not None
+
+
+def test_a_broken_calibration_is_refused_and_a_good_one_is_named(tmp_path: Path, sfr: Sfr) -> None:
+    images(tmp_path / "drive", "ns")
+    chain = tmp_path / "camchain.yaml"
+    chain.write_text(kalibr("TUM-VI", *CHAINS["T_imu_cam"]).replace("pinhole", "omni"))
+    refused = sfr("init", tmp_path / "rover", "--from", tmp_path / "drive", "--calibration", chain)
+    assert refused.code == 2
+    assert refused.err.startswith(f"sfr: calibration '{chain}': cam0 has the camera_model 'omni': pinhole is required")
+    assert not (tmp_path / "rover").exists()
+    text = kalibr("TUM-VI", *CHAINS["T_imu_cam"])
+    chain.write_text(text + text[text.index("cam1:") :].replace("cam1:", "cam2:"))
+    done = sfr("info", tmp_path / "drive", "--calibration", chain, "--json", "-")
+    assert json.loads(done.out)["calibration"] == "Kalibr 'camchain.yaml', cam0 and cam1"
+    source = open_source(tmp_path / "drive", SourceConfig(calibration=CalibrationConfig(file=str(chain))))
+    assert source.calibration == "Kalibr 'camchain.yaml', cam0 and cam1"
 
 
 def test_the_advice_of_init_on_columns_of_the_truth_can_be_followed(tmp_path: Path, sfr: Sfr) -> None:

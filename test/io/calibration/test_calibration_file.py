@@ -24,8 +24,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.calibration.calibration_file import Calibration, read_calibration
 from sfr_loc_map.io.calibration.camera_info import rig_from_camera_info
-from sfr_loc_map.io.calibration.files import Calibration, read_calibration
 from sfr_loc_map.io.calibration.rectification import rectified_rig
 
 SIZE = (200, 160)
@@ -123,8 +123,19 @@ def ros(folder: Path, pair: Pair) -> Path:
     return folder / "right" / "ost.yaml"
 
 
+def camera_info(folder: Path, pair: Pair) -> Path:
+    """Write two messages as `ros2 topic echo` prints them."""
+    r_and_p = pair.rectified()
+    for n, side in enumerate(("left", "right")):
+        matrices = {"d": pair.ds[n], "k": KS[n], "r": r_and_p[n], "p": r_and_p[2 + n]}
+        content = {"height": SIZE[1], "width": SIZE[0], "distortion_model": pair.model}
+        content |= {name: np.ravel(matrix).tolist() for name, matrix in matrices.items()}
+        (folder / f"info_{side}.yaml").write_text(yaml.safe_dump(content) + "---\n")
+    return folder / "info_left.yaml"
+
+
 def colmap(folder: Path, pair: Pair) -> Path:
-    """The right camera comes first, and the rig is neither of them."""
+    """The right camera comes first, the rig is neither of them, and the list of cameras is not sorted."""
     T_left_rig = Transform(matrix_from_rotvec((0.3, 0.2, -0.1)), np.array([0.5, 0.0, 0.1]))
     rows, cameras = [], []
     for n, pose in ((2, pair.T_right_left @ T_left_rig), (1, T_left_rig)):
@@ -136,7 +147,7 @@ def colmap(folder: Path, pair: Pair) -> Path:
         x, y, z, w = quat_from_matrix(pose.rotation).tolist()
         cameras.append({"image_prefix": f"camera{n}/", "cam_from_rig_rotation": [w, x, y, z]})
         cameras[-1]["cam_from_rig_translation"] = pose.translation.tolist()
-    (folder / "cameras.txt").write_text("# Camera list\n" + "\n".join(rows) + "\n")
+    (folder / "cameras.txt").write_text("# Camera list\n" + "\n".join(rows[::-1]) + "\n")
     (folder / "rig_config.json").write_text(json.dumps([{"cameras": cameras}]))
     return folder
 
@@ -145,6 +156,7 @@ FORMATS = {
     **{"kalibr": kalibr, "ros": ros, "colmap": colmap, "opencv_in_two_files": opencv_in_two_files},
     **{f"opencv_{ending}": opencv(ending) for ending in ("yml", "xml", "json")},
     "opencv_rectified": opencv_rectified,
+    "camera_info": camera_info,
 }
 
 
@@ -229,9 +241,27 @@ def without(name: str, write: Callable[[Path, Pair], Path]) -> Callable[[Path], 
 
 REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "one camera of Kalibr": (edited(kalibr, ("cam1:", "imu0:")), "it has only cam0"),
-    "an unknown lens of Kalibr": (edited(kalibr, ("pinhole", "omni")), "Invalid enum value 'omni'"),
+    "an unknown lens of Kalibr": (
+        edited(kalibr, ("pinhole", "omni")),
+        "cam0 has the camera_model 'omni': pinhole is required",
+    ),
+    "an unknown distortion of Kalibr": (edited(kalibr, ("radtan", "fov")), "has the distortion_model 'fov': radtan or"),
+    "a distortion of no model": (edited(kalibr, ("radtan", "none")), "the distortion_model none, but coefficients"),
+    "five coefficients of a fisheye lens": (
+        edited(
+            lambda folder, _: kalibr(folder, Pair("equidistant")),
+            ("distortion_coeffs:\n", "distortion_coeffs:\n  - 0\n"),
+        ),
+        "model equidistant needs 4",
+    ),
+    "cameras at one position": (lambda folder: kalibr(folder, moved(0.0, 0, 0)), "the right camera is at (0, "),
+    "fewer numbers than rows and columns": (
+        edited(opencv("yml"), ("cols: 3", "cols: 4")),
+        "9 numbers for 3 rows and 4 columns",
+    ),
+    "a table": (text_file("[left]\nfx=400\n"), "it is not YAML, JSON or XML"),
     "no extrinsics": (edited(kalibr, ("T_cn_cnm1", "T_cam_imu")), "cam1 has no T_cn_cnm1"),
-    "a rotation that is none": (edited(opencv("yml"), ("R: !!opencv", "R0: !!opencv")), "it has no r"),
+    "a rotation that is none": (edited(opencv("yml"), ("R: !!opencv", "R0: !!opencv")), "it has no R"),
     "millimetres": (lambda folder: kalibr(folder, moved(-60.0, 0, 0)), "the baseline is 60 m: give it in metres"),
     "many millimetres": (lambda folder: kalibr(folder, moved(-120.0, 0, 0)), "120"),
     "swapped sides": (lambda folder: opencv("xml")(folder, moved(0.12, 0, 0)), "swapped, or"),
@@ -247,7 +277,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "no file": (lambda folder: folder / "left.yaml", "No such file or directory"),
     "an empty folder": (lambda folder: folder, "one calibration is required, it has none; name the file"),
     "an empty file": (text_file(""), "it has none of these names"),
-    "no text": (lambda folder: storage(folder / "a.yml.gz", lenses(Pair())), "can't decode"),
+    "no text": (lambda folder: storage(folder / "a.yml.gz", lenses(Pair())), "it is a binary file"),
     "XML with entities": (text_file('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "a.xml"), "XML with declarations"),
     "half an XML": (text_file("<?xml version='1.0'?><opencv_storage><M1>", "a.xml"), "no element found"),
     "another rig.json": (text_file('{"baseline_m": 0.1, "fx": 3}', "rig.json"), "rig.json"),

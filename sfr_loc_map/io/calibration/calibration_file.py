@@ -13,39 +13,43 @@ If a calibration has two files, the second is found by its name (`PARTNERS`). A 
 
 from __future__ import annotations
 
+import logging
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 import numpy as np
+import yaml
 
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, parse_yaml, read_text, refusing
 from sfr_loc_map.io.calibration.camera_info import projection, rig_from_projections
-from sfr_loc_map.io.calibration.rectification import (
-    CalibratedCamera,
-    RawCamera,
-    StereoRectifier,
-    rectified_cameras,
-    rectified_rig,
-    rig_of_rectified,
-)
+from sfr_loc_map.io.calibration.rectification import RawCamera, StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.io.calibration.rig_file import read_rig
+from sfr_loc_map.io.calibration.stereo_calibration import CalibratedCamera, rectified_cameras
 
+_log = logging.getLogger(__name__)
 ENDINGS = (".yaml", ".yml", ".xml", ".json", ".txt")
 PARTNERS = (("left", "right"), ("cam0", "cam1"), ("intrinsics", "extrinsics"), ("cameras.txt", "rig_config.json"))
 """Words in which the names of the two files of a calibration, or of their folders, differ."""
+COLMAP_FILE = "cameras.txt"  #: Name of the file of COLMAP with intrinsics; the other file has the poses in the rig.
+PINHOLE_MODELS = ("radtan", "radial-tangential", "plumb_bob", "equidistant", "equi", "none")
+"""Distortion models of Kalibr and EuRoC."""
 LARGEST_BASELINE_M = 5.0  #: Largest baseline, m; larger numbers are in millimetres.
 ONE_FOCAL = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 TWO_FOCALS = ("PINHOLE", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE")
 """Models of COLMAP by number of focal lengths; principal point and distortion in OpenCV's order follow."""
 Cameras = tuple[RawCamera, RawCamera]
+
+
+class CalibrationError(InputError):
+    """A calibration file cannot be used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +59,7 @@ class Calibration:
     infos: tuple[Any, Any]  #: Left and right, with the fields of a sensor_msgs/CameraInfo.
     is_rectified: bool  #: Whether the images are rectified; `infos` are then those of a rectified pair.
     T_rb_sb: Transform | None  #: Pose of the rig in RB, if the file has it.
-    text: str  #: Description for messages: `Kalibr 'camchain.yaml', cam0 and cam1`.
+    text: str  #: Program, file, left and right camera: `Kalibr 'camchain.yaml', cam0 and cam1`.
 
     def rig(self, name: str) -> tuple[StereoRig, StereoRectifier | None]:
         """Return the rectified rig (`loc` or `nav`) and its rectifier; None if the images are rectified."""
@@ -67,46 +71,75 @@ class Calibration:
 def read_calibration(path: Path, size: tuple[int, int] | None = None) -> Calibration:
     """Read a calibration from a file or a folder; `size`: width and height of the images, if known.
 
-    InputError if it is not a calibration, is corrupt, is not of a side-by-side pair, or is of another image size.
+    CalibrationError if it is not a calibration, is corrupt, is not of a side-by-side pair, or is of another image size.
     """
-    where, T_rb_sb = f"calibration '{path}'", None
+    try:
+        return _calibration(path, size)
+    except InputError as error:
+        raise CalibrationError(str(error)) from error
+
+
+def _calibration(path: Path, size: tuple[int, int] | None) -> Calibration:
+    where = f"calibration '{path}'"
     with naming(path), refusing(where):
-        file = _only_file(path) if path.is_dir() else path
-        content, other = _content(file), _partner(file)
-        keys = set(content) if isinstance(content, dict) else set()
-        if "baselinem" in keys:
-            rig = read_rig(file)
-            k, r = (tuple(m.reshape(-1).tolist()) for m in (rig.camera_matrix, np.eye(3)))
-            ps = (tuple(projection(rig, side).tolist()) for side in SIDES)
-            left, right = (RawCamera((rig.width, rig.height), "plumb_bob", (0.0,) * 5, k, r, p) for p in ps)
-            T_rb_sb, text = rig.T_rb_sb, f"rig '{file.name}'"
-        elif "cam0" in keys:
-            (left, right), text = _kalibr(file, content)
-        elif {"tbs", "intrinsics"} <= keys:
-            (left, right), text = _euroc(file, other)
-        elif keys & {"left.k", "camera.fx", "camera1.fx"}:
-            (left, right), text = _orbslam(file, content, size)
-        elif "projectionmatrix" in keys:
-            (left, right), text = _ros(file, other)
-        elif keys & {"m1", "k1", "cameramatrix1", "r1", "t"}:
-            (left, right), text = _opencv([file, *([other] if other else [])], size)
-        elif other and not keys and isinstance(rigs := _content(max(file.absolute(), other)), list):
-            of_rig = msgspec.convert(rigs[0]["cameras"], list[dict[str, Any]])
-            (left, right), text = _colmap(min(file.absolute(), other), of_rig)
-        else:
-            found = ", ".join(sorted(keys)[:8]) or "none of these names"
-            raise InputError(
-                f"{where}: a file of Kalibr (cam0, cam1), EuRoC, ORB-SLAM, OpenCV (M1, D1, M2, D2, R, T), ROS "
-                f"(camera_matrix, projection_matrix), COLMAP (cameras.txt and rig_config.json) or a rig.json is "
-                f"required, it has {found}"
-            )
+        found = _opened(_only_file(path) if path.is_dir() else path, size)
+        reader = next((reader for reader in READERS if reader.recognises(found)), None)
+        if reader is None:
+            *known, last = (reader.shown for reader in READERS)
+            names = ", ".join(found.shown_names[:8]) or "none of these names"
+            raise InputError(f"{where}: a file of {', '.join(known)} or {last} is required, it has {names}")
+        (left, right), text = reader.read(found)
     if len(sizes := {left.size, right.size, size or left.size}) > 1:
-        found = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
-        raise InputError(f"{where} and the images differ in size, {found} px: calibrate both cameras at the image size")
+        shown = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
+        raise InputError(f"{where} and the images differ in size, {shown} px: calibrate both cameras at the image size")
     rig = rig_from_projections(np.array(left.p), np.array(right.p), left.size, where)
     if rig.baseline_m > LARGEST_BASELINE_M:
         raise InputError(f"{where}: the baseline is {rig.baseline_m:g} m: give it in metres")
+    T_rb_sb = read_rig(found.file).T_rb_sb if reader.read is _rig else None
     return Calibration((left.info, right.info), left.is_rectified and right.is_rectified, T_rb_sb, text)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OpenedFile:
+    """A calibration file with its content, and the second file of the calibration."""
+
+    file: Path
+    other: Path | None  #: The second file, found by its name; None if there is none.
+    content: Any  #: YAML, JSON or XML; a mapping has plain names (`_plain`).
+    shown_names: list[str]  #: The names in the content as written, in alphabetical order.
+    size: tuple[int, int] | None  #: Width and height of the images, if known.
+
+    @property
+    def files(self) -> list[Path]:
+        """The one or two files of the calibration, in the order of their names."""
+        return sorted([self.file.absolute(), *([self.other] if self.other else [])])
+
+
+class _Reader(NamedTuple):
+    """The reader of the files of a program, and the names by which they are recognised."""
+
+    shown: str  #: Program, and names of its files for messages.
+    read: Callable[[_OpenedFile], tuple[Cameras, str]]
+    any_of: tuple[frozenset[str], ...]  #: Sets of plain names; a file that has all names of one set is recognised.
+
+    def recognises(self, found: _OpenedFile) -> bool:
+        """Return whether a file is of this program. COLMAP is recognised by the names of its files."""
+        if self.read is _colmap:
+            return found.other is not None and found.files[0].name.endswith(COLMAP_FILE)
+        return isinstance(found.content, dict) and any(names <= found.content.keys() for names in self.any_of)
+
+
+def _opened(file: Path, size: tuple[int, int] | None) -> _OpenedFile:
+    """Open a calibration file; COLMAP's list of cameras is neither YAML nor JSON, and is read later."""
+    content = None if file.name.endswith(COLMAP_FILE) else _content(file)
+    names = sorted(str(name) for name in content) if isinstance(content, dict) else []
+    plain = {_plain(str(name)): value for name, value in content.items()} if isinstance(content, dict) else content
+    return _OpenedFile(file, _partner(file), plain, names, size)
+
+
+def _plain(name: str) -> str:
+    """Return a name in lower case without underscores; programs and their versions differ in both."""
+    return name.lower().replace("_", "")
 
 
 def _only_file(folder: Path) -> Path:
@@ -130,17 +163,20 @@ def _partner(file: Path) -> Path | None:
 
 
 def _content(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
-    """Return the content of YAML, JSON or OpenCV's XML; top-level names are in lower case without underscores."""
+    """Return the content of YAML, JSON (which is YAML, except for tabs) or OpenCV's XML."""
     text = read_text(file).strip()
     if text.startswith("<"):
         if "<!" in text.replace("<!--", ""):
             raise ValueError("XML with declarations is not supported")
         root = ET.fromstring(text)
-        content = {item.tag: {part.tag: part.text for part in item} if len(item) else item.text for item in root}
-    else:  # JSON is YAML, except for tabs
-        content = parse_opencv_yaml(text)
-    plain = {str(key).lower().replace("_", ""): item for key, item in content.items()} if type(content) is dict else {}
-    return plain or content
+        return {item.tag: {part.tag: part.text for part in item} if len(item) else item.text for item in root}
+    try:
+        return parse_opencv_yaml(text.removesuffix("---"))  # `ros2 topic echo` ends messages by `---`
+    except yaml.YAMLError as error:
+        line = getattr(getattr(error, "problem_mark", None), "line", None)
+        place = "" if line is None else f" (line {line + 1})"
+        reason = "" if line is not None else f": {error}"
+        raise ValueError(f"it is not YAML, JSON or XML{place}{reason}") from error
 
 
 def parse_opencv_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
@@ -151,17 +187,23 @@ def parse_opencv_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
 
 def _numbers(content: Mapping[str, Any], *names: str) -> tuple[float, ...]:
     """Return the numbers, row by row, of the first matrix of `names` in the content; ValueError if there is none."""
-    name = next((name for name in names if name in content), None)
+    name = next((name for name in names if _plain(name) in content), None)
     if name is None:
         raise ValueError(f"it has no {' or '.join(names)}")
-    value = content[name]["data"] if isinstance(content[name], dict) else content[name]
-    return tuple(np.array(value.split() if isinstance(value, str) else value, np.float64).reshape(-1).tolist())
+    item = content[_plain(name)]
+    value = item["data"] if isinstance(item, dict) else item
+    numbers = np.array(value.split() if isinstance(value, str) else value, np.float64).reshape(-1)
+    if isinstance(item, dict) and {"rows", "cols"} <= item.keys():
+        rows, columns = int(item["rows"]), int(item["cols"])
+        if rows * columns != len(numbers):
+            raise ValueError(f"{name} has {len(numbers)} numbers for {rows} rows and {columns} columns")
+    return tuple(numbers.tolist())
 
 
 def _size(content: Mapping[str, Any]) -> tuple[int, int]:
     """Return the width and height of the images, in the file or `given`; ValueError if unknown."""
-    names = ("imagesize", "imagewidth", "width", "imageheight", "height", "given")
-    found = [number for name in names if name in content for number in _numbers(content, name)]
+    names = ("image_size", "image_width", "width", "image_height", "height", "given")
+    found = [number for name in names if _plain(name) in content for number in _numbers(content, name)]
     if len(found) < 2:
         raise ValueError("it has no image_width and image_height")
     return int(found[0]), int(found[1])
@@ -172,20 +214,46 @@ def _lens(d: Sequence[float], fisheye: bool) -> str:
 
 
 class _KalibrCamera(msgspec.Struct):
-    camera_model: Literal["pinhole"]
-    intrinsics: tuple[float, float, float, float]
-    distortion_model: Literal["radtan", "equidistant", "equi", "none"]
+    camera_model: str
+    intrinsics: tuple[float, ...]
+    distortion_model: str
     distortion_coeffs: tuple[float, ...]
     resolution: tuple[int, int]
     T_cn_cnm1: list[list[float]] | None = None
     T_cam_imu: list[list[float]] | None = None
     T_imu_cam: list[list[float]] | None = None
 
+    def calibrated(self, name: str, T_body_cam: Transform) -> CalibratedCamera:
+        """Return the camera with its pose."""
+        d, lens = _pinhole_lens(name, self.camera_model, self.distortion_model, self.distortion_coeffs)
+        return CalibratedCamera(self.resolution, _four(self.intrinsics), d, T_body_cam, lens)
+
     def pose_in_imu(self) -> Transform | None:
         """Return the pose of the camera in the IMU; None if the file does not give it."""
         if self.T_imu_cam is not None:
             return _matrix(self.T_imu_cam)
         return None if self.T_cam_imu is None else _matrix(self.T_cam_imu).inverse()
+
+
+def _pinhole_lens(
+    name: str, camera_model: str, model: str, coefficients: Sequence[float]
+) -> tuple[tuple[float, ...], str]:
+    """Return coefficients and distortion model of a pinhole camera of Kalibr or EuRoC; ValueError for other cameras."""
+    if camera_model != "pinhole":
+        raise ValueError(f"{name} has the camera_model '{camera_model[:40]}': pinhole is required")
+    if model not in PINHOLE_MODELS:
+        raise ValueError(f"{name} has the distortion_model '{model[:40]}': {' or '.join(PINHOLE_MODELS)} is required")
+    if model == "none" and any(coefficients):
+        raise ValueError(f"{name} has the distortion_model none, but coefficients that are not 0: name the model")
+    d = tuple(coefficients) or (0.0,) * 4
+    return d, _lens(d, model.startswith("equi"))
+
+
+def _four(intrinsics: Sequence[float]) -> tuple[float, float, float, float]:
+    if len(intrinsics) != 4:
+        raise ValueError(f"{len(intrinsics)} intrinsics found where fx, fy, cx, cy are required")
+    fx, fy, cx, cy = intrinsics
+    return fx, fy, cx, cy
 
 
 def _matrix(rows: list[list[float]]) -> Transform:
@@ -202,17 +270,16 @@ def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera) -> Transform:
     return in_imu.inverse() @ other_in_imu
 
 
-def _kalibr(file: Path, content: dict[str, Any]) -> tuple[Cameras, str]:
+def _kalibr(found: _OpenedFile) -> tuple[Cameras, str]:
+    content = found.content
     if "cam1" not in content:
         raise ValueError("it has only cam0: a stereo pair needs cam0 and cam1")
     one, other = (msgspec.convert(content.get(name), _KalibrCamera, strict=False) for name in ("cam0", "cam1"))
-    T_cam0_cam1 = _pose_of_right(one, other)
-    cameras = []
-    for camera, pose in ((one, Transform.identity()), (other, T_cam0_cam1)):
-        d = camera.distortion_coeffs or (0.0,) * 4
-        lens = _lens(d, camera.distortion_model.startswith("equi"))
-        cameras.append(CalibratedCamera(camera.resolution, camera.intrinsics, d, pose, lens))
-    return _side_by_side(f"Kalibr '{file.name}'", cameras, ["cam0", "cam1"])
+    if further := [name for name in found.shown_names if re.fullmatch(r"cam[2-9]", name)]:
+        _log.warning(f"calibration '{found.file}': cam0 and cam1 are used, not {', '.join(further)}")
+    poses = Transform.identity(), _pose_of_right(one, other)
+    cameras = [one.calibrated("cam0", poses[0]), other.calibrated("cam1", poses[1])]
+    return _side_by_side(f"Kalibr '{found.file.name}'", cameras, ["cam0", "cam1"])
 
 
 class _SensorPose(msgspec.Struct):
@@ -222,9 +289,9 @@ class _SensorPose(msgspec.Struct):
 class _SensorYaml(msgspec.Struct):
     T_BS: _SensorPose
     resolution: tuple[int, int]
-    camera_model: Literal["pinhole"]
-    intrinsics: tuple[float, float, float, float]
-    distortion_model: Literal["radial-tangential", "radtan", "plumb_bob", "equidistant", "equi", "none"]
+    camera_model: str
+    intrinsics: tuple[float, ...]
+    distortion_model: str
     distortion_coefficients: Annotated[tuple[float, ...], msgspec.Meta(max_length=8)] = (0.0,) * 4
 
 
@@ -234,43 +301,51 @@ def read_sensor_yaml(path: Path) -> CalibratedCamera:
         content = parse_opencv_yaml(read_text(path))
         camera = msgspec.convert(content, _SensorYaml, strict=False)  # YAML reads 1e-5 as text
         pose = Transform.from_matrix(np.array(camera.T_BS.data).reshape(4, 4))
-        d = camera.distortion_coefficients or (0.0,) * 4
-        lens = _lens(d, camera.distortion_model.startswith("equi"))
-        return CalibratedCamera(camera.resolution, camera.intrinsics, d, pose, lens)
+        d, lens = _pinhole_lens("it", camera.camera_model, camera.distortion_model, camera.distortion_coefficients)
+        return CalibratedCamera(camera.resolution, _four(camera.intrinsics), d, pose, lens)
 
 
-def _euroc(file: Path, other: Path | None) -> tuple[Cameras, str]:
-    if other is None:
-        raise InputError(
-            f"calibration '{file}' has one camera: add the file of the other camera beside it, named as cam0 and cam1"
-        )
-    files = sorted((file.absolute(), other))
+def _euroc(found: _OpenedFile) -> tuple[Cameras, str]:
+    files = _two_files(found, "cam0 and cam1")
     cameras = [read_sensor_yaml(path) for path in files]
     return _side_by_side("EuRoC", cameras, [f"'{path.parent.name}/{path.name}'" for path in files])
 
 
-def _orbslam(file: Path, content: Mapping[str, Any], size: tuple[int, int] | None) -> tuple[Cameras, str]:
+def _two_files(found: _OpenedFile, names: str) -> list[Path]:
+    """Return the files of the two cameras; InputError if there is only one."""
+    if found.other is None:
+        raise InputError(
+            f"calibration '{found.file}' has one camera: add the file of the other camera beside it, named as {names}"
+        )
+    return found.files
+
+
+def _rig(found: _OpenedFile) -> tuple[Cameras, str]:
+    rig = read_rig(found.file)
+    k, r = (tuple(matrix.reshape(-1).tolist()) for matrix in (rig.camera_matrix, np.eye(3)))
+    ps = (tuple(projection(rig, side).tolist()) for side in SIDES)
+    left, right = (RawCamera((rig.width, rig.height), "plumb_bob", (0.0,) * 5, k, r, p) for p in ps)
+    return (left, right), f"rig '{found.file.name}'"
+
+
+def _orbslam(found: _OpenedFile) -> tuple[Cameras, str]:
     """Read the settings of ORB-SLAM: LEFT.K, RIGHT.K, ... or two cameras for raw images, one camera for rectified ones.
 
     Two raw cameras are given by Camera1, Camera2 and Stereo.T_c1_c2, in older files by Camera, Camera2 and Tlr. One
     camera with Camera.bf or Stereo.b is that of rectified images without distortion.
     """
-    text = f"ORB-SLAM '{file.name}'"
+    content, size, text = found.content, found.size, f"ORB-SLAM '{found.file.name}'"
     if "left.k" in content:
-        raws = []
-        for side in SIDES:
-            k, d, r, p = (_numbers(content, f"{side}.{name}") for name in "kdrp")
-            size = (int(content[f"{side}.width"]), int(content[f"{side}.height"]))
-            raws.append(RawCamera.of(text, RawCamera(size, _lens(d, False), d, k, r, p).info))
-        return (raws[0], raws[1]), f"{text}, LEFT and RIGHT"
+        left, right = (_orbslam_raw(content, side.upper()).checked(text) for side in SIDES)
+        return (left, right), f"{text}, LEFT and RIGHT"
     if size is None or "camera.width" in content:
-        size = (int(_one(content, "camera.width")), int(_one(content, "camera.height")))
+        size = (int(_one(content, "Camera.width")), int(_one(content, "Camera.height")))
     first = "camera1" if "camera1.fx" in content else "camera"
     fisheye = "kannala" in str(content.get("camera.type", "")).lower()
     names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     if "camera2.fx" in content:
         pose = np.eye(4)
-        pose[:3] = np.array(_numbers(content, "stereo.tc1c2", "tlr")[:12]).reshape(3, 4)
+        pose[:3] = np.array(_numbers(content, "Stereo.T_c1_c2", "Tlr")[:12]).reshape(3, 4)
         cameras = []
         for name, T_left in ((first, Transform.identity()), ("camera2", Transform.from_matrix(pose))):
             d = tuple(float(content.get(f"{name}.{item}", 0.0)) for item in names)
@@ -284,7 +359,7 @@ def _orbslam(file: Path, content: Mapping[str, Any], size: tuple[int, int] | Non
         )
     fx, fy, cx, cy = (_one(content, f"{first}.{item}") for item in ("fx", "fy", "cx", "cy"))
     baseline = content.get("stereo.b")
-    shift = fx * float(baseline) if baseline is not None else _one(content, "camera.bf")
+    shift = fx * float(baseline) if baseline is not None else _one(content, "Camera.bf")
     k = (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0)
     r = tuple(np.eye(3).reshape(-1).tolist())
     ps = [(fx, 0.0, cx, -move, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0) for move in (0.0, shift)]
@@ -292,10 +367,17 @@ def _orbslam(file: Path, content: Mapping[str, Any], size: tuple[int, int] | Non
     return (left, right), f"{text}, rectified"
 
 
+def _orbslam_raw(content: Mapping[str, Any], side: str) -> RawCamera:
+    """Return the camera of `LEFT` or `RIGHT` in older settings of ORB-SLAM."""
+    k, d, r, p = (_numbers(content, f"{side}.{name}") for name in "KDRP")
+    size = (int(_one(content, f"{side}.width")), int(_one(content, f"{side}.height")))
+    return RawCamera(size, _lens(d, False), d, k, r, p)
+
+
 def _one(content: Mapping[str, Any], name: str) -> float:
-    if name not in content:
+    if _plain(name) not in content:
         raise ValueError(f"it has no {name}")
-    return float(content[name])
+    return float(content[_plain(name)])
 
 
 def _side_by_side(name: str, cameras: list[CalibratedCamera], names: list[str]) -> tuple[Cameras, str]:
@@ -305,44 +387,47 @@ def _side_by_side(name: str, cameras: list[CalibratedCamera], names: list[str]) 
     return rectified_cameras(name, *cameras), f"{name}, {names[0]} and {names[1]}"
 
 
-def _ros(file: Path, other: Path | None) -> tuple[Cameras, str]:
-    if other is None:
-        raise InputError(
-            f"calibration '{file}' has one camera: add the file of the other camera beside it, named as left and right"
-        )
-    found = []
-    for path in (file, other):
-        values = _content(path)
-        k, r, p = (_numbers(values, f"{name}matrix") for name in ("camera", "rectification", "projection"))
-        model, d = str(values.get("distortionmodel", "")), _numbers(values, "distortioncoefficients")
-        found.append((RawCamera.of(f"'{path}'", RawCamera(_size(values), model, d, k, r, p).info), path))
-    (left, one), (right, two) = sorted(found, key=lambda item: -item[0].p[3])
+def _ros(found: _OpenedFile) -> tuple[Cameras, str]:
+    """Read two files of camera_calibration, or two messages of camera_info as `ros2 topic echo` prints them."""
+    cameras = []
+    for path in _two_files(found, "left and right"):
+        content = _content(path)
+        values = {_plain(str(name)): value for name, value in content.items()} if isinstance(content, dict) else {}
+        names = (("camera_matrix", "k"), ("rectification_matrix", "r"), ("projection_matrix", "p"))
+        k, r, p = (_numbers(values, *each) for each in names)
+        model, d = str(values.get("distortionmodel", "")), _numbers(values, "distortion_coefficients", "d")
+        cameras.append((RawCamera(_size(values), model, d, k, r, p).checked(f"'{path}'"), path))
+    (left, one), (right, two) = sorted(cameras, key=lambda item: -item[0].p[3])
     return (left, right), f"ROS '{one.name}' and '{two.name}'"
 
 
-def _opencv(files: list[Path], size: tuple[int, int] | None) -> tuple[Cameras, str]:
-    values: dict[str, Any] = {"given": size or ()}
+def _opencv(found: _OpenedFile) -> tuple[Cameras, str]:
+    values: dict[str, Any] = {"given": found.size or ()}
+    files = [found.file, *([found.other] if found.other else [])]
     for file in reversed(files):
-        values |= _content(file)
-    ks = [_numbers(values, f"m{n}", f"k{n}", f"cameramatrix{n}") for n in (1, 2)]
-    ds = [_numbers(values, f"d{n}", f"distcoeffs{n}", f"distortioncoefficients{n}") for n in (1, 2)]
+        values |= {_plain(str(name)): value for name, value in dict(_content(file)).items()}
+    ks = [_numbers(values, f"M{n}", f"K{n}", f"cameraMatrix{n}") for n in (1, 2)]
+    ds = [_numbers(values, f"D{n}", f"distCoeffs{n}", f"distortion_coefficients_{n}") for n in (1, 2)]
     told = [f"{key} {value}".lower() for key, value in values.items() if value not in (0, "0")]
     fisheye = any(re.search("fisheye|equi", text) for text in told)
     lenses, size = [_lens(d, fisheye) for d in ds], _size(values)
     text = "OpenCV " + " and ".join(f"'{file.name}'" for file in files)
     if values.keys() >= {"r1", "r2", "p1", "p2"}:
-        rps = [(_numbers(values, f"r{n}"), _numbers(values, f"p{n}")) for n in (1, 2)]
+        rps = [(_numbers(values, f"R{n}"), _numbers(values, f"P{n}")) for n in (1, 2)]
         raws = (RawCamera(size, *each[:3], *each[3]) for each in zip(lenses, ds, ks, rps, strict=True))
-        left, right = (RawCamera.of(text, raw.info) for raw in raws)
+        left, right = (raw.checked(text) for raw in raws)
         return (left, right), text
-    rotation, translation = (np.array(_numbers(values, name)) for name in ("r", "t"))
+    rotation, translation = (np.array(_numbers(values, name)) for name in ("R", "T"))
     poses = Transform.identity(), Transform.from_matrix(np.c_[rotation.reshape(3, 3), translation]).inverse()
     calibrated = zip(((k[0], k[4], k[2], k[5]) for k in ks), ds, poses, lenses, strict=True)
     return rectified_cameras(text, *(CalibratedCamera(size, *each) for each in calibrated)), text
 
 
-def _colmap(file: Path, of_rig: list[dict[str, Any]]) -> tuple[Cameras, str]:
+def _colmap(opened: _OpenedFile) -> tuple[Cameras, str]:
+    file, rig_file = opened.files
+    of_rig = msgspec.convert(_content(rig_file)[0]["cameras"], list[dict[str, Any]])
     rows = [line.split() for line in read_text(file).splitlines() if line.strip() and line.strip()[0] != "#"]
+    rows.sort(key=lambda row: int(row[0]))  # by CAMERA_ID; COLMAP writes cameras in any order
     if len(of_rig) != 2 or len(rows) not in (1, 2):
         raise ValueError(f"the first rig has {len(of_rig)} cameras and '{file.name}' {len(rows)}: two are required")
     found, names = [], []
@@ -360,3 +445,19 @@ def _colmap(file: Path, of_rig: list[dict[str, Any]]) -> tuple[Cameras, str]:
         found.append(CalibratedCamera(size, intrinsics, tuple(d), T_cam_rig.inverse(), model))
         names.append(str(camera.get("image_prefix", f"camera {row[0]}")))
     return _side_by_side(f"COLMAP '{file.parent.name}'", found, names)
+
+
+def _any_of(*names: str) -> tuple[frozenset[str], ...]:
+    return tuple(frozenset({name}) for name in names)
+
+
+READERS = (
+    _Reader("Kalibr (cam0, cam1)", _kalibr, _any_of("cam0")),
+    _Reader("EuRoC", _euroc, (frozenset({"tbs", "intrinsics"}),)),
+    _Reader("ORB-SLAM", _orbslam, _any_of("left.k", "camera.fx", "camera1.fx")),
+    _Reader("OpenCV (M1, D1, M2, D2, R, T)", _opencv, _any_of("m1", "k1", "cameramatrix1", "r1", "t")),
+    _Reader("ROS (camera_matrix, projection_matrix)", _ros, (*_any_of("projectionmatrix"), frozenset({"k", "r", "p"}))),
+    _Reader("COLMAP (cameras.txt and rig_config.json)", _colmap, ()),
+    _Reader("a rig.json", _rig, _any_of("baselinem")),
+)
+"""The readers of calibrations. The first reader that recognises a file reads it."""

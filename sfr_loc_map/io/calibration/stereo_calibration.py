@@ -1,0 +1,175 @@
+"""Two calibrated cameras as a rectified stereo rig: R and P of both cameras from their intrinsics and poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
+from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, check_extrinsics
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import refusing
+from sfr_loc_map.io.calibration.camera_info import rig_from_projections
+from sfr_loc_map.io.calibration.rectification import (
+    FISHEYE,
+    MIN_VALID,
+    RawCamera,
+    StereoRectifier,
+    check_coefficients,
+    valid_fraction,
+)
+
+Rectify = Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
+FOCAL_RATIO = (0.5, 2.0)
+"""Accepted ratio of rectified to original focal length. OpenCV's choice is far smaller for wide fisheye lenses."""
+RECTIFIED_TOLERANCE = 1e-9
+"""Largest deviation of calibrated cameras from a rectified pair, rad and m, that needs no rectification."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibratedCamera:
+    """A camera with its intrinsics and its pose, for which R and P of a rectification can be computed."""
+
+    size: tuple[int, int]
+    """Width and height of the images, pixels."""
+    intrinsics: tuple[float, float, float, float]
+    """fx, fy, cx, cy, pixels; pixel centres are at integer coordinates."""
+    distortion: tuple[float, ...]
+    """Distortion coefficients of the model, in OpenCV's order."""
+    T_body_cam: Transform
+    model: str = "plumb_bob"
+
+    def __post_init__(self) -> None:
+        fx, fy, cx, cy = self.intrinsics
+        check_camera(self.size, (fx, fy), (cx, cy))
+        check_distortion(self.distortion)
+        check_coefficients(self.model, self.distortion, "the camera")
+        check_extrinsics(self.T_body_cam.translation, "the camera", "its body")
+
+    @property
+    def k(self) -> FloatArray:
+        """Camera matrix `(3, 3)`."""
+        fx, fy, cx, cy = self.intrinsics
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    def as_raw(self, rotation: FloatArray, projection: FloatArray) -> RawCamera:
+        """Return the camera with the R `(3, 3)` and P `(3, 4)` that rectify its images."""
+        numbers = (tuple(np.ravel(matrix).tolist()) for matrix in (self.k, rotation, projection))
+        return RawCamera(self.size, self.model, self.distortion, *numbers)
+
+
+def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[RawCamera, RawCamera]:
+    """Return both cameras with the R and P that rectify them; R = I if the pair is already rectified."""
+    if left.size != right.size:
+        raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}: both must have one size")
+    if (left.model in FISHEYE) != (right.model in FISHEYE):
+        raise InputError(
+            f"{name}: the left lens is {left.model}, the right {right.model}: calibrate both with one model"
+        )
+    T_right_left = right.T_body_cam.inverse() @ left.T_body_cam
+    right_m = -T_right_left.rotation.T @ T_right_left.translation  # in the left camera
+    if right_m[0] <= 0.0 or abs(right_m[1]) > right_m[0]:
+        raise _not_side_by_side(name, right_m)
+    if _is_rectified(left, right, T_right_left.rotation, right_m):
+        baseline_m = round(float(right_m[0]), 12)  # without the rounding errors of the poses
+        rotations = [np.eye(3), np.eye(3)]
+        projections = [np.c_[left.k, np.zeros(3)], np.c_[left.k, (-(left.intrinsics[0] * baseline_m), 0.0, 0.0)]]
+    else:
+        rotations, projections = _bouguet(name, left, right, T_right_left)
+        if not projections[1][0, 3] < 0 or projections[1][1, 3] != 0:
+            raise _not_side_by_side(name, right_m)
+    one, other = map(CalibratedCamera.as_raw, (left, right), rotations, projections)
+    return one, other
+
+
+def _not_side_by_side(name: str, right_m: FloatArray) -> InputError:
+    """Return the error for a right camera that is not to the right; `right_m` is its position in the left camera."""
+    place = ", ".join(f"{value + 0.0:.4g}" for value in right_m)
+    return InputError(
+        f"{name}: the right camera is at ({place}) m in the left camera (x right, y down): a position to the right "
+        "is required; are the cameras swapped, or one above the other? Correct the calibration"
+    )
+
+
+def _is_rectified(left: CalibratedCamera, right: CalibratedCamera, rotation: FloatArray, right_m: FloatArray) -> bool:
+    """Return whether the images need no rectification; `rotation` and `right_m` are the pose between the cameras."""
+    has_distortion = any(left.distortion) or any(right.distortion)
+    turn = float(np.abs(rotation - np.eye(3)).max())
+    shift_m = float(np.abs(right_m[1:]).max())
+    is_parallel = max(turn, shift_m) <= RECTIFIED_TOLERANCE
+    return is_parallel and not has_distortion and left.intrinsics == right.intrinsics
+
+
+def _bouguet(
+    name: str, left: CalibratedCamera, right: CalibratedCamera, T_right_left: Transform
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Return R and P of both cameras by Bouguet's method in OpenCV, without black borders.
+
+    If the images would hardly be covered (wide fisheye lenses), P keeps the focal length of the cameras instead.
+    """
+    d_left, d_right = np.array(left.distortion), np.array(right.distortion)
+    cameras = (left, right)
+    pair = left.k, d_left, right.k, d_right, left.size, T_right_left.rotation, T_right_left.translation
+    with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
+        try:
+            if left.model in FISHEYE:
+                found = cv2.fisheye.stereoRectify(*pair, flags=cv2.CALIB_ZERO_DISPARITY, balance=0)[:4]
+            else:
+                found = cv2.stereoRectify(*pair, flags=cv2.CALIB_ZERO_DISPARITY, alpha=0)[:4]
+        except cv2.error as error:
+            raise ValueError(str(error)) from error
+    rotations, projections = ([np.asarray(matrix, np.float64) for matrix in part] for part in (found[:2], found[2:]))
+    if _coverage_problem(cameras, rotations, projections):
+        projections = [*_kept_projections(cameras, rotations, float(projections[1][0, 3] / projections[1][0, 0]))]
+        if problem := _coverage_problem(cameras, rotations, projections):
+            raise InputError(f"{name}: the cameras cannot be rectified: {problem}; correct the calibration")
+    return rotations, projections
+
+
+def _kept_projections(
+    cameras: Sequence[CalibratedCamera], rotations: Sequence[FloatArray], shift: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return projections with the mean focal length that keep the cameras' principal points in place on average."""
+    focal = float(np.mean([camera.intrinsics[:2] for camera in cameras]))
+    axes = np.array([rotation[:, 2] for rotation in rotations])  # optical axes in the rectified frame
+    centres = np.array([camera.intrinsics[2:] for camera in cameras])
+    centre = (centres - focal * axes[:, :2] / axes[:, 2:]).mean(axis=0)
+    one = np.array([[focal, 0.0, centre[0], 0.0], [0.0, focal, centre[1], 0.0], [0.0, 0.0, 1.0, 0.0]])
+    other = one.copy()
+    other[0, 3] = focal * shift
+    return one, other
+
+
+def _coverage_problem(
+    cameras: Sequence[CalibratedCamera], rotations: Sequence[FloatArray], projections: Sequence[FloatArray]
+) -> str:
+    """Return why a rectification does not cover the field of view of the cameras; empty if there is no problem."""
+    for camera, rotation, projection in zip(cameras, rotations, projections, strict=True):
+        raw = camera.as_raw(rotation, projection)
+        width, height = camera.size
+        focal, centre = float(projection[0, 0]), projection[:2, 2]
+        ratio = focal / float(np.mean(camera.intrinsics[:2]))
+        if not FOCAL_RATIO[0] <= ratio <= FOCAL_RATIO[1]:
+            return f"the rectified focal length is {focal:.4g} px, {ratio:.3g} times that of the camera"
+        if not (0.0 <= centre[0] < width and 0.0 <= centre[1] < height):
+            return f"the rectified principal point ({centre[0]:.4g}, {centre[1]:.4g}) is outside of the image"
+        fraction = valid_fraction(raw.maps()[0], camera.size)
+        if fraction < MIN_VALID:
+            return f"raw pixels are mapped to {100.0 * fraction:.3g} % of the rectified image"
+    return ""
+
+
+def rectified_pair(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[StereoRig, Rectify | None]:
+    """Return the rectified rig, with its pose in the body, and the rectifying function; None if already rectified."""
+    one, other = rectified_cameras(name, left, right)
+    rig = rig_from_projections(np.array(one.p), np.array(other.p), one.size, name)
+    T_body_left = Transform(left.T_body_cam.rotation @ np.reshape(one.r, (3, 3)).T, left.T_body_cam.translation)
+    T_rb_sb = T_body_left @ rig.T_sb_left.inverse()
+    with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
+        rig = replace(rig, T_rb_sb=Transform.from_quat(T_rb_sb.translation, T_rb_sb.quat_xyzw))
+    return rig, None if one.is_rectified and other.is_rectified else StereoRectifier((one, other)).rectify
