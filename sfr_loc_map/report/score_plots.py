@@ -38,7 +38,7 @@ from sfr_loc_map.report.plots import (
 from sfr_loc_map.report.tables import MIB
 
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
-AT_THE_END = "distance travelled at the end of the sub-trajectory, m"
+AT_THE_END = "distance travelled at the end, m"
 TRACE_BACK = (
     "sub-trajectory over %{customdata[0]}<br>frames %{customdata[1]} to %{customdata[2]}<br>"
     "stamps %{customdata[3]} to %{customdata[4]} ns"
@@ -488,14 +488,20 @@ def _over_range(score: Score) -> Plot:
         if law is not None and d is not None:
             amounts = scaled([r * r * d / (law.focal_px * law.baseline_m) for r in steps], 1e3)
             words = [f"{d:.2g} px "] + [""] * LAW_STEPS
-            more = {"mode": "lines+text", "text": words, "textposition": "middle left", "showlegend": d == 1.0}
+            more = {
+                "mode": "lines+text",
+                "text": words,
+                "textposition": "middle left",
+                "textfont": {"size": 10},
+                "showlegend": d == 1.0,
+            }
             trace = line("law of triangulation", (steps, amounts), "@truth", dash="dot", width=width)
             data.append(trace | more | {"legendgroup": "law"})
     totals = [value for *_, row in bins for value in (row.p50, row.mean_plus_3sigma)]
     known = [value * 1e3 for value in totals if value] or [1.0]
     layout = {
         "xaxis": log_axis("range from the left camera, m", low, high)
-        | {"range": [math.log10(0.5 * low), math.log10(1.1 * high)]},
+        | {"range": [math.log10(0.25 * low), math.log10(1.1 * high)]},
         "yaxis": log_axis("point error, mm", 0.1, 1e5, steps=(1,))
         | {"range": [math.log10(max(min(known) / 10, 0.1)), math.log10(max(known) * 3)]},
     }
