@@ -23,7 +23,8 @@ from sfr_loc_map.live.keyboard import Keyboard
 from sfr_loc_map.live.live_report import LiveReport
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number, to_rich
+from sfr_loc_map.report.table_formats import to_rich
+from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number
 
 PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05
 """Period of the screen, of the lines without a terminal, and of the check for keys."""

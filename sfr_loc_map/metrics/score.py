@@ -266,6 +266,6 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
 
     def _repr_html_(self) -> str:
         from sfr_loc_map.report.score_tables import summary_tables
-        from sfr_loc_map.report.tables import to_html
+        from sfr_loc_map.report.table_formats import to_html
 
         return f"<b>{self.verdict or 'no verdict'}</b>" + "".join(to_html(table) for table in summary_tables(self))

@@ -1,11 +1,7 @@
-"""Comparison of several scores of the same data on one page: paired differences, a row per method, common plots.
-
-Method names come from the user. They are reduced to plain characters before they are used in a plot.
-"""
+"""Comparison of several scores of the same data on one page: paired differences, a row per method, common plots."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -23,6 +19,7 @@ from sfr_loc_map.report.score_tables import UNNAMED, convention_text, row_title
 from sfr_loc_map.report.summary import overall_of
 from sfr_loc_map.report.tables import ABSENT, MARKS, NONE, Cell, Column, Row, Table, Unit, fitting, number
 
+MAX_LETTERS = 60  #: Maximum length of a name in a legend.
 NEUTRAL = ("frames",)  #: Columns without a best and a worst figure.
 SYMBOLS = ("circle", "square", "diamond")
 FIRST_TABLES = ("pairs", "methods")  #: Tables above the plots of a page.
@@ -85,6 +82,22 @@ def _cell(value: float | int | None, unit: Unit = NONE, *, signed: bool = False)
     return Cell.number(value, unit=unit, undefined=ABSENT, signed=signed)
 
 
+def summary_of(result: Comparison) -> tuple[str, str]:
+    """Return a heading and a text that compare the other scores with the reference, worse scores first."""
+    outcomes: dict[str, dict[str, list[str]]] = {}  # figures by name of the score and outcome
+    for pair in result.pairs:
+        figures = outcomes.setdefault(pair.name, {}).setdefault(pair.outcome.value, [])
+        figures.append(f"{pair.figure} over {label_of(pair.condition)}")
+    sentences = []
+    for name, found in sorted(outcomes.items(), key=lambda item: "worse" not in item[1]):
+        differences = [f"{word} in {', '.join(found[word])}" for word in ("worse", "better") if word in found]
+        sentences.append(f"{name}: {'; '.join(differences) or 'no difference is certain'}.")
+    counts = {word: sum(word in found for found in outcomes.values()) for word in ("worse", "better")}
+    heading = ", ".join(f"{count} of {len(outcomes)} {word}" for word, count in counts.items() if count)
+    sentences.append(f"{len(result.names)} scores of the same data; the reference is {result.names[0]}.")
+    return heading or "no difference", " ".join(sentences)
+
+
 # ---- tables of methods
 
 
@@ -92,22 +105,6 @@ def methods_tables(scores: Sequence[Score], names: Sequence[str]) -> list[Table]
     """Return the tables of several methods: a row per method, and the provenance of each score."""
     named = list(zip(names, scores, strict=True))
     return [_methods(named), _provenance(named)]
-
-
-def summary_of(result: Comparison) -> tuple[str, str]:
-    """Return a heading and a text that compare the other scores with the reference, worse scores first."""
-    first, outcomes = result.names[0], dict[str, dict[str, list[str]]]()
-    for pair in result.pairs:
-        figure = f"{pair.figure} over {label_of(pair.condition)}"
-        outcomes.setdefault(pair.name, {}).setdefault(pair.outcome.value, []).append(figure)
-    counts, parts = {"worse": 0, "better": 0}, []
-    for name, found in sorted(outcomes.items(), key=lambda item: "worse" not in item[1]):
-        told = [f"{word} in {', '.join(found[word])}" for word in counts if word in found]
-        parts.append(f"{name}: {'; '.join(told) or 'no difference is certain'}")
-        counts = {word: count + (word in found) for word, count in counts.items()}
-    heading = ", ".join(f"{count} of {len(outcomes)} {word}" for word, count in counts.items() if count)
-    against = f"{len(result.names)} scores of the same data; the reference is {first}."
-    return heading or "no difference", " ".join((f"{'. '.join(parts)}." if parts else "", against)).strip()
 
 
 def _marked(column: Column, cells: list[Cell]) -> list[Cell]:
@@ -137,8 +134,8 @@ def _methods(named: Named) -> Table:
             words = title if statistic == TOTAL else f"{title}, {statistic_title(statistic)}"
             shown.append((Column(words, unit), _figure_cell(figure, statistic, unit)))
     if any(score.association is not None for _, score in named):
-        shown.append((Column("frames"), lambda score: _cell(_frames(score, "matched"))))
-        shown.append((Column("lost"), lambda score: _cell(_frames(score, "lost"))))
+        shown.append((Column("frames"), partial(_frames, name="matched")))
+        shown.append((Column("lost"), partial(_frames, name="lost")))
     if any(score.has(Subject.MAP) for _, score in named):
         shown.append((Column("coverage"), lambda score: _cell(score.number("coverage"))))
     shown += [
@@ -188,11 +185,8 @@ def _figure_cell(figure: str, statistic: str, unit: Unit) -> Callable[[Score], C
     return cell_of
 
 
-def _frames(score: Score, name: str) -> int | None:
-    found = score.association
-    if found is None:
-        return None
-    return found.matched if name == "matched" else found.lost
+def _frames(score: Score, name: str) -> Cell:
+    return _cell(None if score.association is None else getattr(score.association, name))
 
 
 def _times(score: Score, statistic: str) -> Cell:
@@ -239,18 +233,13 @@ def _provenance(named: Named) -> Table:
 
 def methods_plots(scores: Sequence[Score], names: Sequence[str]) -> list[tuple[str, list[plots.Plot]]]:
     """Return the plots by heading for which the scores have data."""
-    named = [(plain(name), score) for name, score in zip(names, scores, strict=True)]
+    named = [(plots.plain(name[:MAX_LETTERS]), score) for name, score in zip(names, scores, strict=True)]
     groups = (
         ("Localisation", [*_paths(named), *growth(named)]),
         ("Cost against accuracy", [plot for task in TASKS for plot in _cost(named, task)]),
         ("Maps", _over_range(named)),
     )
     return [(title, group) for title, group in groups if group]
-
-
-def plain(name: str) -> str:
-    """Return a name without characters that plotly interprets."""
-    return re.sub(r"[^\w .:/+()-]", "_", name)[:60]
 
 
 def _paths(named: Named) -> list[plots.Plot]:

@@ -1,4 +1,7 @@
-"""Every limit as a bar: fraction of the limit that the judged value uses, interval and margin."""
+"""Every limit as a bar of the live page: fraction of the limit that the judged value uses, interval and margin.
+
+A bar is a view of a verdict (`VerdictView`) as plain values, which the server sends as JSON.
+"""
 
 from __future__ import annotations
 

@@ -29,7 +29,8 @@ from sfr_loc_map.report.summary import (
     provenance_texts,
     run_facts,
 )
-from sfr_loc_map.report.tables import Table, to_html
+from sfr_loc_map.report.table_formats import to_html
+from sfr_loc_map.report.tables import Table
 
 TITLE = "Localisation and mapping report"
 Sections = Sequence[tuple[str, list[Plot]]]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from itertools import cycle
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,10 +13,10 @@ from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, printable
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.aligned_error import aligned_poses
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.report.plots import COLORS, Plot, Trace, axis, error_scale, line, scaled, to_figure
+from sfr_loc_map.report.plots import COLORS, Plot, Trace, axis, error_scale, line, plain, scaled, to_figure
 
 TIME = "time, s"
 MOST_POINTS = 5000  #: Maximum number of drawn poses of a path.
@@ -69,7 +68,7 @@ def path_plot(curves: Sequence[Curve]) -> Plot:
     for curve in curves:
         width = 3 if curve.colour == "@truth" else 2
         style: dict[str, Any] = {"color": curve.colour, "width": width, "legendgroup": curve.colour[1:]}
-        name = escape(printable(curve.name))  # plotly interprets HTML tags
+        name = plain(curve.name)
         x, y, z = (scaled(column.tolist(), 1.0) for column in curve.positions.T)
         seconds = scaled(curve.seconds.tolist(), 1.0)
         data.append(line(name, (x, y), **style))

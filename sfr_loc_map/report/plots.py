@@ -24,22 +24,48 @@ TRAVELLED = "distance travelled (truth), m"
 COLORS = ("@one", "@two", "@three", "@four", "@five")
 PALETTES = {
     "light": {
-        **{"truth": "#1a1f24", "one": "#0067a8", "two": "#c14a00", "three": "#007a5a", "four": "#8a6d00"},
-        **{"five": "#a3437b", "bad": "#b3001b", "faint": "rgba(87,96,106,0.35)", "chosen": "#e69f00"},
-        **{"ink": "#1a1f24", "soft": "#57606a", "paper": "#ffffff", "grid": "#e3e7eb", "zero": "#8c959f"},
-        **{"one-soft": "rgba(0,103,168,0.16)", "two-soft": "rgba(193,74,0,0.16)", "three-soft": "rgba(0,122,90,0.16)"},
-        **{"four-soft": "rgba(138,109,0,0.16)", "five-soft": "rgba(163,67,123,0.16)", "sequential": "Viridis"},
+        "truth": "#1a1f24",
+        "one": "#0067a8",
+        "two": "#c14a00",
+        "three": "#007a5a",
+        "four": "#8a6d00",
+        "five": "#a3437b",
+        "bad": "#b3001b",
+        "faint": "rgba(87,96,106,0.35)",
+        "chosen": "#e69f00",
+        "ink": "#1a1f24",
+        "soft": "#57606a",
+        "paper": "#ffffff",
+        "grid": "#e3e7eb",
+        "zero": "#8c959f",
+        "one-soft": "rgba(0,103,168,0.16)",
+        "two-soft": "rgba(193,74,0,0.16)",
+        "three-soft": "rgba(0,122,90,0.16)",
+        "four-soft": "rgba(138,109,0,0.16)",
+        "five-soft": "rgba(163,67,123,0.16)",
+        "sequential": "Viridis",
     },
     "dark": {
-        **{"truth": "#f0f3f6", "one": "#56b4e9", "two": "#ff9a52", "three": "#3ecf9f", "four": "#f0e442"},
-        **{"five": "#e49ac4", "bad": "#ff7b7b", "faint": "rgba(169,180,191,0.35)", "chosen": "#ffd166"},
-        **{"ink": "#e8ecf0", "soft": "#a9b4bf", "paper": "#171c22", "grid": "#2b333c", "zero": "#6b7682"},
-        **{
-            "one-soft": "rgba(86,180,233,0.2)",
-            "two-soft": "rgba(255,154,82,0.2)",
-            "three-soft": "rgba(62,207,159,0.2)",
-        },
-        **{"four-soft": "rgba(240,228,66,0.2)", "five-soft": "rgba(228,154,196,0.2)", "sequential": "Viridis"},
+        "truth": "#f0f3f6",
+        "one": "#56b4e9",
+        "two": "#ff9a52",
+        "three": "#3ecf9f",
+        "four": "#f0e442",
+        "five": "#e49ac4",
+        "bad": "#ff7b7b",
+        "faint": "rgba(169,180,191,0.35)",
+        "chosen": "#ffd166",
+        "ink": "#e8ecf0",
+        "soft": "#a9b4bf",
+        "paper": "#171c22",
+        "grid": "#2b333c",
+        "zero": "#6b7682",
+        "one-soft": "rgba(86,180,233,0.2)",
+        "two-soft": "rgba(255,154,82,0.2)",
+        "three-soft": "rgba(62,207,159,0.2)",
+        "four-soft": "rgba(240,228,66,0.2)",
+        "five-soft": "rgba(228,154,196,0.2)",
+        "sequential": "Viridis",
     },
 }
 """Named colours after Okabe and Ito (suitable for colour-blind readers), darker on light and lighter on dark."""
@@ -84,7 +110,7 @@ class Plot:
 
 
 def plain(text: str) -> str:
-    """Return a text of a user with HTML tags escaped, which plotly would interpret."""
+    """Return a text of a user, such as a name, with HTML tags escaped, which plotly would interpret."""
     return escape(printable(text), quote=False)
 
 

@@ -45,8 +45,12 @@ TRACE_BACK = (
 )
 """Hover text of a mark; `customdata` is a row of `_traces_to`."""
 STATES = {
-    **{"initialising": ("@two", "diamond"), "tracking": ("@one", "circle"), "degraded": ("@three", "triangle-up")},
-    **{"lost": ("@bad", "x"), "mapped": ("@one", "circle"), "fused": ("@three", "square")},
+    "initialising": ("@two", "diamond"),
+    "tracking": ("@one", "circle"),
+    "degraded": ("@three", "triangle-up"),
+    "lost": ("@bad", "x"),
+    "mapped": ("@one", "circle"),
+    "fused": ("@three", "square"),
     "other": ("@four", "square"),
 }
 """Colour and mark of each state that a call reports."""
@@ -104,8 +108,10 @@ def _drive_plots(score: Score) -> list[Plot]:
         "heading": (rows.heading_deg, score.figure("heading", condition=condition)),
         "attitude": (rows.attitude_deg, score.figure("attitude", condition=condition)),
     }
-    directions = f"Over {first.over}, by the axes of DS, along and across the path; mean and 3 sigma of each direction."
-    of_angles = f"Over {first.over}. Heading has a sign; attitude is the angle of the shortest rotation."
+    position = score.figure("position", condition=condition)
+    over = f"Over {first.over}, n = {0 if position is None else position.n or 0}"
+    directions = f"{over}, by the axes of DS, along and across the path; mean and 3 sigma of each direction."
+    of_angles = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
     panels = _panels(score, first, by_direction)
     angles = _panels(score, first, of_angle, scale=(1.0, "deg"))
     return [
@@ -151,15 +157,15 @@ def _limit_lines(
     score: Score,
     figure: str,
     ends: Values,
-    most: float,
     factor: float = 1.0,
     condition: str | None = None,
+    hidden_above: float = math.inf,
     **more: Any,  # noqa: ANN401
 ) -> list[Trace]:
-    """Return a line for each limit on a figure; a limit far above the largest value is only in the legend."""
+    """Return a line for each limit on a figure; a limit above `hidden_above` is only in the legend."""
     traces = []
     for name, limit in limits_on(score, figure, condition):
-        far = {"visible": "legendonly"} if limit * factor > FAR * most else {}
+        far = {"visible": "legendonly"} if limit * factor > hidden_above else {}
         title = f"limit of {statistic_title(name)}" + (f", {label_of(condition)}" if condition else "")
         traces.append(line(title, (ends, scaled([limit] * 2, factor)), "@bad", dash="longdash", **(more | far)))
     return traces
@@ -294,7 +300,9 @@ def _position(score: Score, parts: list[PlottedCondition]) -> Plot:
         group: dict[str, Any] = {"legendgroup": over, "visible": True if k == 0 else "legendonly"}
         color, symbol = COLORS[k % len(COLORS)], SYMBOLS[k % len(SYMBOLS)]
         errors = scaled(error_sizes(part.rows), factor)
-        data.append(_marked(part, f"error over {over}", errors, unit, color=color, symbol=symbol, **group))
+        count = 0 if row is None else row.n or 0
+        name = f"error over {over}, n = {count}"
+        data.append(_marked(part, name, errors, unit, color=color, symbol=symbol, **group))
         ends = [part.travelled_m[0], part.travelled_m[-1]]
         for name, value, dash in (
             ("norm of the mean", None if row is None else row.mean, "dash"),
@@ -302,7 +310,7 @@ def _position(score: Score, parts: list[PlottedCondition]) -> Plot:
         ):
             if value is not None:
                 data.append(line(f"{name}, {over}", (ends, scaled([value] * 2, factor)), color, dash=dash, **group))
-        data += _limit_lines(score, "position", ends, math.inf, factor, condition, **(group if k else {}))
+        data += _limit_lines(score, "position", ends, factor, condition, **(group if k else {}))
         if row is not None and row.interval is not None:
             low, high = (bound * factor for bound in row.interval)
             data.append(band(f"95 % interval, {over}", ends, low, high, f"{color}-soft", **group))
@@ -363,8 +371,10 @@ def _panels(
         errors = scaled(values, factor)
         data.append(_marked(part, "sub-trajectory", errors, unit, symbol=SYMBOLS[0], **place, legendgroup="s"))
         for sign in (1.0, -1.0) if title == "heading" else (1.0,) if title == "attitude" else ():
-            condition, most = part.rows.condition, largest(errors)
-            data += _limit_lines(score, title, ends, most, sign, condition, **place | {"showlegend": sign > 0.0})
+            shown = place | {"showlegend": sign > 0.0}
+            data += _limit_lines(
+                score, title, ends, sign, part.rows.condition, hidden_above=FAR * largest(errors), **shown
+            )
         layout[f"yaxis{suffix}"] = axis(f"{title},<br>{unit}", zeroline=True)
     layout["xaxis"] = axis(AT_THE_END)
     return data, layout
@@ -391,7 +401,7 @@ def _timeline(score: Score, kind: CallKind) -> list[Plot]:
             hover = f"call at stamp %{{customdata}} ns: %{{y:.4g}} s<extra>{name}</extra>"
             data.append(marks(name, places, color, symbol=symbol, size=5, customdata=stamps, hovertemplate=hover))
     ends = [min(seconds), max(seconds)]
-    data += _limit_lines(score, kind, ends, math.inf)
+    data += _limit_lines(score, kind, ends)
     limits = [limit for _, limit in limits_on(score, kind)]
     layout: dict[str, Any] = {
         "xaxis": axis("time since the first pair, s"),
@@ -433,24 +443,43 @@ def range_rows(score: Score) -> Iterator[tuple[float, float, Figure]]:
             yield *bounds, row
 
 
-def _coloured(errors_mm: Values) -> tuple[list[float | None], float, float, dict[str, Any]]:
+class _LogScale(NamedTuple):
+    """Colours of point errors on a logarithmic scale."""
+
+    logs: list[float | None]  #: Decimal logarithm of each error in mm; None if unknown.
+    low: float
+    high: float
+    bar: dict[str, Any]
+
+
+def _log_scale(errors_mm: Values) -> _LogScale:
+    """Return the colours of point errors; the scale spans the middle 96 % of the errors."""
     logs = [None if mm is None or mm < 0 else round(math.log10(max(mm, 0.1)), 3) for mm in errors_mm]
     known = sorted(value for value in logs if value is not None) or [0.0]
     low, high = known[len(known) // 50], known[-1 - len(known) // 50]
     ticks = {"tickvals": [round(math.log10(t), 3) for t in LOG_TICKS_MM], "ticktext": [f"{t:g}" for t in LOG_TICKS_MM]}
-    return logs, low, max(high, low + 0.1), colour_bar("point error, mm", **ticks)
+    return _LogScale(logs, low, max(high, low + 0.1), colour_bar("point error, mm", **ticks))
 
 
 def _image(item: ErrorImage, width: str) -> Plot:
     block, columns = item.block_px, len(item.error_0p1mm[0]) if item.error_0p1mm else 0
     values = [[None if value < 0 else value / 10 for value in row] for row in item.error_0p1mm]
-    logs, low, high, bar = _coloured([value for row in values for value in row])
-    shown = [logs[k : k + columns] for k in range(0, len(logs), columns)] if columns else values
+    scale = _log_scale([value for row in values for value in row])
+    shown = [scale.logs[k : k + columns] for k in range(0, len(scale.logs), columns)] if columns else values
     first = (block - 1) / 2
     image: Trace = {
-        **{"type": "heatmap", "z": shown, "x0": first, "dx": block, "y0": first, "dy": block},
-        **{"zmin": low, "zmax": high},
-        **{"colorscale": "@sequential", "colorbar": bar, "customdata": values, "hoverongaps": False},
+        "type": "heatmap",
+        "z": shown,
+        "x0": first,
+        "dx": block,
+        "y0": first,
+        "dy": block,
+        "zmin": scale.low,
+        "zmax": scale.high,
+        "colorscale": "@sequential",
+        "colorbar": scale.bar,
+        "customdata": values,
+        "hoverongaps": False,
         "hovertemplate": "u %{x:.0f}, v %{y:.0f} px: %{customdata:.4g} mm<extra></extra>",
     }
     layout = {
@@ -480,7 +509,7 @@ def _over_range(score: Score) -> Plot:
             ([max(nearest, low), farthest], scaled([row.statistic(name)] * 2, 1e3)) for nearest, farthest, row in bins
         ]
         data.append(line(statistic_title(name), segments(levels), color, dash=dash, width=3))
-    data += _limit_lines(score, "point_error", [low, high], math.inf, 1e3)
+    data += _limit_lines(score, "point_error", [low, high], 1e3)
     law, ratio = None if details is None else details.triangulation, (high / low) ** (1 / LAW_STEPS)
     median_px = score.number("disparity_error", "p50", part=None)
     steps = [low * ratio**k for k in range(LAW_STEPS + 1)]
@@ -514,11 +543,21 @@ def _over_range(score: Score) -> Plot:
 
 
 def _in_space(cloud: PointRows) -> Plot:
-    logs, low, high, bar = _coloured([None if error is None else error * 1e3 for error in cloud.error_m])
-    colours = {"cmin": low, "cmax": high, "colorscale": "@sequential", "colorbar": bar}
+    scale = _log_scale([None if error is None else error * 1e3 for error in cloud.error_m])
     points: Trace = {
-        **{"type": "scatter3d", "mode": "markers", "x": cloud.x_m, "y": cloud.y_m, "z": cloud.z_m},
-        "marker": {"color": logs, "size": 2, **colours},
+        "type": "scatter3d",
+        "mode": "markers",
+        "x": cloud.x_m,
+        "y": cloud.y_m,
+        "z": cloud.z_m,
+        "marker": {
+            "color": scale.logs,
+            "size": 2,
+            "cmin": scale.low,
+            "cmax": scale.high,
+            "colorscale": "@sequential",
+            "colorbar": scale.bar,
+        },
         "customdata": scaled(cloud.error_m, 1e3),
         "hovertemplate": "%{x:.2f}, %{y:.2f}, %{z:.2f} m: %{customdata:.4g} mm<extra></extra>",
     }
@@ -528,6 +567,6 @@ def _in_space(cloud: PointRows) -> Plot:
         ordered = sorted(value for value in column if value is not None)
         spare = len(ordered) // 40
         scene[f"{name}axis"] = {"title": {"text": f"{name} of LM, m"}, "range": [ordered[spare], ordered[-1 - spare]]}
-    caption = f"{len(logs)} points of the cloud; the view spans the middle 95 % of each axis. Equal axes. LM: "
+    caption = f"{len(scale.logs)} points of the cloud; the view spans the middle 95 % of each axis. Equal axes. LM: "
     caption += "the local map frame, fixed to the ground, z up."
     return Plot("cloud", "Cloud coloured by error", caption, [points], {"scene": scene}, height=560, width="full")

@@ -1,7 +1,8 @@
 """The tables of a score: views of the rows of its table of figures. Each cell names its key in the JSON.
 
 A predicate selects the rows of each table (`VIEWS`), and `figure_table` lays them out. Rows that no view selects are in
-a final table, so that every report contains every row of the score. `report.tables` writes a table as text.
+a final table, so that every report contains every row of the score. `report.table_formats` writes
+a table as text, HTML, Markdown or CSV.
 """
 
 from __future__ import annotations
@@ -21,19 +22,8 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import NUMBERS, Figure
 from sfr_loc_map.report import notes
 from sfr_loc_map.report.glossary import glossary
-from sfr_loc_map.report.tables import (
-    ABSENT,
-    NOT_ENOUGH,
-    UNKNOWN,
-    Cell,
-    Column,
-    Row,
-    Table,
-    Unit,
-    fitting,
-    number,
-    to_markdown,
-)
+from sfr_loc_map.report.table_formats import to_markdown
+from sfr_loc_map.report.tables import ABSENT, NOT_ENOUGH, UNKNOWN, Cell, Column, Row, Table, Unit, fitting, number
 from sfr_loc_map.report.verdict_view import verdict_views
 
 UNNAMED = "not named"

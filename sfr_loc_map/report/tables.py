@@ -1,26 +1,18 @@
-"""Tables of figures: numbers with units, a model of tables, and renderers for terminal, HTML, Markdown and CSV.
+"""Tables of figures: numbers with units, and a model of tables, which `report.table_formats` writes.
 
-Terminal, page, live page and Markdown show the same strings. CSV contains the exact values.
+The columns and rows of a table are laid out where the table is made: for a score in `report.score_tables`, for other
+results in the module of the result.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-import re
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
-from html import escape
-from typing import TYPE_CHECKING, NamedTuple
-from urllib.parse import quote
+from typing import NamedTuple
 
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.intervals import Interval
-
-if TYPE_CHECKING:
-    from rich.table import Table as RichTable
 
 UNKNOWN, NOT_ENOUGH, ABSENT = "unknown", "not enough data", "-"
 """Texts of an unknown fact, an undefined figure, and a figure that does not apply."""
@@ -146,6 +138,11 @@ class Cell:
         """Icon of a verdict; empty for other cells."""
         return VERDICTS.get(self.text, OPEN).icon if self.kind is CellKind.VERDICT else ""
 
+    @property
+    def sign(self) -> str:
+        """Sign before the text: the icon of a verdict, or the mark; empty for other cells."""
+        return self.icon or MARKS.get(self.mark, "")
+
 
 class VerdictStyle(NamedTuple):
     """Icon and colour of a verdict. The colour only repeats the word and the icon."""
@@ -155,9 +152,7 @@ class VerdictStyle(NamedTuple):
     colour: str
 
 
-ENDS = ("low95", "high95")  #: Keys of the bounds of an interval, below the key of its cell.
 MARKS = {"best": "★", "worst": "✕"}  #: Marks in a column. An arrow would suggest that larger is better.
-LEAN_ROWS = 300  #: Tables with more rows omit keys and exact values, so that large pages stay small.
 VERDICTS = {"pass": VerdictStyle("✔", "pass", "green"), "fail": VerdictStyle("✖", "fail", "bold red")}
 OPEN = VerdictStyle("?", "open", "yellow")  #: Style of every other verdict.
 Row = tuple[Cell, ...]
@@ -176,116 +171,3 @@ class Table:
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", printable(self.title))
         object.__setattr__(self, "note", printable(self.note))
-
-
-# ---- renderers
-
-
-def print_tables(tables: Iterable[Table]) -> None:
-    """Print tables to standard output."""
-    from rich.console import Console
-
-    console = Console()
-    console = console if console.is_terminal else Console(width=150)  # output to a file
-    for table in tables:
-        console.print(to_rich(table))
-
-
-def to_rich(table: Table) -> RichTable:
-    """Return a table for rich, with titles and texts taken literally."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table as RichTable
-    from rich.text import Text
-
-    shown = RichTable(
-        title=Text(table.title),
-        title_justify="left",
-        header_style="bold",
-        box=SIMPLE_HEAD,
-        pad_edge=False,
-        caption=Text(table.note) if table.note else None,
-        caption_justify="left",
-    )
-    for column in table.columns:
-        shown.add_column(Text(column.heading), justify="left" if column.words else "right", overflow="fold")
-    for row in table.rows:
-        styles = (VERDICTS.get(cell.text, OPEN).colour if cell.kind is CellKind.VERDICT else "" for cell in row)
-        texts = (f"{MARKS[cell.mark]} {cell.text}" if cell.mark else cell.text for cell in row)
-        shown.add_row(*(Text(text, style) for text, style in zip(texts, styles, strict=True)))
-    return shown
-
-
-WORDS = ' class="words"'  #: Attribute of words and their heading, which are aligned to the left.
-
-
-def to_html(table: Table) -> str:
-    """Return a section with title, table and note, all texts escaped. Figures have value and key as attributes."""
-    heads = "".join(f'<th scope="col"{WORDS * column.words}>{escape(column.heading)}</th>' for column in table.columns)
-    lean = len(table.rows) > LEAN_ROWS
-    rows = "\n".join(
-        f"<tr>{''.join(_html_cell(*pair, lean=lean) for pair in zip(row, table.columns, strict=True))}</tr>"
-        for row in table.rows
-    )
-    note = f'\n<p class="note">{escape(table.note)}</p>' if table.note else ""
-    return (
-        f'<div class="table" id="table-{escape(table.name)}">\n<h3>{escape(table.title)}</h3>\n'
-        f'<div class="scroll"><table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table></div>'
-        f"{note}\n</div>\n"
-    )
-
-
-def _html_cell(cell: Cell, column: Column, *, lean: bool) -> str:
-    text = escape(cell.text)
-    if cell.link:
-        text = f'<a href="{escape(quote(cell.link))}">{text}</a>'
-    if cell.kind is CellKind.HEAD:
-        return f'<th scope="row">{text}</th>'
-    if cell.kind is CellKind.VERDICT:
-        css = VERDICTS.get(cell.text, OPEN).css
-        return f'<td class="verdict {css}"><span class="icon" aria-hidden="true">{cell.icon}</span> {text}</td>'
-    place = f' data-key="{escape(cell.key)}"' if cell.key and not lean else ""
-    if cell.mark:
-        place += f' class="{cell.mark}"'
-        text = f'<span title="{cell.mark} of the column">{MARKS[cell.mark]}</span> {text}'
-    if isinstance(cell.value, (int, float)) and not lean:
-        place += f' data-value="{cell.value}" title="{escape(cell.key)} = {cell.value}"'
-    return f"<td{WORDS * column.words}{place}>{text}</td>"
-
-
-def to_markdown(tables: Iterable[Table], title: str = "") -> str:
-    """Return tables as Markdown, under a common heading if `title` is given."""
-
-    def plain(text: str) -> str:
-        """Return a text with Markdown characters escaped."""
-        return re.sub(r"([\\`*_<>|\[\]])", r"\\\1", " ".join(text.split()))
-
-    def line(texts: Iterable[str]) -> str:
-        return "| " + " | ".join(map(plain, texts)) + " |"
-
-    lines = [f"# {plain(title)}", ""] if title else []
-    for table in tables:
-        lines += [f"## {plain(table.title)}", ""] if table.title else []
-        lines += [line(column.heading for column in table.columns), line(["---"] * len(table.columns))]
-        lines += [line(f"{cell.icon} {cell.text}" if cell.icon else cell.text for cell in row) for row in table.rows]
-        lines += ["", *([plain(table.note), ""] if table.note else [])]
-    return "\n".join(lines)
-
-
-def to_csv(tables: Iterable[Table]) -> str:
-    """Return one CSV row per figure, in the unit of its key. The bounds of an interval are two rows."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(("table", "row", "column", "key", "value"))
-    for table in tables:
-        for row in table.rows:
-            head = next((cell.text for cell in row if cell.kind is CellKind.HEAD), "")
-            for column, cell in zip(table.columns, row, strict=True):
-                found: list[tuple[str, str]] = []
-                if cell.kind is CellKind.VERDICT:
-                    found = [("", cell.text)]
-                elif isinstance(cell.value, tuple):
-                    found = [(f"{cell.key}.{end}", repr(bound)) for end, bound in zip(ENDS, cell.value, strict=True)]
-                elif cell.key:
-                    found = [(cell.key, "" if cell.value is None else repr(cell.value))]
-                writer.writerows((table.name, head, column.title, *item) for item in found)
-    return buffer.getvalue()

@@ -58,7 +58,7 @@ class VerdictView:
         """Return the view of a verdict, with counts and reason if the score is given."""
         unit = unit_of(item)
         name = name_of(item)
-        is_total = item.condition is not None and item.statistic == "mean_plus_3sigma"
+        has_interval = item.condition is not None and item.statistic == "mean_plus_3sigma"
         is_open = item.state is VerdictState.NOT_ENOUGH_DATA
         return cls(
             item=item,
@@ -70,7 +70,7 @@ class VerdictView:
             value=Cell.number(item.value, f"{key}.value", unit, NOT_ENOUGH),
             limit=Cell(f"{sign_of(item)} {number(item.limit, unit=unit)}", item.limit, f"{key}.limit"),
             margin=Cell(ABSENT) if item.margin is None else Cell.number(item.margin, f"{key}.margin", unit),
-            interval=Cell.interval(item.interval, key, unit, NOT_ENOUGH if is_total else ABSENT),
+            interval=Cell.interval(item.interval, key, unit, NOT_ENOUGH if has_interval else ABSENT),
             count=_count(item, key, score),
             independent=Cell.number(item.independent, f"{key}.independent", undefined=ABSENT),
             confidence=confidence_text(item),
@@ -171,8 +171,10 @@ def confidence_text(item: Verdict) -> str:
 
 def share_of_limit(item: Verdict, value: float) -> float:
     """Return the fraction of a limit that a value uses; for a lower bound, the limit divided by the value."""
-    use, limit = (item.limit, abs(value)) if item.is_lower_bound else (abs(value), item.limit)
-    return min(use / limit if limit else MOST_SHOWN if use else 0.0, MOST_SHOWN)
+    used, available = (item.limit, abs(value)) if item.is_lower_bound else (abs(value), item.limit)
+    if available == 0.0:
+        return MOST_SHOWN if used else 0.0
+    return min(used / available, MOST_SHOWN)
 
 
 def _count(item: Verdict, key: str, score: Score | None) -> Cell:

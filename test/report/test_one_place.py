@@ -33,7 +33,8 @@ from sfr_loc_map.report.comparison import comparison_tables, methods_tables
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.score_tables import score_markdown, score_tables, summary_tables, undefined_of
-from sfr_loc_map.report.tables import Table, to_csv, to_rich
+from sfr_loc_map.report.table_formats import to_csv, to_rich
+from sfr_loc_map.report.tables import Table
 from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.suite.pages.tables import result_table
 from sfr_loc_map.suite.search.specification import CHOICES

@@ -12,7 +12,8 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.score_tables import score_markdown, score_tables, summary_tables
-from sfr_loc_map.report.tables import Table, to_csv
+from sfr_loc_map.report.table_formats import to_csv
+from sfr_loc_map.report.tables import Table
 
 
 def table(score: Score, name: str) -> Table:

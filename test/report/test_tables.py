@@ -4,21 +4,8 @@ import io
 
 from rich.console import Console
 
-from sfr_loc_map.report.tables import (
-    METRE,
-    MIB,
-    MILLISECOND,
-    Cell,
-    Column,
-    Table,
-    Unit,
-    fitting,
-    number,
-    to_csv,
-    to_html,
-    to_markdown,
-    to_rich,
-)
+from sfr_loc_map.report.table_formats import to_csv, to_html, to_markdown, to_rich
+from sfr_loc_map.report.tables import METRE, MIB, MILLISECOND, Cell, Column, Table, Unit, fitting, number
 
 HOSTILE = "</td><script>alert('1')</script> a | b [red]"
 TABLE = Table(

@@ -10,7 +10,7 @@ from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.report.tables import to_markdown
+from sfr_loc_map.report.table_formats import to_markdown
 from sfr_loc_map.suite.pages.tables import plan_table
 from sfr_loc_map.suite.statistics.drive_count import drive_counts
 from sfr_loc_map.suite.statistics.summary import ScoredJob
