@@ -11,9 +11,13 @@ The remaining points are kept, each on the ray of its own pixel. At grazing angl
 centimetres apart on the ground, and the rows of another pair are between them. If two points sample the same spot, the
 point with the larger weight is kept.
 
+A pair that observes a point from much farther away than the point's own pair (`MAX_RANGE_FACTOR`) is ignored at that
+point. Its surface is smoothed over a larger part of the ground, for example over the edges of rocks, and its sigma is
+too small there.
+
 Two ranges are compared along the ray of the other camera, and their difference is applied along the point's own ray.
-This approximation assumes that the cameras are at nearly the same position, as in a panorama. Pairs that are metres
-apart should not be fused, because fusion increases the error of their near points (measurements/mapper_trials.md).
+This approximation assumes that the cameras are at nearly the same position, as in a panorama. With cameras that are
+metres apart, converting the difference reduces the error by at most 5 % (measurements/mapper_trials.md).
 """
 
 from __future__ import annotations
@@ -36,6 +40,10 @@ COMMON_VARIANCE = 0.5
 """Fraction of a point's variance that is common to all pairs, because all are smoothed in the same way. Averaging does
 not reduce this fraction. Where two rendered pairs agree, their errors have a correlation of 0.49 to 0.59
 (measurements/mapper_trials.md)."""
+MAX_RANGE_FACTOR = F(1.25)
+"""A view is ignored at points whose range from its camera exceeds this multiple of their range from their own camera.
+In a panorama, no view is ignored. If pairs are 1.5 to 4 m apart, the fusion then no longer increases the error of near
+points (measurements/mapper_trials.md)."""
 SAME_SAMPLE_PX = F(0.02)
 """Points closer than this in an image sample the same spot, pixels. This occurs if images have the same pose; rounding
 moves points by less."""
@@ -52,6 +60,7 @@ class FusedViews(NamedTuple):
 class Comparison(NamedTuple):
     """The N points of a view, compared with other views; `_include` adds a view to the arrays in place."""
 
+    own_range: FloatArray32  #: `(N,)`, range of the point from its own camera, metres.
     own_weight: FloatArray32  #: `(N,)`, weight of the point, 1 / m^2.
     total_weight: FloatArray32  #: `(N,)`, sum of the weights of the point and of the agreeing views, 1 / m^2.
     weighted_difference: FloatArray32  #: `(N,)`, sum of weight times range difference of the agreeing views, 1 / m.
@@ -66,7 +75,9 @@ class Comparison(NamedTuple):
     def with_no_view(cls, view: PairView) -> Comparison:
         """Return the comparison of a view's points before other views are included."""
         weight = point_weights(view)
+        rays = view.points.xyz - view.T_lm_left.translation.astype(F)
         return cls(
+            own_range=np.sqrt(np.einsum("ij,ij->i", rays, rays)),
             own_weight=weight,
             total_weight=weight.copy(),
             weighted_difference=np.zeros_like(weight),
@@ -111,16 +122,17 @@ def _include(comparison: Comparison, own_sigma: FloatArray32, observed: Observat
     """Add the observations by another view to the comparison of a view's points `(N,)`, in place.
 
     The other view is preferred at a point if its weight there is larger, or if it is the earlier view and both weights
-    are equal.
+    are equal. It is ignored at points that it observes from too far away (`MAX_RANGE_FACTOR`).
     """
     indices = observed.indices
     own_weight = comparison.own_weight[indices]
     is_preferred = observed.weight > own_weight
     if is_earlier:
         is_preferred |= observed.weight == own_weight
+    is_used = observed.point_range <= MAX_RANGE_FACTOR * comparison.own_range[indices]
     sigma = observed.difference_sigma(own_sigma)
-    agrees = np.abs(observed.difference) / sigma <= AGREE_SIGMAS
-    is_farther = observed.difference > AGREE_SIGMAS * sigma
+    agrees = is_used & (np.abs(observed.difference) / sigma <= AGREE_SIGMAS)
+    is_farther = is_used & (observed.difference > AGREE_SIGMAS * sigma)
     weight = np.where(agrees, observed.weight, F(0.0))
     comparison.total_weight[indices] += weight
     comparison.weighted_difference[indices] += weight * observed.difference

@@ -38,6 +38,7 @@ class Observations(NamedTuple):
 
     indices: NDArray[np.intp]  #: Indices of the observed points among the N points.
     difference: FloatArray32  #: Observed range minus the range of the point, along the ray of this view, metres.
+    point_range: FloatArray32  #: Range of the point from the camera of this view, metres.
     fusion_sigma: FloatArray32  #: Standard deviation of the observed range along the same ray, metres.
     weight: FloatArray32  #: Weight of the view in the fusion, 1 / m^2.
     grey: FloatArray32  #: Grey level; NaN where the view has no point.
@@ -98,7 +99,7 @@ def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
 @jit_rows
 def _observe(
     xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: ViewImages
-) -> tuple[FloatArray32, FloatArray32, FloatArray32, FloatArray32, FloatArray32, FloatArray32]:
+) -> tuple[FloatArray32, FloatArray32, FloatArray32, FloatArray32, FloatArray32, FloatArray32, FloatArray32]:
     """Return the fields of `Observations` after `indices` for all points `(N, 3)` in LM.
 
     If a point is not observed, its range difference is NaN and its other values are undefined.
@@ -108,6 +109,7 @@ def _observe(
     translation = T_left_lm.position
     count = len(xyz)
     difference = np.full(count, F(np.nan))
+    point_range = np.empty(count, F)
     sigmas = np.empty(count, F)
     weights = np.empty(count, F)
     grey = np.empty(count, F)
@@ -145,8 +147,9 @@ def _observe(
         has_point = sigma < np.inf
         if not (is_one_surface and is_valid and has_point):
             continue
-        range_per_depth = np.sqrt(x * x + y * y + z * z) / z
-        difference[n] = (scale / disparity - z) * range_per_depth
+        distance = np.sqrt(x * x + y * y + z * z)
+        difference[n] = (scale / disparity - z) * (distance / z)
+        point_range[n] = distance
         sigmas[n] = sigma
         weights[n] = _weight(sigma, nearest_row, nearest_column, rows, cols)
         grey[n] = _bilinear(images.grey, i, j, t, s)
@@ -155,4 +158,4 @@ def _observe(
         row_offset = v - nearest_row
         column_offset = u - nearest_column
         sample_distance_px[n] = np.sqrt(row_offset * row_offset + column_offset * column_offset)
-    return difference, sigmas, weights, grey, grey_shifted, sample_distance_px
+    return difference, point_range, sigmas, weights, grey, grey_shifted, sample_distance_px

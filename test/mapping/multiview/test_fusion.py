@@ -19,10 +19,12 @@ INNER = np.s_[50:90, 50:110]
 """Pixels of full weight."""
 
 
-def plane_view(depth_m: float, sigma_px: float, position: tuple[float, float] = (0.0, 0.0)) -> PairView:
-    """Return the view of a plane in front of a camera that looks along z of LM; depth is that of the plane in LM."""
-    disparity = np.full((RIG.height, RIG.width), RIG.fx * RIG.baseline_m / depth_m, np.float32)
-    T_lm_left = Transform(np.eye(3), np.array([*position, 0.0]))
+def plane_view(
+    depth_m: float, sigma_px: float, position: tuple[float, float] = (0.0, 0.0), behind_m: float = 0.0
+) -> PairView:
+    """Return the view of a plane at `depth_m` in LM by a camera that looks along z, `behind_m` metres behind z = 0."""
+    disparity = np.full((RIG.height, RIG.width), RIG.fx * RIG.baseline_m / (depth_m + behind_m), np.float32)
+    T_lm_left = Transform(np.eye(3), np.array([*position, -behind_m]))
     grey = np.random.default_rng(1).integers(0, 255, disparity.shape, dtype=np.uint8)
     points = points_from_disparity(disparity, np.full_like(disparity, sigma_px), grey, RIG, T_lm_left)
     return PairView.of(points, disparity, T_lm_left, 1.0)
@@ -91,6 +93,18 @@ def test_a_point_is_dropped_if_a_better_view_sees_through_it(depth_m: float, con
     assert (inner_of_pair(fused, 0).size == 0) == conflicts
     assert (fused.findings.statistics["dropped_conflict"] > 0) == conflicts
     assert inner_of_pair(fused, 1).size == 40 * 60
+
+
+@pytest.mark.parametrize(("behind_m", "is_used"), [(0.8, True), (1.3, False)])
+def test_a_view_from_farther_away_changes_no_point_and_is_changed_itself(behind_m: float, is_used: bool) -> None:
+    """The range from the other camera is 1.20 and 1.32 times the range of 4 m in the middle of the image."""
+    near = plane_view(4.0, 0.1)
+    far = plane_view(4.02, 0.05, ASIDE[1], behind_m)
+    fused = fuse_views([near, far], RIG)
+    assert ((inner_of_pair(fused, 0).xyz[:, 2] > 4.001) == is_used).all()
+    assert (inner_of_pair(fused, 1).xyz[:, 2] < 4.019).all()
+    behind = plane_view(5.0, 0.01, ASIDE[1], behind_m)  # a farther surface drops the point unless the view is ignored
+    assert (inner_of_pair(fuse_views([near, behind], RIG), 0).size == 0) == is_used
 
 
 def test_fused_points_are_nearer_to_the_truth_than_either_pair(two_views: Any) -> None:
