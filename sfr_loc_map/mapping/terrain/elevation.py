@@ -19,6 +19,9 @@ TYPICAL_SLOPE = 0.1
 """Typical slope of ground, metres per metre, which converts a horizontal error of a point to a height error. Chosen by
 hand: the sigma of the height increases by 0.5 % if a point is observed from above, and it is a tenth of the point's
 sigma if the point is observed along the ground."""
+MIN_SIGMA_M = 1e-6
+"""Lower bound of the random sigma of a point, metres, whose inverse square is a weight. A method under test may state a
+sigma of 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +73,7 @@ def elevation_model(
     height = xyz[:, 2].astype(np.float64)
     total = np.square(cloud.sigma[inside], dtype=np.float64)
     random = total if random_sigma is None else np.square(random_sigma[inside], dtype=np.float64)
+    random = np.maximum(random, MIN_SIGMA_M**2)
     ratio = _height_variance_ratio(xyz, cloud.pair[inside], poses_lm_left)
     weight = 1.0 / (ratio * random)
     cell_count = cells.rows * cells.columns

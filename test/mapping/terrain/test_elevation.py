@@ -106,3 +106,10 @@ def test_covariance_is_that_of_the_ray_and_of_the_pixel() -> None:
         assert values[2] == pytest.approx(sigma**2, rel=1e-4)
         ray = POSES[pair].rotation @ local[pair] / np.linalg.norm(local[pair])
         assert abs(vectors[:, 2] @ ray) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_points_with_a_sigma_of_zero_have_equal_weights() -> None:
+    cloud = cloud_of([[0.0, 0.0, 0.1], [0.0, 0.0, 0.2], [0.0, 0.0, 0.6]], [0.0] * 3, [0] * 3)
+    model = elevation_from_cloud(cloud, POSES, 1.0)
+    np.testing.assert_allclose(model.height_m, 0.3)
+    assert (model.sigma_m > 0.0).all()
