@@ -67,13 +67,10 @@ def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: Cali
     A significant yaw is added to the configured uncertainty in quadrature and is not compensated. A vertical offset
     above `_pitch_threshold_px` is added as a pitch and is not reported. Roll is compensated (`without_roll`).
 
-    Residual distortion causes an error along rows that is about as large as the vertical disparity. An offset and a
-    roll may have other causes. Let `all` be the root mean square of the vertical disparity over the image, and `rest`
-    the root mean square without offset and roll. The distortion is
-
-        min(max(configured, rest), all)    if the vertical disparity was measured
-        max(configured, rest)              otherwise; `rest` then covers only what the correction has removed
-        0                                  if the configured distortion is 0
+    Residual distortion causes an error along rows that is about as large as the vertical disparity. The distortion is
+    at least the configured value and at least the vertical disparity without offset and roll (`distortion_rms_px`),
+    which may have other causes. If the rotation was measured, the distortion is at most the total vertical disparity
+    (`vertical_rms_px`). Without a measurement, the total is unknown. A configured value of 0 means no distortion.
     """
     yaw_rad = math.radians(configured.yaw_deg)
     if is_yaw_significant(rotation, rig, configured):

@@ -28,9 +28,9 @@ hole_filling.fill_holes                max(sigma, MIN_FILLED_SIGMA_PX) at filled
 reprojection.points_from_disparity     abs(ray) Z^2 / (fx baseline) sigma, from pixels to metres
 multiview.fusion (only fused points)   variance c sigma^2 + (1 - c) sum w_i^2 s_i^2 / (sum w_i)^2, with the weights
                                        w_i = feather / s_i^2 and c = COMMON_VARIANCE
-_widened_sigma                         (1 + SIGMA_GROWTH f) sigma, with the saturated fraction f of a square of side
+point_sigma.random_sigma               (1 + SIGMA_GROWTH f) sigma, with the saturated fraction f of a square of side
                                        NEARBY_SIDE_PX (`saturation`)
-total_sigma                            variance sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2), with the angle a
+point_sigma.total_sigma                variance sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2), with the angle a
                                        of `total_sigma` from the result of `calibration_sigma`
 =====================================  =================================================================================
 
@@ -96,7 +96,7 @@ def point_sigma(
     `pair` `(N,)` is the index of each point's pose and saturation. The poses transform from the left optical frame to
     LM.
     """
-    random = _widened_sigma(points, pair, saturations)
+    random = random_sigma(points, pair, saturations)
     total = total_sigma(points, random, pair, poses_lm_left, calibration, rig)
     return PointSigma(read_only(random), read_only(total))
 
@@ -107,16 +107,19 @@ def sigma_of_view(view: PairView, saturation: Saturation, calibration: Calibrati
     return point_sigma(view.points, pair, [view.T_lm_left], [saturation], calibration, rig)
 
 
-def _widened_sigma(points: ViewPoints, pair: NDArray[np.uint8], saturations: Sequence[Saturation]) -> FloatArray32:
-    """Return the standard deviations of points `(N,)`, metres, increased beside saturated pixels."""
+def random_sigma(points: ViewPoints, pair: NDArray[np.uint8], saturations: Sequence[Saturation]) -> FloatArray32:
+    """Return the random standard deviation along the ray of each point `(N,)`, metres, larger beside saturated pixels.
+
+    `pair` `(N,)` is the index of each point's saturation.
+    """
     if not any(item.fraction > 0.0 for item in saturations):
         return points.fusion_sigma.copy()
     nearby_fractions_255 = np.stack([item.nearby_fraction_255 for item in saturations])
-    return _widened(points.fusion_sigma, pair, points.v, points.u, nearby_fractions_255)
+    return _random_sigma(points.fusion_sigma, pair, points.v, points.u, nearby_fractions_255)
 
 
 @jit_rows
-def _widened(
+def _random_sigma(
     sigma: FloatArray32,
     pair: NDArray[np.uint8],
     v: NDArray[np.uint16],

@@ -160,7 +160,7 @@ def arrays_of(pair_map: PairMap) -> list[bytes]:
     cloud, given = pair_map.cloud, pair_map.fusion_input
     saturation = given.saturation
     arrays = (cloud.to_structured(), *given.view.points, pair_map.random_sigma, pair_map.disparity_px)
-    return [array.tobytes() for array in (*arrays, saturation.saturated, saturation.nearby_fraction_255)]
+    return [array.tobytes() for array in (*arrays, saturation.square_saturated, saturation.nearby_fraction_255)]
 
 
 def test_calls_change_neither_their_input_nor_the_mapper() -> None:

@@ -105,7 +105,7 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     fewer than `MIN_SAMPLES` samples are available for the maximum cost.
     """
     measured = disparity_map.valid
-    unsaturated = ~disparity_map.saturation.saturated
+    unsaturated = ~disparity_map.saturation.square_saturated
     cost_limit = _cost_limit(_scene(disparity_map, disparity_map.px, measured, unsaturated))
     if cost_limit is None:
         return disparity_map
@@ -189,6 +189,7 @@ def _best_hypothesis(
     If the refined field agrees with the hypothesis, the disparity of the field is returned.
     """
     planes = hypotheses(scene, y, x)
+    # 3. A hypothesis is possible.
     possible = np.zeros(DIRECTION_COUNT, np.bool_)
     count = 0
     for k in range(DIRECTION_COUNT):
@@ -207,6 +208,7 @@ def _best_hypothesis(
     if best < 0:
         return F(np.nan)
     disparity: np.float32 = planes.disparity[best]
+    # 4. Its cost is within the limit. 5. Other surfaces cost more.
     lowest_other = NO_COST
     for k in range(DIRECTION_COUNT):
         if abs(planes.disparity[k] - disparity) > SURFACE_JUMP_PX:
@@ -214,6 +216,7 @@ def _best_hypothesis(
     required = cost[best] + min_margin / np.sqrt(costs.effective_pixels[best])
     if cost[best] > cost_limit or lowest_other < required:
         return F(np.nan)
+    # 6. The hypothesis is confirmed.
     is_confirmed = is_enclosed(planes, disparity) or abs(scene.initial[y, x] - disparity) < SURFACE_JUMP_PX
     if not is_confirmed:
         for side in (-ALTERNATIVE_PX, ALTERNATIVE_PX):

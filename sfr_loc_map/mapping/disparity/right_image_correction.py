@@ -56,23 +56,19 @@ def correct_right_image(
     exposure = exposure_by_disparity(left, right, disparity_px)
     equalised = (right - F(exposure.offset_grey)) * F(1.0 / exposure.gain)
     corrected = equalised
-    removed = VerticalPolynomial()
-    removed_px = 0.0
+    vertical = VerticalPolynomial()
     for _ in range(MAX_VERTICAL_STEPS):
         step = _vertical_step(left, corrected, disparity_px, camera)
-        vertical = removed.plus(step)
-        vertical_px = _largest_px(vertical, left.shape, camera)
-        if vertical_px < MIN_VERTICAL_PX:
+        vertical = vertical.plus(step)
+        if _largest_px(vertical, left.shape, camera) < MIN_VERTICAL_PX:
             corrected = equalised
-            removed = VerticalPolynomial()
-            removed_px = 0.0
+            vertical = VerticalPolynomial()
             break
         corrected = _without_vertical_disparity(equalised, vertical, camera)
-        removed = vertical
-        removed_px = vertical_px
         if _largest_px(step, left.shape, camera) < MIN_VERTICAL_PX:
             break
-    return CorrectedImage(corrected, RightImageCorrection(exposure, removed, removed_px))
+    largest_px = _largest_px(vertical, left.shape, camera)
+    return CorrectedImage(corrected, RightImageCorrection(exposure, vertical, largest_px))
 
 
 def _vertical_step(

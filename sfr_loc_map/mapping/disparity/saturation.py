@@ -25,7 +25,7 @@ SATURATED_GREY_LEVELS = np.where(np.isin(np.arange(256), (0, 255)), 255, 0).asty
 class Saturation:
     """Saturation of a pair around each pixel of the left image."""
 
-    saturated: Mask  #: `(H, W)`, whether the square around the pixel is completely saturated in either image.
+    square_saturated: Mask  #: `(H, W)`, whether the square around the pixel is completely saturated in either image.
     nearby_fraction_255: GreyImage  #: `(H, W)`, saturated fraction of the square around the pixel, times 255.
     fraction: float  #: Fraction of the pixels that are saturated in either image.
 
@@ -40,10 +40,10 @@ def measure_saturation(left: GreyImage, right: GreyImage, disparity_px: FloatIma
     if saturated_right.any():
         saturated_right = _warped(saturated_right, disparity_px)
     around = square(SATURATED_SQUARE_PX)
-    saturated = np.maximum(cv2.erode(saturated_left, around), cv2.erode(saturated_right, around)) > 0
+    square_saturated = np.maximum(cv2.erode(saturated_left, around), cv2.erode(saturated_right, around)) > 0
     either = np.maximum(saturated_left, saturated_right)
     nearby_fraction_255 = np.asarray(cv2.blur(either, (NEARBY_SIDE_PX, NEARBY_SIDE_PX)), np.uint8)
-    return Saturation(saturated, nearby_fraction_255, float(np.count_nonzero(either) / either.size))
+    return Saturation(square_saturated, nearby_fraction_255, float(np.count_nonzero(either) / either.size))
 
 
 def _warped(right: cv2.typing.MatLike, disparity_px: FloatImage) -> cv2.typing.MatLike:

@@ -52,7 +52,11 @@ def judge_pixels(
     sigma_px: FloatImage,
     saturation: Saturation,
 ) -> StatusImage:
-    """Return the status of each pixel: measured, or the reason why its disparity is invalid."""
+    """Return the status of each pixel: measured, or the reason why its disparity is invalid.
+
+    The first tests are a function of their own, because the network of the wrong-surface test is trained with the
+    pixels that pass them.
+    """
     disparity_px = refined.disparity_px
     status = status_before_wrong_surface(left, right, initial_px, refined)
     scene = JumpScene(
@@ -68,7 +72,7 @@ def judge_pixels(
     status = with_reason(
         status, ~valid_segments(left, right, disparity_px, is_valid(status)), PixelStatus.NOT_A_SURFACE
     )
-    return with_reason(status, saturation.saturated, PixelStatus.SATURATED)
+    return with_reason(status, saturation.square_saturated, PixelStatus.SATURATED)
 
 
 def status_before_wrong_surface(

@@ -85,7 +85,7 @@ is measured. With half or twice the value the errors of rendered pairs are 7 to 
 EDGE_FACTOR = 10.0
 """Second differences above this multiple of the median are edges, not the shape of the ground. Chosen by hand: normally
 distributed second differences do not reach it."""
-LOCAL_SIZE_WINDOW = 9
+LOCAL_MAGNITUDE_WINDOW = 9
 """Side of the window over which the second differences of the roughness are averaged, in units of their spacing. The
 mean root of 81 independent values has a relative standard deviation of 5 %."""
 MIN_ROUGHNESS = 0.1
@@ -157,14 +157,11 @@ def refine_disparity(left: FloatImage, right: FloatImage, initial_cells: FloatIm
     padded_right = padded(right)
     cells = initial_cells
     data_term = linearise(reference, padded_right, cells)
-    for _ in range(WARPS):
+    for warp in range(WARPS + EXTRA_WARPS):
+        if warp == WARPS and not _is_noisy(data_term):
+            break
         cells, weights = _coarse_to_fine_solve(cells, data_term)
         data_term = linearise(reference, padded_right, cells)
-    is_noisy = median(data_term.information) <= NOISY_PX**-2
-    if is_noisy:
-        for _ in range(EXTRA_WARPS):
-            cells, weights = _coarse_to_fine_solve(cells, data_term)
-            data_term = linearise(reference, padded_right, cells)
     height, width = left.shape
     deviation = np.sqrt(data_term.variance)
     normalised = (data_term.residual - upsample_nearest(data_term.offset, 2)) / upsample_nearest(deviation, 2)
@@ -176,6 +173,11 @@ def refine_disparity(left: FloatImage, right: FloatImage, initial_cells: FloatIm
         normalised_residual=normalised[:height, :width],
         noise_grey=median(deviation),
     )
+
+
+def _is_noisy(data_term: Linearisation) -> bool:
+    """Return whether the noise is so large that additional iterations are required (`NOISY_PX`)."""
+    return median(data_term.information) <= NOISY_PX**-2
 
 
 def _prepare_left(left: FloatImage) -> LeftImage:
@@ -214,24 +216,24 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
 
 def _roughness(cells: FloatImage) -> Roughness:
     """Return the scale of the Cauchy weights on the finest grid, from second differences on a coarser grid."""
-    bending = second_differences(downsample_mean(cells, 2**ROUGHNESS_LEVEL))
+    differences = second_differences(downsample_mean(cells, 2**ROUGHNESS_LEVEL))
     factor = F(CAUCHY_SCALE / GRID_FACTOR**ROUGHNESS_LEVEL)
     return Roughness(
-        upsample_bilinear(_local_size(bending.along_x), cells.shape) * factor,
-        upsample_bilinear(_local_size(bending.along_y), cells.shape) * factor,
+        upsample_bilinear(_local_magnitude(differences.along_x), cells.shape) * factor,
+        upsample_bilinear(_local_magnitude(differences.along_y), cells.shape) * factor,
     )
 
 
-def _local_size(differences: FloatImage) -> FloatImage:
-    """Return the typical size of differences around each element: the squared mean of the roots of their magnitudes.
+def _local_magnitude(differences: FloatImage) -> FloatImage:
+    """Return the typical magnitude of differences around each element: the squared mean of the roots of magnitudes.
 
     Single large differences, for example at edges, have little influence on this mean and are clipped to `EDGE_FACTOR`
     medians.
     """
-    size = np.abs(differences)
-    typical = max(median(size), MIN_TYPICAL_PX)
-    clipped = np.minimum(size, F(EDGE_FACTOR * typical))
-    local = np.square(box_mean(np.sqrt(clipped), LOCAL_SIZE_WINDOW))
+    magnitude = np.abs(differences)
+    typical = max(median(magnitude), MIN_TYPICAL_PX)
+    clipped = np.minimum(magnitude, F(EDGE_FACTOR * typical))
+    local = np.square(box_mean(np.sqrt(clipped), LOCAL_MAGNITUDE_WINDOW))
     return box_mean(np.maximum(local, F(MIN_ROUGHNESS * typical)), ROUGHNESS_WINDOW)
 
 
@@ -240,7 +242,7 @@ def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> Solved
 
     After each coarse step, the information vector of the remaining change is reduced by the information times the step.
     """
-    scale = _roughness(cells)
+    roughness = _roughness(cells)
     information = data_term.information
     information_vector = data_term.information_vector
     for level in range(LEVELS - 1, 0, -1):
@@ -249,8 +251,8 @@ def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> Solved
         coarse_cells = downsample_mean(cells, factor)
         weights = smoothness_weight(
             coarse_cells,
-            downsample_mean(scale.along_x, factor),
-            downsample_mean(scale.along_y, factor),
+            downsample_mean(roughness.along_x, factor),
+            downsample_mean(roughness.along_y, factor),
             F(GRID_FACTOR**level),
         )
         coarse_step = conjugate_gradient_step(
@@ -263,6 +265,6 @@ def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> Solved
         step = upsample_bilinear(coarse_step, cells.shape)
         cells = cells + step
         information_vector = information_vector - information * step
-    weights = smoothness_weight(cells, scale.along_x, scale.along_y, F(1.0))
+    weights = smoothness_weight(cells, roughness.along_x, roughness.along_y, F(1.0))
     step = conjugate_gradient_step(cells, information, information_vector, weights, SOLVER_ITERATIONS[0])
     return SolvedField(cells + step, weights)

@@ -84,17 +84,15 @@ def fit_vertical_disparity(
     pixels.
     """
     sampled = np.s_[::SAMPLING_STRIDE, ::SAMPLING_STRIDE]
-    residual_image = photometric_residual(left, right, disparity_px)
-    residual = residual_image[sampled]
-    usable = np.isfinite(residual) if used is None else np.isfinite(residual) & used[sampled]
+    residual = photometric_residual(left, right, disparity_px)
+    usable = np.isfinite(residual[sampled])
+    if used is not None:
+        usable &= used[sampled]
     row, column = np.nonzero(usable)
     if len(row) < min_count:
         return None
-    r = residual[usable].astype(np.float64)
-    cv2.patchNaNs(residual_image, 0.0)  # in place: `r` is a copy
-    mean = cv2.scaleAdd(residual_image, 0.5, left)  # mean of both images; the left image outside the right
-    difference = cv2.filter2D(mean, -1, DIFFERENCE.T)[::SAMPLING_STRIDE]
-    slope = cv2.filter2D(difference, -1, SMOOTHING)[:, ::SAMPLING_STRIDE][usable].astype(np.float64)
+    r = residual[sampled][usable].astype(np.float64)
+    slope = _sampled_slopes(left, residual)[usable].astype(np.float64)
     right_column = np.float64(SAMPLING_STRIDE) * column - disparity_px[sampled][usable].astype(np.float64)
     right_row = np.float64(SAMPLING_STRIDE) * row
     sigma = mad_sigma(r) + MIN_RESIDUAL_SIGMA
@@ -109,3 +107,14 @@ def fit_vertical_disparity(
     coefficients = -(covariance @ (weighted.T @ r))
     sigmas = sigma * np.sqrt(np.diag(covariance))
     return VerticalFit(VerticalPolynomial(*coefficients.tolist()), VerticalPolynomial(*sigmas.tolist()))
+
+
+def _sampled_slopes(left: FloatImage, residual: FloatImage) -> FloatImage:
+    """Return the slope along the column of the mean of both images at the samples, grey levels per pixel.
+
+    Outside the right image, where the residual is NaN, the mean is the left image.
+    """
+    known = cv2.patchNaNs(residual.copy(), 0.0)
+    mean = cv2.scaleAdd(known, 0.5, left)
+    difference = cv2.filter2D(mean, -1, DIFFERENCE.T)[::SAMPLING_STRIDE]
+    return np.asarray(cv2.filter2D(difference, -1, SMOOTHING)[:, ::SAMPLING_STRIDE], F)

@@ -253,7 +253,7 @@ def _occluder(disparity: FloatImage, y: int, x: int) -> np.float32:
 
 
 def network_input(features: JumpFeatures) -> FloatArray32:
-    """Return the features as dimensionless numbers of order 1 `(N, 13)`.
+    """Return the features as numbers of order 1 `(N, 13)`, in the order of `JumpFeatures`.
 
     Costs are relative to the typical cost of the pair, because real images match less well than their noise explains.
     """
@@ -269,20 +269,20 @@ def network_input(features: JumpFeatures) -> FloatArray32:
         clipped = np.clip(_signed_log(margin.astype(np.float64) * (scale / typical)), -MAX_LOG, MAX_LOG)
         return np.asarray(np.where(has_other_surface, clipped, MAX_LOG), F)
 
-    inputs = JumpFeatures(
-        window_margin=log_margin(features.window_margin, WINDOW_MARGIN_SCALE),
-        close_margin=log_margin(features.close_margin, 1.0),
-        effective_pixels=np.log(features.effective_pixels),
-        window_cost=log_relative(features.window_cost),
-        close_cost=log_relative(features.close_cost),
-        jump_px=np.clip(_signed_log(features.jump_px), -MAX_LOG, MAX_LOG),
-        contrast=log_relative(features.contrast),
-        same_surface=features.same_surface,
-        nearer_surface=features.nearer_surface,
-        occluder_px=np.log1p(features.occluder_px),
-        slope_x=features.slope_x,
-        slope_y=features.slope_y,
-        sigma_px=np.log(features.sigma_px),
+    inputs = (
+        log_margin(features.window_margin, WINDOW_MARGIN_SCALE),
+        log_margin(features.close_margin, 1.0),
+        np.log(features.effective_pixels),
+        log_relative(features.window_cost),
+        log_relative(features.close_cost),
+        np.clip(_signed_log(features.jump_px), -MAX_LOG, MAX_LOG),
+        log_relative(features.contrast),
+        features.same_surface,
+        features.nearer_surface,
+        np.log1p(features.occluder_px),
+        features.slope_x,
+        features.slope_y,
+        np.log(features.sigma_px),
     )
     return np.ascontiguousarray(np.column_stack(inputs), F)
 

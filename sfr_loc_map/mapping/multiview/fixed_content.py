@@ -59,7 +59,7 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedV
     warnings = []
     for i, j in combinations(range(len(views)), 2):
         noise = F(max(views[i].noise_grey, views[j].noise_grey))
-        region = _fixed_region(_same_disparity(views[i], views[j], rig), greys[i], greys[j], noise)
+        region = _fixed_region(_fixed_disparity(views[i], views[j], rig), greys[i], greys[j], noise)
         fraction = float(region.mean())
         if fraction < MIN_REGION_FRACTION:
             continue
@@ -74,24 +74,24 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedV
     return CleanedViews(kept, Findings(statistics, tuple(warnings)))
 
 
-def _fixed_region(same_disparity: Mask, first_grey: FloatImage, second_grey: FloatImage, noise: np.float32) -> Mask:
+def _fixed_region(fixed_disparity: Mask, first_grey: FloatImage, second_grey: FloatImage, noise: np.float32) -> Mask:
     """Return the mask of the samples `(h, w)` with content that is fixed to the image."""
-    if same_disparity.mean() < MIN_REGION_FRACTION:
-        return np.zeros(same_disparity.shape, np.bool_)
-    is_fixed = same_disparity & (_similarity(first_grey, second_grey, noise) > MIN_SIMILARITY)
-    region = square(REGION_SAMPLES)
+    if fixed_disparity.mean() < MIN_REGION_FRACTION:
+        return np.zeros(fixed_disparity.shape, np.bool_)
+    is_fixed = fixed_disparity & (_similarity(first_grey, second_grey, noise) > MIN_SIMILARITY)
+    smallest = square(REGION_SAMPLES)
     # Closing joins samples, and opening removes regions smaller than the square. The remaining regions are dilated,
     # because windows at their borders include other content and are less similar.
-    closed = cv2.morphologyEx(is_fixed.astype(np.uint8), cv2.MORPH_CLOSE, region)
-    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, region)
+    closed = cv2.morphologyEx(is_fixed.astype(np.uint8), cv2.MORPH_CLOSE, smallest)
+    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, smallest)
     return dilated(np.asarray(opened).astype(np.bool_), REGION_SAMPLES // 2)
 
 
-def _same_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
+def _fixed_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
     """Return the mask of the samples `(h, w)` with the same disparity in both images where ground would have moved."""
     disparity = first.images.disparity[::STRIDE, ::STRIDE]
-    same: Mask = np.abs(disparity - second.images.disparity[::STRIDE, ::STRIDE]) < SURFACE_JUMP_PX
-    row, column = np.nonzero(same)
+    fixed: Mask = np.abs(disparity - second.images.disparity[::STRIDE, ::STRIDE]) < SURFACE_JUMP_PX
+    row, column = np.nonzero(fixed)
     x, y = rig.camera.normalised(np.column_stack((column, row)).astype(np.float64) * STRIDE).T
     inverse_depth = disparity[row, column].astype(np.float64) / (rig.fx * rig.baseline_m)
     T_second_first = second.T_lm_left.inverse() @ first.T_lm_left
@@ -100,8 +100,8 @@ def _same_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
     with np.errstate(divide="ignore", invalid="ignore"):
         motion_px = np.hypot(rig.fx * (moved[0] / moved[2] - x), rig.fy * (moved[1] / moved[2] - y))
     is_behind = ~(moved[2] > 0.0)
-    same[row, column] = is_behind | (motion_px > MIN_MOTION_PX)
-    return same
+    fixed[row, column] = is_behind | (motion_px > MIN_MOTION_PX)
+    return fixed
 
 
 def _similarity(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
