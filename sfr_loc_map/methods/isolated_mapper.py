@@ -103,16 +103,19 @@ class IsolatedMapper(IsolatedMethod):
     def fuse(self, maps: Sequence[PairMap], last: StereoPair) -> tuple[FusedMap, MethodCall | None]:
         """Return one cloud of all maps, and the call; the points are concatenated if the method does not fuse."""
         call: MethodCall | None = None
+        warnings: tuple[str, ...] = ()
         cloud = PointCloud.concatenate([item.cloud for item in maps])
         if self._process is not None and self._process.fuses and self._is_complete:
             try:
-                call, _ = self._process.call("fuse", [last], [_ordered(last, None, 0)])
+                call, answer = self._process.call("fuse", [last], [_ordered(last, None, 0)])
                 cloud = replace(self._cloud(len(maps)), fused=True)
+                warnings = tuple(answer.get("warnings", ()))
             except MethodFailureError as error:
                 call = self._failed(error)
         cloud = replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps))
-        T_lm_left = tuple(item.T_lm_left for item in maps)
-        return FusedMap(cloud, cloud.sigma, T_lm_left, {} if call is None else call.statistics), call
+        poses_lm_left = tuple(item.T_lm_left for item in maps)
+        statistics = {} if call is None else call.statistics
+        return FusedMap(cloud, cloud.sigma, poses_lm_left, statistics, warnings), call
 
     def _called(
         self, kind: str, pairs: Sequence[StereoPair], about: Sequence[OrderedPair]

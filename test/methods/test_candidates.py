@@ -27,6 +27,7 @@ CLASSES = """
 import io, os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 import numpy as np
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
@@ -69,6 +70,14 @@ class Set:
             return pairs[0].pair.left
         cloud = self.mapper.map(pairs).cloud
         return replace(cloud, pair=cloud.pair + np.uint8(self.kind == "pair"))
+
+class Fusing:
+    def __init__(self, rig, config):
+        pass
+    def process(self, pair, T_lm_navsb, index):
+        return SimpleNamespace(cloud=PointCloud.empty(), warnings=["of a pair"])
+    def fuse(self, results):
+        return SimpleNamespace(cloud=PointCloud.empty(), warnings=["of the fusion"])
 
 class Writing:
     def __init__(self, rig, config):
@@ -156,6 +165,13 @@ def test_arrays_that_a_method_writes_itself_are_checked(tmp_path: Path, what: st
         made, call = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
     assert call.finding.startswith("invalid result: the ")
     assert len(made.cloud) == 0
+
+
+def test_the_warnings_of_the_pairs_and_of_the_fusion_are_reported(drive: Path, tmp_path: Path) -> None:
+    (tmp_path / "classes.py").write_text(CLASSES)
+    method = find_method(f"{tmp_path}/classes.py:Fusing", Task.MAPPING)
+    run = map_pairs_with(open_source(drive).nav, UnderTest(method, hidden=()))
+    assert run.warnings == ["pair 0: of a pair", "pair 1: of a pair", "of the fusion"]
 
 
 def test_the_example_in_c_localises_and_maps(example: Path) -> None:
