@@ -20,11 +20,11 @@ class SearchRange:
     """Disparities that are searched and kept, pixels."""
 
     min_disparity_px: float  #: Disparity at `max_range_m`; smaller disparities are searched but not kept.
-    #: Required upper limit of the search: the smaller of the disparity at `min_range_m` and half the image width. The
-    #: actual limit is rounded up, and larger disparities that are found are kept.
+    #: Limit that the search must reach: the smaller of the disparity at `min_range_m` and half the image width. Larger
+    #: disparities that are found are kept. Messages with the disparity image state this limit.
     max_disparity_px: float
-    #: Required number of integer disparities from 0, a multiple of `DISPARITY_STEP`. In wide images,
-    #: `semi_global_matching` rounds it up to a multiple of `2 * DISPARITY_STEP`.
+    #: Number of integer disparities from 0 that reaches the limit, a multiple of `DISPARITY_STEP`. In wide images,
+    #: `semi_global_matching` rounds the number up to a multiple of `2 * DISPARITY_STEP`.
     count: int
 
 

@@ -143,9 +143,9 @@ def _same_surface(value: np.float32, centre: np.float32) -> np.float32:
 
 
 @jit_rows_inline
-def _between(centre: np.float32, along: np.float32, across: np.float32, corner: np.float32) -> np.float32:
-    """Return the field a quarter of a cell from a centre, towards two of its neighbours and their common corner."""
-    sides = _same_surface(across, centre) + _same_surface(along, centre)
+def _between(centre: np.float32, vertical: np.float32, horizontal: np.float32, corner: np.float32) -> np.float32:
+    """Return the field a quarter of a cell from a centre, towards two of its neighbours and the cell between them."""
+    sides = _same_surface(horizontal, centre) + _same_surface(vertical, centre)
     return NEAR_TAP * centre + SIDE_TAP * sides + CORNER_TAP * _same_surface(corner, centre)
 
 
@@ -156,11 +156,11 @@ def pixels_from_cells(cells: FloatImage) -> FloatImage:
     out = np.empty((2 * rows, 2 * cols), F)
     for y in prange(2 * rows):
         i = y // 2
-        i2 = min(max(i - 1 + 2 * (y % 2), 0), rows - 1)
-        for j in range(cols - 1):
+        i2 = min(max(i - 1 + 2 * (y % 2), 0), rows - 1)  # row of the nearer vertical neighbours
+        for j in range(cols - 1):  # the two pixels between the centres of adjacent cells
             out[y, 2 * j + 1] = _between(cells[i, j], cells[i2, j], cells[i, j + 1], cells[i2, j + 1])
             out[y, 2 * j + 2] = _between(cells[i, j + 1], cells[i2, j + 1], cells[i, j], cells[i2, j])
-        for j in (0, cols - 1):
+        for j in (0, cols - 1):  # the first and the last pixel, beyond the outer centres
             edge = _between(cells[i, j], cells[i2, j], cells[i, j], cells[i2, j])
             out[y, 2 * j + (0 if j == 0 else 1)] = edge
     return out

@@ -62,7 +62,7 @@ WINDOW_MARGIN_SCALE = 2.0  #: Factor of the window margin, which varies less tha
 
 
 class JumpScene(NamedTuple):
-    """Images and disparities of the pixels that are classified, `(H, W)` each."""
+    """Input of the classification, `(H, W)` each; `HoleScene` is the input of the filling of holes."""
 
     left: FloatImage  #: Integer grey levels.
     right: FloatImage  #: Corrected grey levels.

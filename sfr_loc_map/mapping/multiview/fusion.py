@@ -153,15 +153,15 @@ def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:
     kept = np.flatnonzero(~(comparison.is_duplicate | comparison.is_conflict))
     points = view.points.select(kept)
     moved = np.flatnonzero(comparison.agrees[kept])
-    total_weight = comparison.total_weight[kept[moved]]
+    rows = kept[moved]
+    total_weight = comparison.total_weight[rows]
     positions = points.xyz.take(moved, axis=0)
     rays = positions - view.T_lm_left.translation.astype(F)
-    ranges = np.sqrt(np.einsum("ij,ij->i", rays, rays))
-    step = comparison.weighted_difference[kept[moved]] / total_weight / ranges
-    independent = comparison.weighted_variance[kept[moved]] / np.square(total_weight)
+    relative_step = comparison.weighted_difference[rows] / total_weight / comparison.own_range[rows]
+    independent = comparison.weighted_variance[rows] / np.square(total_weight)
     variance = COMMON_VARIANCE * np.square(points.fusion_sigma[moved]) + (1.0 - COMMON_VARIANCE) * independent
     xyz = points.xyz.copy()
-    xyz[moved] = positions + rays * step[:, None]
+    xyz[moved] = positions + rays * relative_step[:, None]
     sigma = points.fusion_sigma.copy()
     sigma[moved] = np.sqrt(variance)
     return points._replace(xyz=xyz, fusion_sigma=sigma)

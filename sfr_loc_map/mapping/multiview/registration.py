@@ -112,17 +112,17 @@ def _estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig)
     The points of the fixed views are projected into the moved view, where ranges and grey levels are compared. None is
     returned if the views overlap too little.
     """
-    compared = []
+    overlapping: list[ViewPoints] = []
     for view in fixed:
-        overlapping = project_into_view(view.points.xyz, moved.T_lm_left, moved.images, rig).indices
-        stride = max(1, len(overlapping) // ENOUGH_POINTS)
-        compared.append(view.points.select(overlapping[::stride]))
-    if sum(points.size for points in compared) < MIN_OVERLAP:
+        indices = project_into_view(view.points.xyz, moved.T_lm_left, moved.images, rig).indices
+        stride = max(1, len(indices) // ENOUGH_POINTS)
+        overlapping.append(view.points.select(indices[::stride]))
+    if sum(points.size for points in overlapping) < MIN_OVERLAP:
         return None
     pose = moved.T_lm_left
     for blur_px in BLURS_PX:
         images = moved.images._replace(grey=moved.blurred_grey(blur_px))
-        points = _with_blurred_grey(compared, fixed, blur_px)
+        points = _with_blurred_grey(overlapping, fixed, blur_px)
         for _ in range(MAX_STEPS_PER_BLUR):
             step = _gauss_newton_step(points, images, pose, moved.T_lm_left, rig)
             if step is None:
