@@ -129,8 +129,8 @@ class Mapper:
         in_range = within_range(unrolled, self._search.min_disparity_px)
         T_lm_sb = T_lm_navsb  # the SB of the mapping rig
         view = view_of_pair(in_range, self._rig, T_lm_sb @ self._rig.T_sb_left)
-        calibration_of_pair = calibration_sigma(rotation, self._rig, self._config.calibration)
-        sigma = sigma_of_view(view, in_range.saturation, calibration_of_pair, self._rig)
+        calibration = calibration_sigma(rotation, self._rig, self._config.calibration)
+        sigma = sigma_of_view(view, in_range.saturation, calibration, self._rig)
         findings = findings_of_pair(in_range, rotation, self._rig, self._config.calibration)
         return MappedPair.of(
             stamp_ns=pair.stamp_ns,
@@ -139,7 +139,7 @@ class Mapper:
             disparity_map=in_range,
             view=view,
             sigma=sigma,
-            calibration=calibration_of_pair,
+            calibration=calibration,
             findings=findings,
         )
 
