@@ -139,9 +139,7 @@ def report(
 
 
 def _read_scores(paths: list[Path]) -> list[Score]:
-    """Return the scores of files, each judged by its limits; a score whose limits are unavailable has a warning."""
-    from msgspec.structs import replace
-
+    """Return the scores of files, each judged by its limits; a score whose limits are unavailable has a caveat."""
     from sfr_loc_map.metrics.judging.several_scores import each_by_its_limits
     from sfr_loc_map.metrics.score_json import load_score
     from sfr_loc_map.scoring.provenance import limits_not_seen
@@ -151,7 +149,7 @@ def _read_scores(paths: list[Path]) -> list[Score]:
         score = load_score(path)
         if (unseen := limits_not_seen(score, str(path))) is not None:
             warn(unseen)
-            score = replace(score, warnings=(*score.warnings, unseen))
+            score = score.with_caveat(unseen)
         scores.append(score)
     return each_by_its_limits(scores)
 

@@ -1,6 +1,7 @@
 """Facts that restrict the meaning of a score, one sentence each.
 
-A score has these sentences as warnings, and the test report has the same sentences as deviations.
+A score has these sentences as warnings, and the test report has the same sentences as deviations. The functions of this
+module derive sentences from the records of a score. Sentences about inputs are in `Score.caveats`.
 """
 
 from __future__ import annotations
@@ -11,14 +12,6 @@ from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.records import TruthRecord
 from sfr_loc_map.metrics.score import Score
 
-NOT_COMPARED = "its limits were not compared"  #: End of a warning that limits were not compared with their file.
-JUDGED_ELSEWHERE = "judged in another of the scores"  #: End of a warning that names omitted limits.
-NOT_BOUND = "it is not verified that they belong to the run of the estimate"
-"""End of a warning that calls have only their stamps in common with the estimate."""
-UNEVEN = "frames of denser parts have more weight in the figures"
-"""End of a warning that the spacing of the estimates varies although the images are unknown."""
-RESET = "the score does not contain what was received before the last reset"
-"""End of a warning that the operator has reset a live score."""
 MAX_EXCESS = 0.05  #: Maximum fraction of the true path that is noise without a warning.
 
 
@@ -54,9 +47,3 @@ def reading_caveats(score: Score) -> Iterator[str]:
     over = f" over {label_of(first.condition)}" if first.condition else ""
     text = f"{len(differ)} of {len(score.verdicts)} verdicts depend on the reading of the document (rebase), the first"
     yield f"{text} {first.name}{over}: {each} (displacement and position need an estimate that starts at a true pose)"
-
-
-def inputs_caveats(score: Score) -> Iterator[str]:
-    """Yield the warnings about inputs that the score does not contain, did not compare or weights unevenly."""
-    endings = (NOT_COMPARED, JUDGED_ELSEWHERE, NOT_BOUND, UNEVEN, RESET)
-    yield from (text for text in score.warnings if text.endswith(endings))

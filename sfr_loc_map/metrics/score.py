@@ -77,6 +77,8 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     external: ExternalScore | None = None  #: How an external node behaved; null without an external node.
     convention: ConventionRecord | None = None  #: How the poses were converted before they were scored.
     warnings: tuple[str, ...] = ()  #: Warnings, one line each.
+    #: The warnings that are deviations of a test report: what the score omits, did not compare or weights unevenly.
+    caveats: tuple[str, ...] = ()
     contradiction: str | None = None  #: Convention mismatch of estimate and truth, because of which nothing is judged.
     incomplete: str | None = None  #: Expected data that cannot be judged; null if there are none.
     rules: Rules | None = None  #: Rules by which the verdicts follow from the figures; null without limits.
@@ -193,6 +195,10 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     def missed(self) -> tuple[Verdict, ...]:
         """The verdicts that are `fail`."""
         return tuple(item for item in self.verdicts if item.state is VerdictState.FAIL)
+
+    def with_caveat(self, text: str) -> Score:
+        """Return the score with another caveat, which is also a warning."""
+        return msgspec.structs.replace(self, warnings=(*self.warnings, text), caveats=(*self.caveats, text))
 
     # ---- files, tables and figures for users of Python
 

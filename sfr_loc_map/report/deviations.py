@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.calls import STATED_CLOCK
 from sfr_loc_map.metrics.catalogue import MOVING, STANDING, SUB_TRAJECTORIES, TOTAL, Subject
-from sfr_loc_map.metrics.caveats import inputs_caveats, reading_caveats, truth_caveats
+from sfr_loc_map.metrics.caveats import reading_caveats, truth_caveats
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Rebase, label_of
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.row_part import RowPart
@@ -83,7 +83,7 @@ def caveats_of(score: Score) -> Iterator[str]:
     if score.truth is not None:
         yield from truth_caveats(score.truth)
     yield from reading_caveats(score)
-    yield from inputs_caveats(score)
+    yield from score.caveats
 
 
 def _map_range(score: Score) -> Iterator[str]:

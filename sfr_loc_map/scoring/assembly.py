@@ -8,7 +8,7 @@ from dataclasses import replace
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND
-from sfr_loc_map.metrics.caveats import NOT_BOUND, reading_caveats
+from sfr_loc_map.metrics.caveats import reading_caveats
 from sfr_loc_map.metrics.config import Condition, ScoreConfig
 from sfr_loc_map.metrics.details import CallPlots, Details, MapDetails, TrajectoryDetails
 from sfr_loc_map.metrics.judging.incomplete import why_not_whole
@@ -68,12 +68,13 @@ def score_of_parts(
     )
     score = judged(score, limits, partial=config.trajectory.partial)
     warnings = [*_convention_warnings(run.convention), *trajectory.warnings, *surface.warnings, *calls.warnings]
-    warnings += _unbound_calls(run)
+    caveats = (*trajectory.caveats, *calls.caveats, *_unbound_calls(run))
+    warnings += caveats
     warnings += () if method is None else _process_warnings(method, run)
     warnings += [*_partial_warnings(score), *reading_caveats(score)]
     if any(item.figure == ERRORS_BEYOND for item in score.verdicts):
         warnings += trajectory.unjudged
-    return struct_replace(score, warnings=tuple(warnings))
+    return struct_replace(score, warnings=tuple(warnings), caveats=caveats)
 
 
 def _details(
@@ -103,10 +104,10 @@ def _method_of(run: Run) -> MethodRecord | None:
 
 
 def _unbound_calls(run: Run) -> Iterator[str]:
-    """Yield a warning if calls from files have no positions that assign them to the estimate."""
+    """Yield a caveat if calls from files have no positions that assign them to the estimate."""
     unbound = [item for item in run.stats if item.positions is None and len(item.localised_ns)]
     if run.drive is not None and run.inputs.stats and unbound:
-        yield f"the calls (--stats) have no positions: {NOT_BOUND}"
+        yield ("the calls (--stats) have no positions: it is not verified that they belong to the run of the estimate")
 
 
 def _process_warnings(method: MethodRecord, run: Run) -> Iterator[str]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.calls import STATED_CLOCK, concatenated, has_memory
-from sfr_loc_map.metrics.caveats import RESET
 from sfr_loc_map.metrics.cloud_error import ScoredMap
 from sfr_loc_map.metrics.completeness import live_completeness, settled
 from sfr_loc_map.metrics.config import ScoreConfig
@@ -88,7 +87,8 @@ def _with_transport(calls: CallsResult, live: LiveRun) -> CallsResult:
         calls = replace(calls, records=stated)
     if live.resets_ns:
         last = f"{len(live.resets_ns)} time(s), last after the stamp {live.resets_ns[-1]} ns"
-        calls = replace(calls, warnings=(*calls.warnings, f"the live score was reset {last}: {RESET}"))
+        caveat = f"the live score was reset {last}: the score does not contain what was received before the last reset"
+        calls = replace(calls, caveats=(*calls.caveats, caveat))
     if not live.dropped and not live.restarts:
         return calls
     return replace(calls, figures=(*calls.figures, *live_completeness(live.received, live.dropped, live.restarts)))

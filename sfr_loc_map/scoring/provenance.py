@@ -18,7 +18,6 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import COMMIT, hash_arrays, hash_path
 from sfr_loc_map.io.bag.files import is_bag
-from sfr_loc_map.metrics.caveats import NOT_COMPARED
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.records import InputFile, Provenance
@@ -75,10 +74,10 @@ def limits_not_seen(score: Score, origin: str) -> str | None:
         return None
     file = None if score.provenance is None else score.provenance.inputs.get("limits")
     if file is None:
-        return f"{origin} names no limits file: {NOT_COMPARED}"
+        return f"{origin} names no limits file: its limits were not compared"
     path = Path(file.path)
     if not path.is_file() or hash_path(path) != file.sha256:
-        return f"the limits file '{file.path}' of {origin} is missing or was changed: {NOT_COMPARED}"
+        return f"the limits file '{file.path}' of {origin} is missing or was changed: its limits were not compared"
     limits = load_limits(path)
     given = (rules.limits, rules.minimum_count, rules.minimum_independent)
     if given != (limits.limits, limits.minimum_count, limits.minimum_independent):

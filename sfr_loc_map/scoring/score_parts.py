@@ -27,7 +27,7 @@ from sfr_loc_map.metrics.calls import (
     with_external,
 )
 from sfr_loc_map.metrics.catalogue import DRIVE, MAP
-from sfr_loc_map.metrics.caveats import UNEVEN, truth_caveats
+from sfr_loc_map.metrics.caveats import truth_caveats
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
 from sfr_loc_map.metrics.completeness import SPARSER, expected_row, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, MapScoreConfig, TrajectoryScoreConfig
@@ -39,7 +39,7 @@ from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.runs.call_stats import CallStats
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
 
-FEW_TRUE_POSES = 1.0 / SPARSER  #: Number of true poses per image up to which a sparse truth is reported.
+FEW_TRUE_POSES = 1.0 / SPARSER  #: Ratio of true poses to images up to which a sparse truth is reported.
 UNEVEN_PERIODS, UNEVEN_SHARE = 2.5, 0.05
 """Estimates are uneven if more than this fraction of the time is between estimates that are further apart than this
 number of median periods. A single missing estimate leaves two periods."""
@@ -52,6 +52,7 @@ class DriveResult:
 
     figures: tuple[Figure, ...] = ()
     warnings: tuple[str, ...] = ()
+    caveats: tuple[str, ...] = ()  #: Further warnings, which are also deviations.
     association: Association | None = None
     truth: TruthRecord | None = None
     alignment: Alignment | None = None
@@ -77,6 +78,7 @@ class CallsResult:
 
     figures: tuple[Figure, ...] = ()
     warnings: tuple[str, ...] = ()
+    caveats: tuple[str, ...] = ()  #: Further warnings, which are also deviations.
     records: CallRecords | None = None
     plots: Mapping[str, CallPlots] = field(default_factory=dict)
     target: TargetRun | None = None
@@ -110,11 +112,12 @@ def drive_result(
         kept_errors=kept_errors,
     )
     warnings = [] if contradiction is None else [contradiction]
-    warnings += _frame_warnings(drive, scored.association)
+    warnings += _sparse_truth(drive, scored.association)
     warnings += truth_caveats(scored.truth)
     return DriveResult(
         figures=scored.figures,
         warnings=tuple(warnings),
+        caveats=tuple(_uneven_estimates(drive, scored.association)),
         association=scored.association,
         truth=scored.truth,
         contradiction=contradiction,
@@ -137,22 +140,27 @@ def result_without_poses(images: int) -> DriveResult:
     return DriveResult(figures=(expected_row(RowPart(DRIVE), 0, images), *share_rows("missing", images, images)))
 
 
-def _frame_warnings(drive: DriveToScore, association: Association) -> Iterator[str]:
-    """Yield a warning if the truth is sparse, and if the images are unknown and the estimates are uneven."""
-    many, what = association.images, "images"
-    if not many:
-        share = uneven_share(drive.estimates.trajectory.stamps_ns)
-        if share > UNEVEN_SHARE:
-            yield (
-                f"the spacing of the estimates varies and the images are unknown: {100.0 * share:.3g} % of the time is "
-                f"between estimates that are more than {UNEVEN_PERIODS:g} typical periods apart; {UNEVEN}"
-            )
-        many, what = len(drive.estimates.trajectory), "estimates"
-    if association.mode is AssociationMode.MATCH and association.truth_poses <= FEW_TRUE_POSES * many:
+def _uneven_estimates(drive: DriveToScore, association: Association) -> Iterator[str]:
+    """Yield a caveat if the spacing of the estimates varies although the images are unknown."""
+    share = 0.0 if association.images else uneven_share(drive.estimates.trajectory.stamps_ns)
+    if share > UNEVEN_SHARE:
         yield (
-            f"the truth has {association.truth_poses} poses for {many} {what}: frames and spacing count true poses; "
-            "the figures do not contain errors between true poses; sfr score --frames images interpolates the truth to "
-            "every image"
+            f"the spacing of the estimates varies and the images are unknown: {100.0 * share:.3g} % of the time is "
+            f"between estimates that are more than {UNEVEN_PERIODS:g} typical periods apart; frames of denser parts "
+            "have more weight in the figures"
+        )
+
+
+def _sparse_truth(drive: DriveToScore, association: Association) -> Iterator[str]:
+    """Yield a warning if frames are the poses of a truth that is sparser than the images or estimates."""
+    expected, what = association.images, "images"
+    if not expected:
+        expected, what = len(drive.estimates.trajectory), "estimates"
+    if association.mode is AssociationMode.MATCH and association.truth_poses <= FEW_TRUE_POSES * expected:
+        yield (
+            f"the truth has {association.truth_poses} poses for {expected} {what}: frames and spacing count true "
+            "poses; the figures do not contain errors between true poses; sfr score --frames images interpolates the "
+            "truth to every image"
         )
 
 

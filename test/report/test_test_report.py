@@ -226,7 +226,7 @@ def test_the_command_writes_both_and_refuses_what_it_would_not_do(tmp_path: Path
     report, xml = tmp_path / "t.html", tmp_path / "v.xml"
     words = ["report", *paths, "--test-report", report, "--junit", xml]
     assert sfr(*words).code == 1  # the verdict of the scores
-    read = [replace(load_score(path), warnings=(unseen_limits(path),)) for path in paths]
+    read = [load_score(path).with_caveat(unseen_limits(path)) for path in paths]
     assert report.read_text() == render_test_report(each_by_its_limits(read))
     assert len(list(ET.parse(xml).getroot().iter("testsuite"))) == 3
     assert sfr(*words, "--overwrite", "-o", "x.md").code == 2

@@ -8,7 +8,6 @@ from typing import NamedTuple
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.catalogue import DRIVE, MAP
-from sfr_loc_map.metrics.caveats import JUDGED_ELSEWHERE
 from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, task_of, tasks_of
@@ -109,7 +108,7 @@ def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
 
     A limit on a map, for example, is omitted from the score of a drive only if the score of a map is judged by the same
     limit and the score of the drive has no value for the limit. If there are only drives, the limit applies to every
-    score. A warning of the score names omitted limits.
+    score. A caveat of the score names omitted limits.
     """
     every = [(tasks_of(score), limits_of(score)) for score in scores]
     found = []
@@ -126,7 +125,6 @@ def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
             is_partial = score.rules is not None and score.rules.partial
             score = judged(score, struct_replace(limits, limits=tuple(kept)) if kept else None, partial=is_partial)
             names = ", ".join(item.shown_name for item in limits.limits if item not in kept)
-            warning = f"the limits {names} are {JUDGED_ELSEWHERE}"
-            score = struct_replace(score, warnings=(*score.warnings, warning))
+            score = score.with_caveat(f"the limits {names} are judged in another of the scores")
         found.append(score)
     return found
