@@ -125,12 +125,14 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             FrameTruthInput(config.truth.frame)
 
     def setup(self) -> None:
-        """Read the limits and create publishers."""
+        """Read the limits, keep the report of an earlier run, and create publishers."""
         config = self.config
         limits = load_limits(Path(config.limits_file)) if config.limits_file else None
         self._score = MonitorScore(config.score, limits, config.truth)
         if self._report_file is not None:
             self._report_file.check()
+            if config.save_period_s:
+                self._warn_on_error(self._report_file.keep_previous)
         self._publisher = ScorePublisher(self.endpoints)
 
     def subscribe(self) -> None:
@@ -153,7 +155,6 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self.add_service("~/reset", self._reset)
         self.endpoints.add_timer(config.publish_period_s, lambda: self.worker.enqueue(self._publish_periodically))
         if self._report_file is not None and config.save_period_s:
-            self._warn_on_error(self._report_file.keep_previous)
             self.endpoints.add_timer(config.save_period_s, lambda: self.worker.enqueue(self._autosave))
 
     def reset_state(self) -> None:

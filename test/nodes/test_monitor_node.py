@@ -13,6 +13,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, TransformStamped
+from lifecycle_msgs.msg import Transition
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -30,6 +31,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.message_types import Level
+from sfr_loc_map.metrics.score import SCHEMA
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.nodes.ros.messages import header_msg, pose_msg, transform_msg
 from sfr_loc_map.runs.calls import CallRecord, encode_call
@@ -92,6 +94,20 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
         peer.until(lambda: not association_of(report), "the reset")
         last_ns = START_NS + 20 * PERIOD_NS
         assert any(f"reset 1 time(s), last after the stamp {last_ns} ns" in text for text in warnings_of(report))
+
+
+def test_the_report_of_the_previous_process_is_kept_at_an_activation(ros: None, capfd: Capture, tmp_path: Path) -> None:
+    save, before = tmp_path / "score.json", tmp_path / "score.before.json"
+    previous = json.dumps({"schema": SCHEMA, "of": "the previous process"})
+    save.write_text(previous, encoding="utf-8")
+    arguments = params(f"save_file:={save}", "save_period_s:=3600.0")
+    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode, *arguments):
+        assert before.read_text() == previous
+        assert peer.call("monitor_node/save").success
+        assert peer.change(Transition.TRANSITION_DEACTIVATE) == (True, "inactive")
+        assert peer.change(Transition.TRANSITION_ACTIVATE) == (True, "active")
+        assert before.read_text() == previous
+        assert json.loads(save.read_text())["schema"] == SCHEMA
 
 
 def warnings_of(report: list[String]) -> list[str]:

@@ -53,9 +53,10 @@ class GraphObserver(Peer):
     """Observes the graph for a given time; a context manager."""
 
     def __init__(self, remap: Mapping[str, str]) -> None:
+        """Join the graph; `remap` has the name in the suite of each topic that has another name in the graph."""
         super().__init__(f"sfr_doctor_{os.getpid()}")
-        self._renamed = {"/" + found.strip("/"): "/" + new.strip("/") for found, new in remap.items()}
-        self._remap = {new.strip("/"): found for found, new in self._renamed.items()}
+        self._name_in_suite = {"/" + found.strip("/"): "/" + name.strip("/") for found, name in remap.items()}
+        self._name_in_graph = {name.strip("/"): found for found, name in self._name_in_suite.items()}
         self._stamps: dict[str, list[int]] = {}
         self._messages = defaultdict[str, list[Any]](list)
         self._gaps = defaultdict[str, TransportGaps](TransportGaps)
@@ -69,25 +70,22 @@ class GraphObserver(Peer):
         if len(spaces) > 1 and not namespace.strip("/"):
             raise NodeError(f"nodes run in the namespaces {', '.join(spaces)}: choose one by --namespace")
         self._namespace = namespace.strip("/") or "".join(spaces)
-        others = dict(self.ros_node.get_topic_names_and_types())
-        found = {name: self._full_name(name) for name in EXPECTED if self._full_name(name) in others}
-        found = {name: full_name for name, full_name in found.items() if not self._is_superseded(name, full_name)}
-        for name, full_name in found.items():
-            self._subscribe(name, full_name, others[full_name])
-        tf_type = tf_message_type()
-        if tf_type is not None:
-            take = partial(add_static_transforms, tree=self._frames)
-            self.ros_node.create_subscription(tf_type, TF_STATIC, take, TF_STATIC_QOS)
-        for task in Task:
-            note = partial(self._note_call, self._full_name(task.node))
-            self.ros_node.create_subscription(String, self._full_name(call_topic(task)), note, LATCHED)
+        types = dict(self.ros_node.get_topic_names_and_types())
+        expected = {name: self._full_name(name) for name in EXPECTED if self._full_name(name) in types}
+        topics = {name: full_name for name, full_name in expected.items() if not self._is_superseded(name, full_name)}
+        for name, full_name in topics.items():
+            self._subscribe(name, full_name, types[full_name])
+        has_tf_type = self._subscribe_to_frames()
+        self._subscribe_to_calls()
 
-        def all_heard() -> bool:
+        def all_received() -> bool:
             # On a busy host the first message takes seconds.
-            heard = (self._stamps.get(name, True) or not self.ros_node.count_publishers(found[name]) for name in found)
-            return all(heard)
+            return all(
+                self._stamps.get(name, True) or not self.ros_node.count_publishers(full_name)
+                for name, full_name in topics.items()
+            )
 
-        self.spin(FIRST_MESSAGE_S, all_heard)
+        self.spin(FIRST_MESSAGE_S, all_received)
         self.spin(seconds)
         nodes = tuple(self._ask(name, space) for name, space in self._suite_nodes() if space == "/" + self._namespace)
         in_tf = self._frames.find(RB_FRAME, LOCSB_FRAME) is not None
@@ -96,18 +94,32 @@ class GraphObserver(Peer):
             f"the graph of ROS domain {environment.domain()}",
             live=True,
             prefix=self._full_name(""),
-            topics={name: self._topic(name, full_name, others[full_name]) for name, full_name in found.items()},
-            others={name: tuple(types) for name, types in others.items()},
+            topics={name: self._topic(name, full_name, types[full_name]) for name, full_name in topics.items()},
+            others={name: tuple(of_topic) for name, of_topic in types.items()},
             extrinsics_given=extrinsics_given,
-            extrinsics_in_tf=in_tf if tf_type is not None or TF_STATIC not in others else None,
+            extrinsics_in_tf=in_tf if has_tf_type or TF_STATIC not in types else None,
             nodes=nodes,
             has_clock=bool(self.ros_node.get_publishers_info_by_topic(CLOCK)),
             now_ns=None if is_played else time.time_ns(),
             export_line=environment.EXPORT_LINE,
         )
 
+    def _subscribe_to_frames(self) -> bool:
+        """Subscribe to /tf_static; return whether its message type is installed."""
+        kind = tf_message_type()
+        if kind is not None:
+            add = partial(add_static_transforms, tree=self._frames)
+            self.ros_node.create_subscription(kind, TF_STATIC, add, TF_STATIC_QOS)
+        return kind is not None
+
+    def _subscribe_to_calls(self) -> None:
+        for task in Task:
+            note = partial(self._note_call, self._full_name(task.node))
+            self.ros_node.create_subscription(String, self._full_name(call_topic(task)), note, LATCHED)
+
     def _full_name(self, name: str) -> str:
-        return self._remap.get(name, f"/{self._namespace}/{name}" if self._namespace else f"/{name}")
+        """Return the name in the graph of a topic or node of the suite."""
+        return self._name_in_graph.get(name, f"/{self._namespace}/{name}" if self._namespace else f"/{name}")
 
     def _is_superseded(self, name: str, full_name: str) -> bool:
         """Return whether these raw images are also published rectified, and no node of the suite subscribes to them."""
@@ -185,7 +197,7 @@ class GraphObserver(Peer):
             graph = (topics, sorted(self.ros_node.get_node_names()))
             if graph != before:
                 before, changed = graph, now
-            images = [name for name, _ in topics if self._renamed.get(name, name).endswith(LEFT_IMAGES)]
+            images = [name for name, _ in topics if self._name_in_suite.get(name, name).endswith(LEFT_IMAGES)]
             if now - changed > QUIET_S and any(map(self.ros_node.count_publishers, images)):
                 return
             self.spin(POLL_S)

@@ -161,7 +161,7 @@ class StereoInput:
         qos = profile(self._config.reliability, self._config.queue_depth)
         for side in SIDES:
             stem = f"{self._name}/{side}"
-            endpoints.add_subscription(CameraInfo, f"{stem}/camera_info", partial(self.add_camera_info, side), qos)
+            endpoints.add_subscription(CameraInfo, f"{stem}/camera_info", partial(self._add_camera_info, side), qos)
             for name, kind in self._images.items():
                 gaps = self._gaps.setdefault(f"{stem}/{name}", TransportGaps())
                 remove = endpoints.add_subscription(
@@ -240,7 +240,7 @@ class StereoInput:
             self.forget_waiting()
             self._on_new_run("the clock was set back")
 
-    def add_camera_info(self, side: Side, message: CameraInfo) -> None:
+    def _add_camera_info(self, side: Side, message: CameraInfo) -> None:
         """Add a camera_info, and use the rig that it completes."""
         if (infos := self._infos.add(side, message)) is None:
             return
@@ -256,7 +256,7 @@ class StereoInput:
         while self._without_rig:
             self._hand_over(rig, self._without_rig.popleft())
 
-    def add_image(self, side: Side, image: ReceivedImage) -> None:
+    def _add_image(self, side: Side, image: ReceivedImage) -> None:
         """Add an image, and pass on the pair that it completes."""
         if stamp_of(image[0]) <= 0:
             self._dropped["unstamped"] += 1
@@ -286,7 +286,7 @@ class StereoInput:
             missing = side not in self._infos.last and side not in self._latched
             if self._endpoints is not None and missing and self._endpoints.is_latched(topic):
                 self._latched.add(side)
-                self._endpoints.add_latched(CameraInfo, topic, partial(self.add_camera_info, side))
+                self._endpoints.add_latched(CameraInfo, topic, partial(self._add_camera_info, side))
 
     def _receive_image(self, side: Side, gaps: TransportGaps, message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401
         if isinstance(message, Image) and side in self._remove_compressed:
@@ -295,7 +295,7 @@ class StereoInput:
             text = f"{share:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
             self._status.warn(text, "transport")
         self._status.note_arrival()
-        self.add_image(side, (message, info))
+        self._add_image(side, (message, info))
 
     def _lost_share(self) -> float:
         """Return the fraction of recent images that were lost in transport; 0 for fewer than `LOSS_WINDOW` images."""

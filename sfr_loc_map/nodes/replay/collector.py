@@ -86,12 +86,6 @@ class ResultCollector:
 
         self._peer.wait_for(is_complete, ANSWER_TIMEOUT_S, problem)
 
-    def _check_nodes(self) -> None:
-        """Raise a NodeError if a node of the suite has ended or has reported an internal fault."""
-        self._peer.supervisor.check()
-        if self._fault is not None:
-            raise self._fault
-
     def finish(self) -> None:
         """Finish a map in progress, and wait for the missing results."""
         self._wait_for_rest(self._finish_map())
@@ -100,6 +94,12 @@ class ResultCollector:
         """Add the answers and the process of an external node; called even if the replay has failed."""
         if self._external is not None:
             self.results.external = self._external.result()
+
+    def _check_nodes(self) -> None:
+        """Raise a NodeError if a node of the suite has ended or has reported an internal fault."""
+        self._peer.supervisor.check()
+        if self._fault is not None:
+            raise self._fault
 
     def _external_of(self, rig: str) -> ExternalNode | None:
         """Return the external node if it processes the pairs of a rig; None if a node of the suite does."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -41,6 +42,7 @@ from sfr_loc_map.nodes.ros import environment, messages
 from sfr_loc_map.nodes.ros.publishers import UNKNOWN_NODE
 from sfr_loc_map.nodes.ros.qos import LATCHED
 from sfr_loc_map.runs.replay_result import ExternalResult
+from sfr_loc_map.topics import RECTIFIED
 
 DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0
@@ -83,9 +85,13 @@ class ExternalNode(ABC):
         """Note a pair and the time of the monotonic clock when its last image was published, s."""
         self._answers.note_sent(stamp_ns, sent_s)
 
-    def wait_until_ready(self, topics: list[str]) -> None:
-        """Wait until the node subscribes to images, subscribe to its answers, and start measuring its process."""
-        self._wait_for_subscription(topics)
+    def wait_until_ready(self, topics: Iterable[str]) -> None:
+        """Wait until the node subscribes to images, subscribe to its answers, and start measuring its process.
+
+        `topics` are the topics of the replay.
+        """
+        rig = f"{self.options.task.rig}/"
+        self._wait_for_subscription([name for name in topics if name.startswith(rig) and RECTIFIED in name])
         self._subscribe_to_answers()
         if self.options.watch:
             self._watch = ProcessWatch(processes_named(self.options.watch))
@@ -297,9 +303,15 @@ def _ended(command: ChildProcess) -> str:
 
 
 def external_node(
-    peer: ReplayPeer, source: Source, options: ExternalOptions, command: ChildProcess | None, results: ReceivedResults
-) -> ExternalNode:
-    """Return the external node of a replay."""
+    peer: ReplayPeer,
+    source: Source,
+    options: ExternalOptions | None,
+    command: ChildProcess | None,
+    results: ReceivedResults,
+) -> ExternalNode | None:
+    """Return the external node of a replay; None without options."""
+    if options is None:
+        return None
     if options.task is Task.LOCALISATION and source.loc is not None:
         return ExternalLocaliser(peer, options, command, results, source.loc)
     if options.task is Task.MAPPING and source.nav is not None:

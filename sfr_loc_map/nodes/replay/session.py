@@ -28,7 +28,7 @@ from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
 from sfr_loc_map.nodes.ros import environment
 from sfr_loc_map.runs.offline import check_count
-from sfr_loc_map.topics import RECTIFIED, Role, names
+from sfr_loc_map.topics import Role, names
 
 Say = Callable[[str], None]
 Progress = Callable[[str], None]
@@ -108,9 +108,7 @@ def started_nodes(source: Source, options: ReplayOptions, results: ReceivedResul
         if options.external is not None and options.external.command:
             command = stack.enter_context(user_command(options.external.command, folder))
         peer = stack.enter_context(ReplayPeer(supervisor))
-        external = None
-        if options.external is not None:
-            external = external_node(peer, source, options.external, command, results)
+        external = external_node(peer, source, options.external, command, results)
         player = Player(peer, topics, options.rate, paused=options.paused)
         is_lock_step = options.rate <= 0.0
         count = pairs_per_map(source)
@@ -122,8 +120,7 @@ def started_nodes(source: Source, options: ReplayOptions, results: ReceivedResul
             say("the page is not connected yet: the start of the replay will be missing there")
         player.wait_until_ready()
         if external is not None:
-            rig = f"{external.options.task.rig}/"
-            external.wait_until_ready([name for name in topics if name.startswith(rig) and RECTIFIED in name])
+            external.wait_until_ready(topics)
         yield Participants(peer, player, collector)
 
 
