@@ -16,15 +16,15 @@ from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.path import Point
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample, Media, View
+from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample, Media, MediaKind
 
 HOST = "127.0.0.1"  #: Only loopback, because the protocol has no token; other hosts need a tunnel (ssh -L).
 BACKLOG_MESSAGES = 64  #: Maximum number of messages that wait for a client; the SDK drops the oldest.
 TICK_S, PERIOD_S = 0.1, 1.0  #: Period of the check for new images and maps; period of figures and paths.
 FIGURES, ESTIMATE, TRUTH, POINTS, GRID = "/figures", "/path/estimate", "/path/truth", "/mapping/points", "/mapping/grid"
 IMAGES = ("/loc/left", "/loc/right", "/nav/left", "/nav/right")
-VIEWS = {**dict.fromkeys(IMAGES, View.IMAGES), POINTS: View.CLOUDS, GRID: View.MAPS}
-"""View that contains the media of each topic."""
+KINDS = {**dict.fromkeys(IMAGES, MediaKind.IMAGES), POINTS: MediaKind.CLOUDS, GRID: MediaKind.MAPS}
+"""Kind of the media of each topic."""
 CHANNELS = {
     ESTIMATE: channels.PosesInFrameChannel,
     TRUTH: channels.PosesInFrameChannel,
@@ -75,7 +75,7 @@ class FoxgloveServer:
         state, before, sent, due_s = self._state, set[str](), dict[str, Media](), 0.0
         while not self._stopped.wait(TICK_S):
             looked_at = {topic for topic, channel in self._channels.items() if channel.has_sinks()}
-            state.show(self, frozenset(VIEWS[topic] for topic in looked_at & VIEWS.keys()))
+            state.show(self, frozenset(KINDS[topic] for topic in looked_at & KINDS.keys()))
             shown = state.shown_media(self).values()
             newest = {GRID if isinstance(media, ElevationSample) else f"/{media.topic}": media for media in shown}
             media = {topic: newest[topic] for topic in looked_at & newest.keys()}

@@ -29,10 +29,10 @@ from aiohttp import WSMsgType, http_exceptions, web
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
-from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.connections import IDLE_TIMEOUT_S, BoundedConnections
 from sfr_loc_map.live.live_report import LiveReport
+from sfr_loc_map.live.run_end import EndFile
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.viewer import Viewer, text_message
 from sfr_loc_map.signals import stopping
@@ -330,46 +330,36 @@ class LiveServer:
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, end_file: Path | None = None) -> None:
     """Serve until SIGINT, SIGTERM or SIGHUP; print the address when the page can be opened.
 
-    Once the run is over, `nodes/launch/live_process.py` writes to the file how the run ended. The pages display the end
-    and can still be opened.
+    Once the run is over, its process writes to the file how the run ended (`run_end.EndFile`). The pages display the
+    end and can still be opened.
     """
-    taken = ""  # content of the file that was processed last
+    run_end = None if end_file is None else EndFile(end_file)
 
     def announce(url: str) -> None:
         print(f"live: {url}", flush=True)
         if open_browser:
             webbrowser.open(url)
 
-    def take_end(file: Path) -> None:
-        """Display how the run ended, if the file has changed."""
-        nonlocal taken
-        text = ""
-        with suppress(OSError):
-            text = file.read_text(encoding="utf-8")
-        if text == taken:
-            return
-        taken = text
-        outcome: Any = parse_json(text)
-        page = b""
-        with suppress(OSError):
-            page = Path(outcome.get("report") or "").read_bytes()
-        server.state.end(outcome.get("missing", ""), outcome.get("aborted", ""), time.time(), page)
-        server.end()
+    def show_end_of_run() -> None:
+        """Display how the run ended, if its process has reported this since the last call."""
+        end = None if run_end is None else run_end.read()
+        if end is not None:
+            server.state.end(end.missing, end.aborted, time.time(), end.report_page())
+            server.end()
 
-    async def watch_end() -> None:
-        while end_file is not None:
-            take_end(end_file)
+    async def watch_run() -> None:
+        while run_end is not None:
+            show_end_of_run()
             await asyncio.sleep(END_PERIOD_S)
 
     def end_server() -> None:
-        if end_file is not None:
-            take_end(end_file)
+        show_end_of_run()
         server.end()
         loop.call_later(LAST_MESSAGE_S, task.cancel)
 
     loop = asyncio.get_running_loop()
     task = asyncio.ensure_future(server.serve(announce))
-    watch = asyncio.ensure_future(watch_end())
+    watch = asyncio.ensure_future(watch_run())
     try:
         with stopping(lambda: loop.call_soon_threadsafe(end_server)), suppress(asyncio.CancelledError):
             await task

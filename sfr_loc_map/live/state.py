@@ -37,7 +37,7 @@ class LiveState:
         self.lock = RLock()
         self._on_change: Callable[[], None] = lambda: None
         self._operator: updates.Operator | None = None
-        self._shown: dict[object, frozenset[updates.View]] = {}  # displayed views of each viewer
+        self._shown: dict[object, frozenset[updates.MediaKind]] = {}  # displayed media of each viewer
         self._runs: CommonRuns[updates.PoseSample] = CommonRuns({track: AnyOrder() for track in updates.Track})
         self.path = LivePath()
         self.report: LiveReport | None = None
@@ -65,15 +65,15 @@ class LiveState:
     # ---- viewers
 
     @property
-    def wanted(self) -> frozenset[updates.View]:
-        """Views that at least one viewer displays; a feed prepares only these."""
+    def wanted_media(self) -> frozenset[updates.MediaKind]:
+        """Media that at least one viewer displays; a feed prepares only these."""
         with self.lock:
-            return frozenset[updates.View]().union(*self._shown.values())
+            return frozenset[updates.MediaKind]().union(*self._shown.values())
 
-    def show(self, viewer: object, views: frozenset[updates.View]) -> None:
-        """Note which views a viewer displays."""
+    def show(self, viewer: object, kinds: frozenset[updates.MediaKind]) -> None:
+        """Note which media a viewer displays."""
         with self.lock:
-            self._shown[viewer] = views
+            self._shown[viewer] = kinds
 
     def forget_viewer(self, viewer: object) -> None:
         """Note that a viewer has left."""
@@ -81,10 +81,10 @@ class LiveState:
             self._shown.pop(viewer, None)
 
     def shown_media(self, viewer: object) -> dict[str, updates.Media]:
-        """Return, by topic, the newest images and maps of the views that a viewer displays."""
+        """Return, by topic, the newest images and maps of the kinds that a viewer displays."""
         with self.lock:
-            views = self._shown.get(viewer, frozenset())
-            return {topic: media for topic, media in self.media.items() if media.view in views}
+            kinds = self._shown.get(viewer, frozenset())
+            return {topic: media for topic, media in self.media.items() if media.kind in kinds}
 
     def call_on_change(self, callback: Callable[[], None]) -> None:
         """Set a function that is called after each record, in the thread of the feed."""
@@ -181,7 +181,9 @@ class LiveState:
             silent = self._silent_nodes(now_s)
             report, rows = self.report, self.path.rows
             age_s = None if report is None else round(now_s - min(report.received_s, self._result_s), 3)
-            topics = {name: view.to_plain(now_s, self.lost.get(name, 0)) for name, view in sorted(self.topics.items())}
+            topics = {
+                name: topic.to_plain(now_s, self.lost.get(name, 0)) for name, topic in sorted(self.topics.items())
+            }
             stale_reasons = self._stale_reasons(topics, silent, now_s)
             shown = headline(
                 None if report is None else report.overall,
@@ -268,7 +270,7 @@ class LiveState:
                 self._take_call(update)
             case updates.Status():
                 self._take_status(update)
-            case updates.Sampled():
+            case updates.ImageStamp():
                 self._take_stamp(update)
             case updates.ImageProblem():
                 self._take_image_problem(update)
@@ -326,7 +328,7 @@ class LiveState:
             self.calls.append(call_to_plain(self._call_count, update))
             self._call_count += 1
 
-    def _take_stamp(self, update: updates.Sampled) -> None:
+    def _take_stamp(self, update: updates.ImageStamp) -> None:
         """Note when the images of a stamp were published."""
         self._note_topic(update.topic, update.stamp_ns, update.published_s)
         self._published[update.stamp_ns] = update.published_s

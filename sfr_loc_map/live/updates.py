@@ -30,8 +30,8 @@ class Track(StrEnum):
     TRUTH = "truth"
 
 
-class View(StrEnum):
-    """Media that are costly to prepare, so that a feed prepares them only while a viewer displays them."""
+class MediaKind(StrEnum):
+    """Kinds of media, which are costly to prepare, so that a feed prepares them only while a viewer displays them."""
 
     IMAGES = "images"
     CLOUDS = "clouds"
@@ -85,8 +85,8 @@ class Status:
 
 
 @dataclass(frozen=True, slots=True)
-class Sampled:
-    """Publication time of an image, from which the latency of results is measured."""
+class ImageStamp:
+    """Stamp and publication time of an image, which is received even if the image is not displayed."""
 
     topic: str
     stamp_ns: int
@@ -97,7 +97,7 @@ class Sampled:
 class ImageSample:
     """An image reduced for the screen: JPEG data, width and height, and the original width and height."""
 
-    view: ClassVar[View] = View.IMAGES
+    kind: ClassVar[MediaKind] = MediaKind.IMAGES
     topic: str
     stamp_ns: int
     jpeg: bytes
@@ -119,7 +119,7 @@ class ImageProblem:
 class CloudSample:
     """A cloud thinned for the screen, in LM, m; float32, NaN if unknown."""
 
-    view: ClassVar[View] = View.CLOUDS
+    kind: ClassVar[MediaKind] = MediaKind.CLOUDS
     topic: str
     stamp_ns: int
     points: FloatArray32  # (N, 4): x, y, z, sigma
@@ -132,7 +132,7 @@ class CloudSample:
 class ElevationSample:
     """A map from above, thinned for the screen; its layers are named height, sigma, error, hazard, ..."""
 
-    view: ClassVar[View] = View.MAPS
+    kind: ClassVar[MediaKind] = MediaKind.MAPS
     topic: str
     stamp_ns: int
     origin_m: tuple[float, float]  # corner of cell (0, 0), LM
@@ -153,7 +153,7 @@ class GraphNodes:
 
 
 Media = ImageSample | CloudSample | ElevationSample  #: Large records, of which only the newest of each topic is kept.
-Update = Report | PoseSample | Call | Status | Sampled | Media | ImageProblem | GraphNodes
+Update = Report | PoseSample | Call | Status | ImageStamp | Media | ImageProblem | GraphNodes
 
 
 def time_of(update: Update) -> float:
@@ -161,7 +161,7 @@ def time_of(update: Update) -> float:
     match update:
         case ImageProblem():
             return 0.0
-        case Sampled() | ImageSample() | CloudSample() | ElevationSample():
+        case ImageStamp() | ImageSample() | CloudSample() | ElevationSample():
             return update.published_s
         case _:
             return update.received_s

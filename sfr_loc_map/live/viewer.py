@@ -21,7 +21,7 @@ from aiohttp import web
 from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import ElevationSample, ImageSample, View
+from sfr_loc_map.live.updates import ElevationSample, ImageSample, MediaKind
 
 SEND_TIMEOUT_S = 10.0  #: A page that accepts no data for this time is disconnected.
 PageMedia = ImageSample | ElevationSample  #: Media of the page; clouds are displayed only in Foxglove.
@@ -55,7 +55,7 @@ def binary_message(media: PageMedia) -> bytes:
 
 
 class Viewer:
-    """An open page: the messages sent to it and the views that it displays. Used only in the server's event loop."""
+    """An open page: the messages sent to it and the media that it displays. Used only in the server's event loop."""
 
     def __init__(self, state: LiveState, channel: web.WebSocketResponse) -> None:
         self._state, self._channel = state, channel
@@ -73,13 +73,13 @@ class Viewer:
         self._changed.set()
 
     def receive(self, text: str) -> None:
-        """Process a message of the page: `{"type": "want", "views": [...]}` names the displayed views."""
+        """Process a message of the page: `{"type": "want", "media": [...]}` names the displayed media."""
         content: Any = None
         with suppress(ValueError):
             content = parse_json(text)
         match content:
-            case {"type": "want", "views": [*views]}:
-                self._state.show(self, frozenset(view for view in View if view.value in views))
+            case {"type": "want", "media": [*wanted]}:
+                self._state.show(self, frozenset(kind for kind in MediaKind if kind.value in wanted))
         self._changed.set()
 
     async def send_all(self, server: dict[str, Any]) -> None:
@@ -126,7 +126,7 @@ class Viewer:
         return [text_message("calls", {"calls": calls})]
 
     def _next_media(self) -> PageMedia | None:
-        """Return a new image or map for the views that the page shows, of the topic that has waited longest."""
+        """Return a new image or map of the media that the page shows, of the topic that has waited longest."""
         newest = self._state.shown_media(self)
         never_sent = [topic for topic in newest if topic not in self._sent_media]
         for topic in (*never_sent, *self._sent_media):

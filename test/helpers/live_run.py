@@ -19,9 +19,9 @@ from sfr_loc_map.live.updates import (
     ElevationSample,
     GraphNodes,
     ImageSample,
+    ImageStamp,
     PoseSample,
     Report,
-    Sampled,
     Status,
     Track,
     Update,
@@ -70,7 +70,7 @@ def poses(count: int, begin_s: float) -> Iterator[PoseSample]:
 
 def frame(number: int, now_s: float, *, lost: bool = False) -> list[Update]:
     """Poses of a frame, and when its image was published."""
-    return [Sampled("loc/left", (number + 1) * STEP_NS, now_s), *pose_pair(number, now_s, lost=lost)]
+    return [ImageStamp("loc/left", (number + 1) * STEP_NS, now_s), *pose_pair(number, now_s, lost=lost)]
 
 
 def scored(count: int, config: ScoreConfig | None = None) -> Score:

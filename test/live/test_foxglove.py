@@ -24,7 +24,7 @@ from sfr_loc_map.errors import NodeError
 from sfr_loc_map.live.foxglove import IMAGES, TOPICS, FoxgloveServer
 from sfr_loc_map.live.media import cloud_samples, image_sample
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import View
+from sfr_loc_map.live.updates import MediaKind
 
 BEGIN_S = 1_700_000_000.0  # so long ago that all is stale, whenever it is asked for
 COUNT = 120
@@ -58,12 +58,12 @@ def shown() -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], Any]:
                 assert view.url.startswith("ws://127.0.0.1:")
                 with pytest.raises(NodeError, match="--foxglove-port"):
                     FoxgloveServer(state, int(view.url.rpartition(":")[2]), "another").__enter__()
-                wanted: list[frozenset[View]] = []
-                channels, messages = await first_messages(view.url, lambda: wanted.append(state.wanted))
-                assert wanted == [{View.IMAGES, View.CLOUDS, View.MAPS}], "what is looked at is made"
+                wanted: list[frozenset[MediaKind]] = []
+                channels, messages = await first_messages(view.url, lambda: wanted.append(state.wanted_media))
+                assert wanted == [{MediaKind.IMAGES, MediaKind.CLOUDS, MediaKind.MAPS}], "what is looked at is made"
                 async with aiohttp.ClientSession() as session, session.get(server.url + "state.json") as answer:
                     told = await answer.json()
-                while state.wanted:  # nothing is made once the client is gone
+                while state.wanted_media:  # nothing is made once the client is gone
                     await asyncio.sleep(0.02)
         return channels, messages, told, (cloud, images, state.path.rows)
 

@@ -18,7 +18,7 @@ from helpers.live_run import fill, frame
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import Action, Command, ImageSample, View
+from sfr_loc_map.live.updates import Action, Command, ImageSample, MediaKind
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
 
@@ -217,12 +217,12 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
                     else:
                         frames.append(message.data)
 
-            await channel.send_json({"type": "want", "views": ["images", "maps", "nonsense"]})
+            await channel.send_json({"type": "want", "media": ["images", "maps", "nonsense"]})
             await take(lambda: len(texts) >= 6 and len(frames) >= 3)
             assert [text["type"] for text in texts][:6] == ["hello", "report", "events", "live", "path", "calls"]
             assert len(texts[4]["rows"]) == 10
-            assert found.state.wanted == {View.IMAGES, View.MAPS}
-            for hostile in ('{"type":"want","views":[NaN]}', '{"type":"want","views":1e999}', "[" * 4000):
+            assert found.state.wanted_media == {MediaKind.IMAGES, MediaKind.MAPS}
+            for hostile in ('{"type":"want","media":[NaN]}', '{"type":"want","media":1e999}', "[" * 4000):
                 await channel.send_str(hostile)  # the page stays connected
             rows: list[int] = []
             for number in range(10, 40):  # also while images come faster than they are taken, no figure is left out
@@ -234,7 +234,7 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
                 await take(lambda: any(text["type"] == "path" for text in texts))
                 rows += [row[0] for text in texts if text["type"] == "path" for row in text["rows"]]
             assert rows == list(range(10, 40))
-        while found.state.wanted:
+        while found.state.wanted_media:
             await asyncio.sleep(0.01)
 
     in_loop(test)

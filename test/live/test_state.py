@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from helpers.live_run import NODES, call, fill, frame, health, scored
 from helpers.made_scores import HOSTILE, dig, json_of, whole_score
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
-from sfr_loc_map.live.updates import Call, GraphNodes, PoseSample, Report, Sampled, Status, Track, Update
+from sfr_loc_map.live.updates import Call, GraphNodes, ImageStamp, PoseSample, Report, Status, Track, Update
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.metrics.config import Condition, ConditionKind, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.judge import judged
@@ -94,10 +94,10 @@ def test_memory_is_bounded() -> None:
     for number in range(MAX_CALLS + 50):
         state.put(call(number, float(number)))
         state.put(health(f"node_{number}", float(number)))
-        state.put(Sampled(f"topic_{number}", number, float(number)))
+        state.put(ImageStamp(f"topic_{number}", number, float(number)))
     assert (len(state.calls), len(state.nodes), len(state.topics)) == (MAX_CALLS, MAX_NODES, MAX_NODES)
     for number in range(4000):  # all of one moment: a smoothed period of 1e-320 s has no reciprocal
-        state.put(Sampled("topic_0", number, 1e4))
+        state.put(ImageStamp("topic_0", number, 1e4))
     assert state.to_plain(1e4)["live"]["topics"]["topic_0"]["rate_hz"] is None
 
 

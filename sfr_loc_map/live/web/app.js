@@ -18,7 +18,7 @@ import { dressAllHelp } from "./terms.js";
 const TICK_MS = 100; // interval between two checks for new data
 const PLOT_MS = 500; // minimum interval between two drawings of a panel
 const ANSWER_MS = 1500; // time for which the button shows the answer to a bookmark
-const VIEWS = ["images", "maps"]; // costly data, which the server sends only to a visible page
+const MEDIA = ["images", "maps"]; // costly data, which the server sends only to a visible page
 
 const run = new Run();
 const connection = new Connection({
@@ -71,8 +71,8 @@ function watchVisibility() {
   for (const panel of panels) watcher.observe(byId(panel.id));
 }
 
-function tellViews() {
-  connection.want(document.hidden ? [] : VIEWS);
+function tellMedia() {
+  connection.want(document.hidden ? [] : MEDIA);
 }
 
 async function bookmark() {
@@ -88,8 +88,8 @@ async function bookmark() {
 
 dressAllHelp();
 watchVisibility();
-document.addEventListener("visibilitychange", tellViews);
+document.addEventListener("visibilitychange", tellMedia);
 byId("bookmark").addEventListener("click", bookmark);
-tellViews();
+tellMedia();
 setInterval(draw, TICK_MS);
 Object.assign(window, { sfrLive: { run, connection } }); // for tests

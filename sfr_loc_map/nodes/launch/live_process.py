@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
 import tempfile
@@ -11,7 +10,9 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
-from sfr_loc_map.atomic import write_text
+from msgspec.structs import replace
+
+from sfr_loc_map.live.run_end import EndFile, RunEnd
 from sfr_loc_map.nodes.launch.processes import WATCH_S, end_processes, node_process
 from sfr_loc_map.signals import stopping
 
@@ -24,8 +25,9 @@ class LiveProcess(AbstractContextManager["LiveProcess"]):
 
     def __init__(self, arguments: Sequence[str]) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix="sfr-live-"))
-        self._end_file, self._told = self._folder / "end.json", dict[str, str]()
-        self._process = node_process("nodes.view.main", (*arguments, "--end-file", str(self._end_file)))
+        path = self._folder / "end.json"
+        self._end, self._end_file = RunEnd(), EndFile(path)
+        self._process = node_process("nodes.view.main", (*arguments, "--end-file", str(path)))
 
     def __exit__(self, *_: object) -> None:
         end_processes([self._process])
@@ -36,14 +38,10 @@ class LiveProcess(AbstractContextManager["LiveProcess"]):
         """Name of the page's node, which joins the graph once the page is served; empty if the page does not run."""
         return page_node_name(self._process.popen.pid) if self._process.is_running else ""
 
-    def run_is_over(self, **told: str) -> None:
-        """Tell the page, through a file that it reads periodically, that the run is over; call before the nodes end.
-
-        `missing`: what the estimate is known to lack; `aborted`: the cause of an abort; `report`: path of the report.
-        """
-        self._told |= told
-        with suppress(OSError):
-            write_text(json.dumps(self._told), self._end_file)
+    def run_is_over(self, **facts: str) -> None:
+        """Report to the page that the run is over, with fields of `RunEnd`; the first call precedes the nodes' end."""
+        self._end = replace(self._end, **facts)
+        self._end_file.write(self._end)
 
     def stay(self, words: str = "") -> None:
         """Print `words` and that the page is still served; wait until a signal arrives or the page ends."""

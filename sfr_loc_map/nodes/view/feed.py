@@ -79,7 +79,7 @@ class RosFeed(Peer):
         self._state = state
         self._space = namespace.strip("/")
         self._gaps: dict[str, TransportGaps] = {}
-        self._subscriptions: dict[updates.View, list[Subscription]] = {}
+        self._subscriptions: dict[updates.MediaKind, list[Subscription]] = {}
         self._image_topics: dict[str, str] = {}  # subscribed topic of each image name
         self._depths: dict[str, SampleDepth] = {}
         self._next_images: dict[str, tuple[float, int]] = {}  # by rig: time of the next pair, stamp of the last
@@ -133,28 +133,28 @@ class RosFeed(Peer):
         subscription = self._receive(kind, TRUE_POSES, partial(self._on_truth, TruePoses(msgtype), kind), BEST_EFFORT)
         return partial(self.ros_node.destroy_subscription, subscription)
 
-    def _follow_viewers(self, wanted: frozenset[updates.View]) -> None:
+    def _follow_viewers(self, wanted: frozenset[updates.MediaKind]) -> None:
         """Subscribe only to the displayed media; maps include clouds, which replace a missing grid."""
-        if updates.View.MAPS in wanted:
-            wanted |= {updates.View.CLOUDS}
-        for view in wanted - self._subscriptions.keys():
-            self._subscriptions[view] = self._subscribe_to(view)
-        for view in self._subscriptions.keys() - wanted:
-            for subscription in self._subscriptions.pop(view):
+        if updates.MediaKind.MAPS in wanted:
+            wanted |= {updates.MediaKind.CLOUDS}
+        for media in wanted - self._subscriptions.keys():
+            self._subscriptions[media] = self._subscribe_to(media)
+        for media in self._subscriptions.keys() - wanted:
+            for subscription in self._subscriptions.pop(media):
                 self.ros_node.destroy_subscription(subscription)
-            if view is updates.View.IMAGES:
+            if media is updates.MediaKind.IMAGES:
                 self._image_topics.clear()
-        if updates.View.IMAGES in wanted:
+        if updates.MediaKind.IMAGES in wanted:
             for name in CAMERAS:
                 self._find_image_topic(name)
 
-    def _subscribe_to(self, view: updates.View) -> list[Subscription]:
-        match view:
-            case updates.View.IMAGES:  # image topics are subscribed to once they have a publisher
+    def _subscribe_to(self, media: updates.MediaKind) -> list[Subscription]:
+        match media:
+            case updates.MediaKind.IMAGES:  # image topics are subscribed to once they have a publisher
                 return [self._receive(PointCloud2, TRACKS, self._on_tracks, IMAGE_QOS)]
-            case updates.View.CLOUDS:
+            case updates.MediaKind.CLOUDS:
                 return [self._receive_map(CLOUD, PointCloud2, self._maps.add_cloud, LATCHED)]
-            case updates.View.MAPS:
+            case updates.MediaKind.MAPS:
                 return [
                     self._receive_map(ELEVATION, PointCloud2, self._maps.add_elevation, LATCHED),
                     self._receive_map(HAZARD, OccupancyGrid, self._maps.add_hazard, LATCHED),
@@ -169,7 +169,7 @@ class RosFeed(Peer):
             if self._has_publisher(topic):
                 kind = messages.message_type(msgtype)
                 received = partial(self._on_image, name, kind)
-                self._subscriptions[updates.View.IMAGES].append(self._receive(kind, topic, received, IMAGE_QOS))
+                self._subscriptions[updates.MediaKind.IMAGES].append(self._receive(kind, topic, received, IMAGE_QOS))
                 self._image_topics[name] = full_name = self.ros_node.resolve_topic_name(topic)
                 self._state.put(updates.ImageProblem(name, f"{full_name} has a publisher; no image has arrived yet"))
                 return
@@ -240,7 +240,7 @@ class RosFeed(Peer):
 
     def _on_image(self, name: str, kind: type[Any], raw: bytes, published_s: float) -> None:
         stamp_ns, rig = serialised_stamp(raw), name.partition("/")[0]
-        self._state.put(updates.Sampled(name, stamp_ns, published_s))
+        self._state.put(updates.ImageStamp(name, stamp_ns, published_s))
         if not self._is_shown(rig, stamp_ns):
             return
         try:
@@ -275,7 +275,7 @@ class RosFeed(Peer):
 
     def _examine_graph(self) -> None:
         """Detect the nodes, and subscribe to the media that the viewers display."""
-        self._follow_viewers(self._state.wanted)
+        self._follow_viewers(self._state.wanted_media)
         published = self.ros_node.get_publishers_info_by_topic(self.ros_node.resolve_topic_name(TRUE_POSES))
         self._truth.follow([str(info.topic_type) for info in published])
         names = self.ros_node.get_node_names_and_namespaces()

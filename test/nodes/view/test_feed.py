@@ -14,7 +14,7 @@ from sensor_msgs.msg import CompressedImage
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import View
+from sfr_loc_map.live.updates import MediaKind
 from sfr_loc_map.nodes.ros.messages import header_msg, image_msg, message_type
 from sfr_loc_map.nodes.view.feed import RosFeed
 from sfr_loc_map.topics import IMAGES
@@ -25,7 +25,7 @@ PIXELS = np.arange(64 * 48, dtype=np.uint16).reshape(48, 64).astype(np.uint8)
 @pytest.mark.parametrize("name", IMAGES)
 def test_an_image_of_each_transport_is_shown(own_domain: None, name: str) -> None:
     state = LiveState()
-    state.show("test", frozenset({View.IMAGES}))
+    state.show("test", frozenset({MediaKind.IMAGES}))
     with RosFeed(state) as feed:
         node = rclpy.create_node("camera")
         kind = message_type(IMAGES[name])

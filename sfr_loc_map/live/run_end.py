@@ -1,0 +1,49 @@
+"""How a run ended, which the process of the run reports to the process of its page through a file."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+
+from sfr_loc_map.atomic import write_text
+
+
+class RunEnd(msgspec.Struct, frozen=True):
+    """The end of a run."""
+
+    missing: str = ""  #: What the estimate is known to lack.
+    aborted: str = ""  #: Cause of an abort.
+    report: str = ""  #: Path of the HTML report.
+
+    def report_page(self) -> bytes:
+        """Return the HTML report; empty without a readable report."""
+        with suppress(OSError):
+            return Path(self.report).read_bytes() if self.report else b""
+        return b""
+
+
+class EndFile:
+    """The file; one process writes it, the other one reads it periodically."""
+
+    def __init__(self, path: Path) -> None:
+        """Set the path; the file is not accessed."""
+        self._path = path
+        self._read = b""  # content that was read last
+
+    def write(self, end: RunEnd) -> None:
+        """Replace the file; a failure is ignored, because the run must not depend on its page."""
+        with suppress(OSError):
+            write_text(msgspec.json.encode(end).decode(), self._path)
+
+    def read(self) -> RunEnd | None:
+        """Return the end of the run if the file was written since the last call, None otherwise."""
+        try:
+            content = self._path.read_bytes()
+        except OSError:
+            return None
+        if content == self._read:
+            return None
+        self._read = content
+        return msgspec.json.decode(content, type=RunEnd)
