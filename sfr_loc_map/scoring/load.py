@@ -229,7 +229,7 @@ def _as_declared(true: LoadedTrajectory, place: Path | None, how: SourceConfig) 
     if how.truth != AS_IT_IS.truth:
         return replace(true, trajectory=how.truth.applied(poses, read_from=true.text))
     if place is not None and place.is_file():
-        return replace(true, trajectory=possible_truth(poses, f"of '{place}'")[1])
+        return replace(true, trajectory=possible_truth(poses, f"of '{place}'").trajectory)
     return true
 
 

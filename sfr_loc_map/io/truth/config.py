@@ -77,8 +77,8 @@ class TrackedBody:
         assert not isinstance(poses, Truth)
         if variances is None:
             variances = np.full((len(poses), 6), np.nan)
-        kept, poses = possible_truth(poses, read_from, self.attitude, self.unknown, variances)
-        variances = variances[kept]
+        checked = possible_truth(poses, read_from, self.attitude, self.unknown, variances)
+        poses, variances = checked.poses, variances[checked.kept]
         of_attitude = variances[:, 3:]
         is_known = (of_attitude < LOST_VARIANCE).any(axis=1) & (of_attitude >= 0.0).all(axis=1)
         is_stated = poses.has_attitude and bool(is_known.any() or np.isnan(of_attitude).any())
@@ -98,8 +98,8 @@ class TrackedBody:
             sigma_m=self.sigma_m or sigmas[0],
             sigma_deg=self.sigma_deg or float(sigmas[1]),
             lever_arm_m=tuple(lever.tolist()),
-            has_height=getattr(poses, "has_height", True),
-            has_tilt=getattr(poses, "has_tilt", True) or not has_attitude,
+            has_height=checked.has_height,
+            has_tilt=checked.has_tilt or not has_attitude,
             read_from=read_from,
             declared=self.declared,
         )

@@ -8,7 +8,7 @@ height that never changes, or zero roll and pitch, along such a path are placeho
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -152,20 +152,38 @@ def _of(wrong: Mask) -> str:
     return f"{int(wrong.sum())} of {len(wrong)}"
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PossibleTruth:
+    """The plausible poses of a truth, and their known components."""
+
+    kept: Mask  #: `(N,)`, which of the given poses are plausible.
+    poses: Trajectory  #: The plausible poses, without attitudes if the attitudes are placeholders.
+    has_height: bool = True  #: Whether z is known.
+    has_tilt: bool = True  #: Whether roll and pitch are known.
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The plausible poses; as a `Truth` if height or tilt is unknown."""
+        if self.has_height and self.has_tilt:
+            return self.poses
+        values = self.poses.stamps_ns, self.poses.positions, self.poses.quats_xyzw
+        return Truth(*values, has_height=self.has_height, has_tilt=self.has_tilt)
+
+
 def possible_truth(
     poses: Trajectory,
     read_from: str,
     attitude: str = "auto",
     unknown: str = "auto",
     variances: FloatArray | None = None,
-) -> tuple[Mask, Trajectory]:
-    """Return which poses of a truth are plausible, and these poses; warnings report the others.
+) -> PossibleTruth:
+    """Return the plausible poses of a truth; warnings report the others.
 
     An attitude that never changes along a path that turns is invalid. Only the positions are then kept, unless
-    `attitude` is yes. If height or tilt is unknown, the result is a `Truth` with this information.
+    `attitude` is yes. `unknown` names the unknown components (`TrackedBody.unknown`); auto infers them.
     """
     if not len(poses):
-        return np.zeros(0, np.bool_), poses
+        return PossibleTruth(np.zeros(0, np.bool_), poses)
     kept, findings = possible_poses(poses)
     without_height = np.zeros(len(poses), np.bool_) if variances is None else variances[:, 2] >= LOST_VARIANCE
     if 0.0 < without_height.mean() <= 0.5:
@@ -187,10 +205,7 @@ def possible_truth(
             findings = (*findings, f"{text}: they are not judged; set truth.unknown=none to judge them")
     for text in findings:
         _log.warning(f"truth {read_from}: {text}")
-    if not (has_height and has_tilt):
-        values = poses.stamps_ns, poses.positions, poses.quats_xyzw
-        poses = Truth(*values, has_height=has_height, has_tilt=has_tilt)
-    return kept, poses
+    return PossibleTruth(kept, poses, has_height, has_tilt)
 
 
 def marked_as_unknown(variances: FloatArray) -> tuple[bool, bool]:

@@ -34,7 +34,7 @@ def resolve_truth(
         return config.at(poses.T_rb_body).applied(poses, read_from=poses.read_from)
     if config != AS_THE_SOURCE_HAS_IT:
         return config.applied(poses, read_from=str(place))
-    return possible_truth(poses, f"of '{place}'")[1]
+    return possible_truth(poses, f"of '{place}'").trajectory
 
 
 def truth_of_file(

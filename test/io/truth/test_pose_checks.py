@@ -154,10 +154,12 @@ def test_positions_without_height_are_ignored_if_most_have_a_height() -> None:
     few[:5, 2] = LOST_VARIANCE
     most[:50, 2] = LOST_VARIANCE
     rough = bent(90.0) + np.column_stack((0.0 * ALONG, 0.0 * ALONG, 0.1 * np.sin(ALONG)))
-    kept, found = possible_truth(poses(rough, yaws(0.01)), "x", variances=few)
+    checked = possible_truth(poses(rough, yaws(0.01)), "x", variances=few)
+    kept, found = checked.kept, checked.trajectory
     assert np.flatnonzero(~kept).tolist() == [0, 1, 2, 3, 4]
     assert len(found) == COUNT - 5
-    kept, found = possible_truth(poses(rough, yaws(0.01)), "x", variances=most)
+    checked = possible_truth(poses(rough, yaws(0.01)), "x", variances=most)
+    kept, found = checked.kept, checked.trajectory
     assert kept.all()
     assert isinstance(found, Truth)
     assert not found.has_height
@@ -166,11 +168,11 @@ def test_positions_without_height_are_ignored_if_most_have_a_height() -> None:
 
 def test_settings_override_the_detection(caplog: pytest.LogCaptureFixture) -> None:
     flat = poses(bent(90.0))
-    assert not possible_truth(flat, "x")[1].has_attitude
+    assert not possible_truth(flat, "x").trajectory.has_attitude
     assert "all poses have the same attitude" in caplog.text
-    assert possible_truth(flat, "x", attitude="yes")[1].has_attitude
-    found = possible_truth(poses(bent(90.0), yaws()), "x")[1]
+    assert possible_truth(flat, "x", attitude="yes").trajectory.has_attitude
+    found = possible_truth(poses(bent(90.0), yaws()), "x").trajectory
     assert isinstance(found, Truth)
     assert not found.has_height
     assert not found.has_tilt
-    assert not isinstance(possible_truth(poses(bent(90.0), yaws()), "x", unknown="none")[1], Truth)
+    assert not isinstance(possible_truth(poses(bent(90.0), yaws()), "x", unknown="none").trajectory, Truth)
