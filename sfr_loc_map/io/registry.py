@@ -1,4 +1,4 @@
-"""The readers of all formats, and the detection of the format of a path."""
+"""The readers of the layouts of sources, and the detection of the layout of a path."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
@@ -50,19 +50,25 @@ def _configured(open_files: Opener) -> Opener:
     return open_configured
 
 
-READERS: dict[SourceFormat, tuple[Callable[[Path], bool], Opener]] = {
-    SourceFormat.BAG: (is_bag, _open_bag),
-    SourceFormat.FOLDER: (is_folder, _configured(lambda path, _: open_folder(path))),
-    SourceFormat.KITTI: (is_kitti, _configured(lambda path, _: open_kitti(path))),
-    SourceFormat.EUROC: (is_euroc, _configured(open_euroc)),
-    SourceFormat.IMAGES: (is_image_folder, _configured(open_image_folder)),
+class Reader(NamedTuple):
+    """The reader of a layout."""
+
+    matches: Callable[[Path], bool]  #: Whether a path has this layout.
+    open: Opener
+
+
+READERS: dict[SourceFormat, Reader] = {
+    SourceFormat.BAG: Reader(is_bag, _open_bag),
+    SourceFormat.FOLDER: Reader(is_folder, _configured(lambda path, _: open_folder(path))),
+    SourceFormat.KITTI: Reader(is_kitti, _configured(lambda path, _: open_kitti(path))),
+    SourceFormat.EUROC: Reader(is_euroc, _configured(open_euroc)),
+    SourceFormat.IMAGES: Reader(is_image_folder, _configured(open_image_folder)),
 }
-"""Detector and opener of each format, in the order of detection; a folder with rig.json or pairs.csv is `sfr`.
+"""The readers of all layouts, in the order of detection.
 
-Formats of trajectories are in `trajectory_file.py`, those of clouds in `cloud_file.py`.
+Trajectories, calibrations and clouds are recognised in `tables/pose_columns.py`, `calibration/calibration_file.py` and
+`clouds/cloud_file.py`.
 """
-
-
 STATED_PAIRS = (SourceFormat.FOLDER, SourceFormat.KITTI)  #: Formats whose files list the stereo pairs.
 
 
@@ -73,7 +79,7 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
     config = source_config(path) if config is None else config
     if name in STATED_PAIRS and config.sync != SyncConfig():
         _log.warning(f"'{path}': sync.* is ignored because the files list the stereo pairs")
-    source = READERS[name][1](path, config)
+    source = READERS[name].open(path, config)
     named = Path(config.truth.source)
     if config.truth.source and named.exists():  # otherwise a topic of the bag
         source = replace(source, truth_files=(*source.truth_files, named))
@@ -87,8 +93,8 @@ def format_of(path: Path) -> SourceFormat:
     if path.is_file():
         with refusing(f"'{path}' cannot be read", "give the file itself"):
             check_regular(path)
-    for name, (matches, _) in READERS.items():
-        if matches(path):
+    for name, reader in READERS.items():
+        if reader.matches(path):
             return name
     found = ", ".join(sorted(item.name for item in path.iterdir())[:6]) or "nothing" if path.is_dir() else "a file"
     raise InputError(

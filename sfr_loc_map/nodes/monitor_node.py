@@ -26,7 +26,7 @@ from sfr_loc_map.doctor.silence import Reliability
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, parse_json, stamp_of
 from sfr_loc_map.io.calibration.rectification import rig_of_rectified
-from sfr_loc_map.io.images.codec import points_image
+from sfr_loc_map.io.clouds.point_image import points_image
 from sfr_loc_map.io.truth.config import LiveTruth
 from sfr_loc_map.io.truth.messages import TrueRow
 from sfr_loc_map.mapping.config import MAX_PAIRS

@@ -1,1 +1,1 @@
-"""Calibrations of a stereo pair, of the suite and of other programs."""
+"""Calibrations of a stereo pair, of the suite and of other programs, and the rectification of its images."""

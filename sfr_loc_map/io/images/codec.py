@@ -1,4 +1,4 @@
-"""Decoding of images in files and ROS messages to 8-bit grey arrays, and of the true points of a pair."""
+"""Decoding of images in files and ROS messages to 8-bit grey arrays, and encoding as PNG and JPEG."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
-from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, check_image_size
+from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.inputs import MAX_IMAGE_BYTES, read_bytes, refusing, stamp_of
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
@@ -312,33 +312,3 @@ def _critical_chunks(raw: bytes) -> bytes:
             kept.append(raw[offset : end + 4])
         offset = end + 4
     return b"".join(kept)
-
-
-def points_image(message: Any, size: tuple[int, int]) -> NDArray[np.float32]:  # noqa: ANN401 - a PointCloud2 of any library
-    """Return an organised sensor_msgs/PointCloud2 of a size (width, height) as `(H, W, 3)` float32, metres."""
-    offsets = {field.name: int(field.offset) for field in message.fields if int(field.datatype) == 7}
-    shape, step, row = (int(message.height), int(message.width)), int(message.point_step), int(message.row_step)
-    size_ok = (shape[1], shape[0]) == size and row >= step * shape[1] and len(message.data) >= row * shape[0]
-    if not size_ok or any(name not in offsets or offsets[name] + 4 > step for name in "xyz"):
-        raise InputError(
-            f"ground_truth/points is {shape[1]} x {shape[0]} with float32 fields {sorted(offsets)}: an organised cloud "
-            f"of {size[0]} x {size[1]} with x, y, z is required"
-        )
-    order = ">f4" if message.is_bigendian else "<f4"
-    layout = np.dtype(
-        {"names": list("xyz"), "formats": [order] * 3, "offsets": [offsets[n] for n in "xyz"], "itemsize": step}
-    )
-    records = np.ndarray(shape, layout, np.frombuffer(message.data, np.uint8), strides=(row, step))
-    points = np.stack([records[name].astype("<f4") for name in "xyz"], axis=-1)
-    return checked_points(points, "ground_truth/points")
-
-
-def checked_points(points: NDArray[np.floating], name: str) -> NDArray[np.float32]:
-    """Return true points as float32; numbers that are not finite become NaN."""
-    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaN, float32 overflow
-        points = np.array(points, np.float32)
-    known = np.isfinite(points)
-    points[~known] = np.nan
-    if np.abs(points[known]).max(initial=0.0) > MAX_POSITION_M:
-        raise InputError(f"{name} has a coordinate beyond {MAX_POSITION_M:g} m; use NaN for a missing truth")
-    return points

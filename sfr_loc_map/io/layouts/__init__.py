@@ -1,1 +1,1 @@
-"""Sources of stereo pairs: one module for each layout, including bags, and the parts that layouts share."""
+"""Layouts of sources: one module for each, which is read, written or both, and the parts that layouts share."""

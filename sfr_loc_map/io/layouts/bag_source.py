@@ -20,7 +20,8 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, refusing
 from sfr_loc_map.io.bag.bag import Bag, Topic, pose_of, read_extrinsics, read_trajectory
 from sfr_loc_map.io.calibration.calibration_file import Calibration, read_calibration
-from sfr_loc_map.io.images.codec import SampleDepth, Samples, points_image, samples_of
+from sfr_loc_map.io.clouds.point_image import points_image
+from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.io.images.files import check_size
 from sfr_loc_map.io.layouts.head_pose import head_poses
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs

@@ -24,7 +24,8 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, read_bytes, read_table, refusing
 from sfr_loc_map.io.calibration.rig_file import read_rig, rig_json
 from sfr_loc_map.io.clouds.array_file import MAX_HEADER, parse_npy
-from sfr_loc_map.io.images.codec import checked_points, encode_png
+from sfr_loc_map.io.clouds.point_image import checked_points
+from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.images.files import ImageFiles, ImageFileSequence, ImagePair, read_pair, whole_pairs
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat

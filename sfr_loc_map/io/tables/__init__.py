@@ -1,1 +1,1 @@
-"""Text tables of numbers, and trajectories in such tables."""
+"""Tables of numbers as files, and trajectories in text tables: numbers, stamps, rows, columns, poses."""

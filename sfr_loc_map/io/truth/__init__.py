@@ -1,1 +1,1 @@
-"""True poses: their origin, the body to which they refer, and checks of their plausibility."""
+"""True poses: their origin in files and topics, the body to which they refer, and checks of their plausibility."""

@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.inputs import stamp_of
-from sfr_loc_map.io.images.codec import points_image
+from sfr_loc_map.io.clouds.point_image import points_image
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.metrics.config import MappingState
