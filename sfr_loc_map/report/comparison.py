@@ -21,7 +21,6 @@ from sfr_loc_map.report.tables import ABSENT, MARKS, NONE, Cell, Column, Row, Ta
 
 MAX_LETTERS = 60  #: Maximum length of a name in a legend.
 NEUTRAL = ("frames",)  #: Columns without a best and a worst figure.
-SYMBOLS = ("circle", "square", "diamond")
 FIRST_TABLES = ("pairs", "methods")  #: Tables above the plots of a page.
 Named = Sequence[tuple[str, Score]]
 
@@ -279,7 +278,7 @@ def _cost(named: Named, task: Task) -> list[plots.Plot]:
         error = next((row.mean_plus_3sigma for row in compared_rows(score) if row.subject is task.subject), None)
         if not seconds or not error:
             continue
-        color, symbol = plots.line_style(k)["color"], SYMBOLS[k // len(plots.COLORS) % len(SYMBOLS)]
+        color, symbol = plots.line_style(k)["color"], plots.SYMBOLS[k // len(plots.COLORS) % len(plots.SYMBOLS)]
         times.append(1e3 * seconds)
         errors.append(1e3 * error)
         label, symbol = (f"{name} (latency)", f"{symbol}-open") if is_latency else (name, symbol)

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 Trace = dict[str, Any]
 Values = Sequence[float | None]
 TRAVELLED = "distance travelled (truth), m"
+SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
+AXES_IN_SPACE = ("xaxis", "yaxis", "zaxis")
 COLORS = ("@one", "@two", "@three", "@four", "@five")
 PALETTES = {
     "light": {
@@ -192,7 +194,7 @@ def largest(*columns: Values) -> float:
 
 
 def to_figure(plot: Plot) -> Figure:
-    """Return a plotly figure with its title, for a notebook or a file."""
+    """Return a plotly figure with its title, for a notebook or a file; `page.js` does the same for a page."""
     from plotly.graph_objects import Figure
 
     layout = {
@@ -205,6 +207,9 @@ def to_figure(plot: Plot) -> Figure:
     for name in list(layout):
         if name.startswith(("xaxis", "yaxis")):
             layout[name] = {**TEMPLATE["axis"], **layout[name]}
+    if "scene" in layout:
+        axes = {name: {**TEMPLATE["axis_in_space"], **layout["scene"].get(name, {})} for name in AXES_IN_SPACE}
+        layout["scene"] = {**layout["scene"], **axes}
     return Figure(data=_coloured(plot.data), layout=_coloured(layout))
 
 

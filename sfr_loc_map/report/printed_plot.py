@@ -91,17 +91,17 @@ def printed_plots(score: Score) -> list[PrintedPlot]:
 
 
 def _of_drive(score: Score) -> Iterator[Series]:
-    for part in plotted_conditions(score):
-        condition = part.rows.condition
-        at_the_end = f"over {part.over}, at the end of each sub-trajectory"
+    for plotted in plotted_conditions(score):
+        condition = plotted.rows.condition
+        at_the_end = f"over {plotted.over}, at the end of each sub-trajectory"
         travelled = "distance travelled at the end, m"
-        sizes = error_sizes(part.rows)
+        sizes = error_sizes(plotted.rows)
         factor, unit = error_scale(largest(sizes))
         yield Series(
             title=f"Position error {at_the_end}",
             x_title=travelled,
             y_title="position error",
-            x=part.travelled_m,
+            x=plotted.travelled_m,
             sizes=sizes,
             row=score.figure("position", condition=condition),
             limits=limits_on(score, "position", condition),
@@ -109,13 +109,13 @@ def _of_drive(score: Score) -> Iterator[Series]:
             unit=unit,
             mean="norm of the mean",
         )
-        if any(value is not None for value in part.rows.attitude_deg):
+        if any(value is not None for value in plotted.rows.attitude_deg):
             yield Series(
                 title=f"Attitude error {at_the_end}",
                 x_title=travelled,
                 y_title="attitude error",
-                x=part.travelled_m,
-                sizes=part.rows.attitude_deg,
+                x=plotted.travelled_m,
+                sizes=plotted.rows.attitude_deg,
                 row=score.figure("attitude", condition=condition),
                 limits=limits_on(score, "attitude", condition),
                 factor=1.0,

@@ -1,22 +1,26 @@
-"""The plots of a score: the drive and the errors of its sub-trajectories, calls, the map."""
+"""The plots of a score: the drive and the errors of its sub-trajectories, calls, the map.
+
+`score_plots` has the sections of a page. `_drive_plots`, `_timeline` and `_map_plots` have the plots of each section.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.metrics.catalogue import DIRECTIONS, Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, label_of
-from sfr_loc_map.metrics.details import ErrorImage, MapDetails, PathRows, PointRows, SubTrajectoryRows
+from sfr_loc_map.metrics.details import ErrorImage, MapDetails, PathRows, PointRows, SubTrajectoryRows, Triangulation
 from sfr_loc_map.metrics.row_part import distance_of, range_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report.notes import HOST
 from sfr_loc_map.report.plots import (
     COLORS,
+    SYMBOLS,
     TRAVELLED,
     Plot,
     Trace,
@@ -37,7 +41,6 @@ from sfr_loc_map.report.plots import (
 )
 from sfr_loc_map.report.tables import MIB
 
-SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
 AT_THE_END = "distance travelled at the end, m"
 TRACE_BACK = (
     "sub-trajectory over %{customdata[0]}<br>frames %{customdata[1]} to %{customdata[2]}<br>"
@@ -94,32 +97,16 @@ def map_of(score: Score) -> MapDetails | None:
 
 
 def _drive_plots(score: Score) -> list[Plot]:
-    path, parts = path_of(score), plotted_conditions(score)
-    plots = [_top_view(path, parts), *_along(path)] if path and path.stamp_ns else []
-    if not parts:
+    path, conditions = path_of(score), plotted_conditions(score)
+    plots = [_top_view(path, conditions), *_along(path)] if path and path.stamp_ns else []
+    if not conditions:
         return plots
-    first, rows, condition = parts[0], parts[0].rows, parts[0].rows.condition
-    errors = {"x": rows.x_m, "y": rows.y_m, "z": rows.z_m, "along": rows.along_m, "cross": rows.cross_m}
-    by_direction = {
-        title: (errors[name], score.figure("position", condition=condition, part=name))
-        for name, title in DIRECTIONS.items()
-    }
-    of_angle = {
-        "heading": (rows.heading_deg, score.figure("heading", condition=condition)),
-        "attitude": (rows.attitude_deg, score.figure("attitude", condition=condition)),
-    }
-    position = score.figure("position", condition=condition)
-    over = f"Over {first.over}, n = {0 if position is None else position.n or 0}"
-    directions = f"{over}, by the axes of DS, along and across the path; mean and 3 sigma of each direction."
-    of_angles = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
-    panels = _panels(score, first, by_direction)
-    angles = _panels(score, first, of_angle, scale=(1.0, "deg"))
     return [
         *plots,
-        _position(score, parts),
+        _position(score, conditions),
         *growth([("mean + 3 sigma", score)]),
-        Plot("directions", "Position error by direction", directions, *panels, height=860, width="full"),
-        Plot("angles", "Heading and attitude error", of_angles, *angles, height=480, width="full"),
+        _directions(score, conditions[0]),
+        _angles(score, conditions[0]),
     ]
 
 
@@ -129,12 +116,12 @@ def plotted_conditions(score: Score) -> list[PlottedCondition]:
     if details is None or details.path is None:
         return []
     known, every = np.array(details.path.travelled_m, np.float64), details.path.every
-    parts = []
+    conditions = []
     for rows in details.sub_trajectories:
         if rows.start_frame:  # linear between the rows of a thinned path
             travelled = np.interp(rows.end_frame, np.arange(len(known)) * every, known)
-            parts.append(PlottedCondition(rows, [round(value, 4) for value in travelled.tolist()]))
-    return parts
+            conditions.append(PlottedCondition(rows, [round(value, 4) for value in travelled.tolist()]))
+    return conditions
 
 
 def limits_on(
@@ -211,7 +198,7 @@ def path_errors(path: PathRows) -> list[list[float | None]]:
     return [*errors, _sizes(*errors)]
 
 
-def _top_view(path: PathRows, parts: list[PlottedCondition]) -> Plot:
+def _top_view(path: PathRows, conditions: list[PlottedCondition]) -> Plot:
     numbered = [[k * path.every, str(stamp)] for k, stamp in enumerate(path.stamp_ns)]
     hover = "frame %{customdata[0]}<br>stamp %{customdata[1]} ns<br>x %{x:.3f} m, y %{y:.3f} m"
     more = {"customdata": numbered, "hovertemplate": hover}
@@ -222,8 +209,8 @@ def _top_view(path: PathRows, parts: list[PlottedCondition]) -> Plot:
         if frames:
             places = [[column[k] for k in frames] for column in estimate]
             data.append(marks(name, places, colour, symbol=symbol, size=8))
-    if parts:
-        rows = parts[0].rows
+    if conditions:
+        rows = conditions[0].rows
         factor, unit = error_scale(largest(error_sizes(rows)))
         ends = [min(frame // path.every, len(path.stamp_ns) - 1) for frame in rows.end_frame]
         places, sizes = [[column[k] for k in ends] for column in truth], scaled(error_sizes(rows), factor)
@@ -278,7 +265,7 @@ def _along(path: PathRows) -> list[Plot]:
 
 
 def _marked(
-    part: PlottedCondition,
+    plotted: PlottedCondition,
     name: str,
     errors: Values,
     unit: str,
@@ -286,41 +273,50 @@ def _marked(
     color: str = COLORS[0],
     **more: Any,  # noqa: ANN401
 ) -> Trace:
+    """Return a mark for each sub-trajectory, which names its frames and stamps."""
     hover = f"{TRACE_BACK}<br>error %{{y:.4g}} {unit}<extra></extra>"
-    trace_back = {"customdata": _traces_to(part.rows), "hovertemplate": hover}
-    return marks(name, (part.travelled_m, errors), color, **trace_back, **more)
+    trace_back = {"customdata": _traces_to(plotted.rows), "hovertemplate": hover}
+    return marks(name, (plotted.travelled_m, errors), color, **trace_back, **more)
 
 
-def _position(score: Score, parts: list[PlottedCondition]) -> Plot:
-    factor, unit = error_scale(largest(*(error_sizes(part.rows) for part in parts)))
-    data: list[Trace] = []
-    for k, part in enumerate(parts):
-        over, condition = part.over, part.rows.condition
-        row = score.figure("position", condition=condition)
-        group: dict[str, Any] = {"legendgroup": over, "visible": True if k == 0 else "legendonly"}
-        color, symbol = COLORS[k % len(COLORS)], SYMBOLS[k % len(SYMBOLS)]
-        errors = scaled(error_sizes(part.rows), factor)
-        count = 0 if row is None else row.n or 0
-        name = f"error over {over}, n = {count}"
-        data.append(_marked(part, name, errors, unit, color=color, symbol=symbol, **group))
-        ends = [part.travelled_m[0], part.travelled_m[-1]]
-        for name, value, dash in (
-            ("norm of the mean", None if row is None else row.mean, "dash"),
-            ("mean + 3 sigma", None if row is None else row.mean_plus_3sigma, "solid"),
-        ):
-            if value is not None:
-                data.append(line(f"{name}, {over}", (ends, scaled([value] * 2, factor)), color, dash=dash, **group))
-        data += _limit_lines(score, "position", ends, factor, condition, **(group if k else {}))
-        if row is not None and row.interval is not None:
-            low, high = (bound * factor for bound in row.interval)
-            data.append(band(f"95 % interval, {over}", ends, low, high, f"{color}-soft", **group))
-    on = (limits_on(score, "position", part.rows.condition) for part in parts)
-    limits = [limit * factor for found in on for _, limit in found]
-    sizes = [value for part in parts for value in scaled(error_sizes(part.rows), factor)]
+def _position(score: Score, conditions: list[PlottedCondition]) -> Plot:
+    factor, unit = error_scale(largest(*(error_sizes(plotted.rows) for plotted in conditions)))
+    data = [trace for k, plotted in enumerate(conditions) for trace in _of_condition(score, plotted, k, factor, unit)]
+    sizes = [size for plotted in conditions for size in scaled(error_sizes(plotted.rows), factor)]
+    limits = [
+        limit * factor for plotted in conditions for _, limit in limits_on(score, "position", plotted.rows.condition)
+    ]
     layout = {"xaxis": axis(AT_THE_END), "yaxis": _error_axis(f"size of the position error, {unit}", sizes, limits)}
     caption = "Each mark is one sub-trajectory: hover for its frames and stamps. A click on a name of the legend "
     caption += "shows or hides a condition."
     return Plot("position", "Position error against distance travelled", caption, data, layout, width="full")
+
+
+def _of_condition(score: Score, plotted: PlottedCondition, k: int, factor: float, unit: str) -> list[Trace]:
+    """Return marks, statistics, limits and interval of the k-th condition; only the first is shown at the start."""
+    over, condition = plotted.over, plotted.rows.condition
+    row = score.figure("position", condition=condition)
+    group: dict[str, Any] = {"legendgroup": over, "visible": True if k == 0 else "legendonly"}
+    color, symbol = COLORS[k % len(COLORS)], SYMBOLS[k % len(SYMBOLS)]
+    errors = scaled(error_sizes(plotted.rows), factor)
+    ends = [plotted.travelled_m[0], plotted.travelled_m[-1]]
+    name = f"error over {over}, n = {_count_of(row)}"
+    data = [_marked(plotted, name, errors, unit, color=color, symbol=symbol, **group)]
+    for title, value, dash in (
+        ("norm of the mean", None if row is None else row.mean, "dash"),
+        ("mean + 3 sigma", None if row is None else row.mean_plus_3sigma, "solid"),
+    ):
+        if value is not None:
+            data.append(line(f"{title}, {over}", (ends, scaled([value] * 2, factor)), color, dash=dash, **group))
+    data += _limit_lines(score, "position", ends, factor, condition, **(group if k else {}))
+    if row is not None and row.interval is not None:
+        low, high = (bound * factor for bound in row.interval)
+        data.append(band(f"95 % interval, {over}", ends, low, high, f"{color}-soft", **group))
+    return data
+
+
+def _count_of(row: Figure | None) -> int:
+    return 0 if row is None else row.n or 0
 
 
 def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
@@ -347,35 +343,70 @@ def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
     return [Plot("growth", "Position error against path length", "Re-based at each start.", data, layout)]
 
 
-def _panels(
-    score: Score,
-    part: PlottedCondition,
-    panels: Mapping[str, tuple[Values, Figure | None]],
-    scale: tuple[float, str] | None = None,
+class _Panel(NamedTuple):
+    """One of several plots with a common horizontal axis."""
+
+    title: str
+    errors: Values
+    row: Figure | None
+    limited: str = ""  #: Figure whose limits are drawn; empty for none.
+    signs: tuple[float, ...] = (1.0,)  #: Signs of the drawn limits.
+
+
+def _directions(score: Score, plotted: PlottedCondition) -> Plot:
+    rows, condition = plotted.rows, plotted.rows.condition
+    errors = {"x": rows.x_m, "y": rows.y_m, "z": rows.z_m, "along": rows.along_m, "cross": rows.cross_m}
+    panels = [
+        _Panel(title, errors[name], score.figure("position", condition=condition, part=name))
+        for name, title in DIRECTIONS.items()
+    ]
+    scale = error_scale(largest(*errors.values()))
+    over = f"Over {plotted.over}, n = {_count_of(score.figure('position', condition=condition))}"
+    caption = f"{over}, by the axes of DS, along and across the path; mean and 3 sigma of each direction."
+    stacked = _stacked(score, plotted, panels, scale)
+    return Plot("directions", "Position error by direction", caption, *stacked, height=860, width="full")
+
+
+def _angles(score: Score, plotted: PlottedCondition) -> Plot:
+    rows, condition = plotted.rows, plotted.rows.condition
+    heading, attitude = (score.figure(name, condition=condition) for name in ("heading", "attitude"))
+    panels = [
+        _Panel("heading", rows.heading_deg, heading, limited="heading", signs=(1.0, -1.0)),
+        _Panel("attitude", rows.attitude_deg, attitude, limited="attitude"),
+    ]
+    over = f"Over {plotted.over}, n = {_count_of(score.figure('position', condition=condition))}"
+    caption = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
+    stacked = _stacked(score, plotted, panels, (1.0, "deg"))
+    return Plot("angles", "Heading and attitude error", caption, *stacked, height=480, width="full")
+
+
+def _stacked(
+    score: Score, plotted: PlottedCondition, panels: Sequence[_Panel], scale: tuple[float, str]
 ) -> tuple[list[Trace], dict[str, Any]]:
-    factor, unit = scale or error_scale(largest(*(values for values, _ in panels.values())))
+    """Return traces and layout of panels one below the other: errors, mean, mean ± 3 sigma, and limits."""
+    factor, unit = scale
     data: list[Trace] = []
     layout: dict[str, Any] = {"grid": {"rows": len(panels), "columns": 1, "pattern": "coupled", "ygap": 0.14}}
-    ends = [part.travelled_m[0], part.travelled_m[-1]]
-    for k, (title, (values, statistic)) in enumerate(panels.items()):
+    ends = [plotted.travelled_m[0], plotted.travelled_m[-1]]
+    for k, panel in enumerate(panels):
         suffix = str(k + 1) if k else ""
-        place: dict[str, Any] = {"yaxis": f"y{suffix}", "xaxis": "x", "showlegend": k == 0}
-        mean = None if statistic is None else statistic.mean
-        sigma = None if statistic is None else statistic.sigma
-        of_mean = {**place, "legendgroup": "m"}
+        axes: dict[str, Any] = {"yaxis": f"y{suffix}", "xaxis": "x", "showlegend": k == 0}
+        mean = None if panel.row is None else panel.row.mean
+        sigma = None if panel.row is None else panel.row.sigma
+        of_mean = {**axes, "legendgroup": "m"}
         if mean is not None and sigma is not None:
             low, high = ((mean + sign * 3 * sigma) * factor for sign in (-1, 1))
             data.append(band("mean ± 3 sigma", ends, low, high, "@one-soft", **of_mean))
         if mean is not None:
             data.append(line("mean", (ends, scaled([mean] * 2, factor)), "@truth", dash="dash", **of_mean))
-        errors = scaled(values, factor)
-        data.append(_marked(part, "sub-trajectory", errors, unit, symbol=SYMBOLS[0], **place, legendgroup="s"))
-        for sign in (1.0, -1.0) if title == "heading" else (1.0,) if title == "attitude" else ():
-            shown = place | {"showlegend": sign > 0.0}
-            data += _limit_lines(
-                score, title, ends, sign, part.rows.condition, hidden_above=FAR * largest(errors), **shown
-            )
-        layout[f"yaxis{suffix}"] = axis(f"{title},<br>{unit}", zeroline=True)
+        errors = scaled(panel.errors, factor)
+        data.append(_marked(plotted, "sub-trajectory", errors, unit, symbol=SYMBOLS[0], **axes, legendgroup="s"))
+        for sign in panel.signs if panel.limited else ():
+            shown = axes | {"showlegend": sign > 0.0}
+            hidden_above = FAR * largest(errors)
+            condition = plotted.rows.condition
+            data += _limit_lines(score, panel.limited, ends, sign, condition, hidden_above=hidden_above, **shown)
+        layout[f"yaxis{suffix}"] = axis(f"{panel.title},<br>{unit}", zeroline=True)
     layout["xaxis"] = axis(AT_THE_END)
     return data, layout
 
@@ -510,22 +541,8 @@ def _over_range(score: Score) -> Plot:
         ]
         data.append(line(statistic_title(name), segments(levels), color, dash=dash, width=3))
     data += _limit_lines(score, "point_error", [low, high], 1e3)
-    law, ratio = None if details is None else details.triangulation, (high / low) ** (1 / LAW_STEPS)
-    median_px = score.number("disparity_error", "p50", part=None)
-    steps = [low * ratio**k for k in range(LAW_STEPS + 1)]
-    for d, width in ((0.1, 1.0), (0.25, 1.0), (1.0, 1.0), (median_px, 2.5)):
-        if law is not None and d is not None:
-            amounts = scaled([r * r * d / (law.focal_px * law.baseline_m) for r in steps], 1e3)
-            words = [f"{d:.2g} px "] + [""] * LAW_STEPS
-            more = {
-                "mode": "lines+text",
-                "text": words,
-                "textposition": "middle left",
-                "textfont": {"size": 10},
-                "showlegend": d == 1.0,
-            }
-            trace = line("law of triangulation", (steps, amounts), "@truth", dash="dot", width=width)
-            data.append(trace | more | {"legendgroup": "law"})
+    if details is not None:
+        data += _law_lines(details.triangulation, score.number("disparity_error", "p50", part=None), low, high)
     totals = [value for *_, row in bins for value in (row.p50, row.mean_plus_3sigma)]
     known = [value * 1e3 for value in totals if value] or [1.0]
     layout = {
@@ -540,6 +557,28 @@ def _over_range(score: Score) -> Plot:
         "errors; the bold line is for the measured median."
     )
     return Plot("over-range", "Point error over range", caption, data, layout, height=480, width="full")
+
+
+def _law_lines(law: Triangulation, median_px: float | None, low: float, high: float) -> list[Trace]:
+    """Return the errors by the law of triangulation over the range for several disparity errors and their median."""
+    ratio = (high / low) ** (1 / LAW_STEPS)
+    ranges_m = [low * ratio**k for k in range(LAW_STEPS + 1)]
+    data = []
+    for disparity_px, width in ((0.1, 1.0), (0.25, 1.0), (1.0, 1.0), (median_px, 2.5)):
+        if disparity_px is None:
+            continue
+        errors_m = [range_m * range_m * disparity_px / (law.focal_px * law.baseline_m) for range_m in ranges_m]
+        labels = {
+            "mode": "lines+text",
+            "text": [f"{disparity_px:.2g} px "] + [""] * LAW_STEPS,
+            "textposition": "middle left",
+            "textfont": {"size": 10},
+            "showlegend": disparity_px == 1.0,
+            "legendgroup": "law",
+        }
+        xy = ranges_m, scaled(errors_m, 1e3)
+        data.append(line("law of triangulation", xy, "@truth", dash="dot", width=width) | labels)
+    return data
 
 
 def _in_space(cloud: PointRows) -> Plot:

@@ -15,7 +15,7 @@ from helpers.made_scores import HOSTILE, dig, json_of, place_of, whole_score, wi
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_plain
 from sfr_loc_map.report.page import render_page
-from sfr_loc_map.report.plots import to_figure
+from sfr_loc_map.report.plots import PALETTES, to_figure
 from sfr_loc_map.report.printed_plot import printed_plots
 from sfr_loc_map.report.score_plots import score_plots
 from sfr_loc_map.report.tables import MILLIMETRE, number
@@ -233,6 +233,13 @@ def test_ticks_are_numbers_in_full_whatever_their_size() -> None:
     axes = [axis for plot in plots for name, axis in to_figure(plot).to_dict()["layout"].items() if "axis" in name]
     assert len(axes) > 10
     assert {axis.get("exponentformat") for axis in axes} == {"none"}
+
+
+def test_a_notebook_shows_a_cloud_in_the_colours_of_the_page() -> None:
+    plots = {plot.name: plot for _, group in score_plots(whole_score()) for plot in group}
+    scene, light = to_figure(plots["cloud"]).layout.scene, PALETTES["light"]
+    assert {scene[name].gridcolor for name in ("xaxis", "yaxis", "zaxis")} == {light["grid"]}
+    assert scene.xaxis.title.text == "x of LM, m", "the settings of the plot remain"
 
 
 def test_two_requirements_on_one_statistic_are_both_drawn() -> None:
