@@ -71,7 +71,7 @@ ANSWERS, STORE = "nodes/replay/answer_book.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
 OTHER_FRAMES = "metrics/other_frames.py"
 FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_errors.py", "metrics/shortfall_kinds.py"
-DRIVES = "suite/running/drives.py"
+DRIVES = "suite/running/drive_copies.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
     Mutation(FORMULAS, "np.arange(0, frames, spacing)", "np.arange(1, frames, spacing)"),
@@ -315,7 +315,7 @@ MUTATIONS = (
     Mutation("child_process.py", 'not name.startswith("LD_") or name', "True or name"),
     # a search: a run that fails is not a worst case, but a lost drive is
     Mutation("suite/search/run.py", 'if self._store.state(job.key) == "failed"]:', "if False]:"),
-    Mutation("suite/search/run.py", "NOT_JUDGED if ratio is None else ratio", "0.0 if ratio is None else ratio"),
+    Mutation("suite/search/run.py", "WITHOUT_FIGURE if ratio is None else ratio", "0.0 if ratio is None else ratio"),
     # copies of a drive count as one drive
     Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.001"),
     Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.05"),

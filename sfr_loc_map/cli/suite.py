@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -29,7 +28,6 @@ from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.proof import words_of
-from sfr_loc_map.metrics.score_json import json_line
 from sfr_loc_map.metrics.verdict import counts_of
 
 if TYPE_CHECKING:
@@ -122,6 +120,8 @@ def _progress() -> Iterator[Progress]:
 
         def advance(done: int, total: int, last: tuple[Job, JobOutcome] | None) -> None:
             if last is None:
+                for task in bar.task_ids:  # of the previous batch of a search
+                    bar.remove_task(task)
                 bar.add_task("running", total=total)
                 return
             bar.advance(bar.task_ids[-1])
@@ -152,30 +152,26 @@ def search(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Search for the scenario with the smallest margin (extra search); exit code 1 if it misses the limit."""
-    from sfr_loc_map.suite.pages.search_page import render_search, search_tables
-    from sfr_loc_map.suite.run import run_and_keep, slots_for, suite_workers
+    from sfr_loc_map.suite.pages.search_page import search_tables
+    from sfr_loc_map.suite.run import run_search
     from sfr_loc_map.suite.running.store import Store
-    from sfr_loc_map.suite.search.run import CASE, case_file, run_search
+    from sfr_loc_map.suite.search.run import CASE
     from sfr_loc_map.suite.search.specification import load_search
 
     propose("sfr", "suite", "run", out / CASE, "--out", out / "case", why="repeats the worst case")
     check_outputs(json_path, inputs=(search,), overwrite=overwrite)
     _refuse_both(workers, scheduler)
     specification, store = load_search(search), Store(out)
-    running = specification.running
-    slots = slots_for(running, workers)
-    with store.locked(), ExitStack() as stack:
-        # workers are only started if a run is open
-        connection = cache(lambda: stack.enter_context(suite_workers(store, running, slots, scheduler, _tell)))
-
-        def run_points(jobs: Sequence[Job]) -> None:
-            with _progress() as progress:
-                run_and_keep(jobs, store, running, *connection(), _tell, progress)
-
-        result = run_search(specification, store, run_points, at_random=at_random)
-    write_text(json_line(result.to_dict()), store.folder / "search.json")
-    write_text(render_search(result), store.folder / "search.html")
-    write_text(case_file(result), store.folder / CASE)
+    with _progress() as progress:
+        result = run_search(
+            specification,
+            store,
+            workers=workers,
+            scheduler=scheduler,
+            at_random=at_random,
+            say=_tell,
+            progress=progress,
+        )
     show(result.to_dict(), json_path, search_tables(result))
     for point, reason in result.left_out.items():
         say(one_line(f"skipped: {result.named(point)}: {reason}"), err=True)
@@ -225,7 +221,7 @@ def plan(
 ) -> None:
     """Compute how many independent drives a requirement with a probability and a confidence needs."""
     from sfr_loc_map.metrics.judging.limits_file import terms_of
-    from sfr_loc_map.suite.pages.tables import plan_table
+    from sfr_loc_map.suite.pages.tables import drive_count_table
     from sfr_loc_map.suite.statistics.drive_count import count_without_runs, drive_counts
     from sfr_loc_map.suite.statistics.summary import summarise
 
@@ -245,7 +241,7 @@ def plan(
     else:
         store = _open_store(folder)
         counts = list(drive_counts(summarise(store).results, store.limits))
-    show([asdict(count) for count in counts], json_path, [plan_table(counts)])
+    show([asdict(count) for count in counts], json_path, [drive_count_table(counts)])
 
 
 @app.command(epilog=examples("sfr suite history nights/* --html history.html"))

@@ -1,4 +1,27 @@
-"""Localisers and mappers under test, each in its own process."""
+"""Localisers and mappers under test, each in its own process.
+
+A method under test (in the documentation also: a candidate) is called through this chain:
+
+    runs/offline.py, bench/method_benchmark.py
+      isolated_localiser.py, isolated_mapper.py    one call for a pair or a set: checks the values of the answer
+        isolated_method.py                         starts a lost process again, at the last known pose
+          method_process.py                        images in shared memory, JSON lines, time, memory, leaks
+            isolation.py                           which files the process may read and write
+    ---- process boundary -------------------------------------------------------------------------------------
+            child/shut_in.py                       supervisor: restricts its child by Landlock, kills what remains
+              child/loop.py                        reads an order, calls the method, writes the reply
+                adapters/*.py                      one module for each interface of methods
+                  the method
+
+`registry.py` finds a method by its name. `process_tree.py` reads the resources of all processes of a method.
+`config_truth.py` refuses a configuration that contains the ground truth. `ours.py` is our method with the interface
+of a candidate.
+
+Another interface requires a module in `adapters/` with `open_method(setup)`, which returns an object as described in
+`child/loop.py`, and a row in `registry.py` (`_BUILT_IN`, or `_PEERS` for a method of another interpreter). The method
+of a user requires neither, because `package.module:Class`, `FILE.py:Class` and `lib:PATH.so` have adapters
+(docs/candidates.md).
+"""
 
 import lazy_loader
 

@@ -1,4 +1,21 @@
-"""A ray-traced, Mars-like world: terrain, light, drive and sensor, with exact ground truth."""
+"""A ray-traced, Mars-like world: terrain, light, drive and sensor, with exact ground truth.
+
+    SimulationConfig (config.py)
+      Plan (plan.py)          the ground as a function of position (terrain.py), the drive over it (drive.py, rover.py),
+                              poses and stamps of the cameras
+      World (world.py)        the scene: triangles of the ground (ground_mesh.py) and of the rocks (rocks.py)
+        image                 rays of each pixel and their hits (tracer.py), brightness (shading.py, pebbles.py), grey
+                              levels (sensor.py)
+        truth                 points and masks of a mapping image, from the same rays and hits
+      simulate.py             writes a data set folder; each image is a job, so that a run can be continued
+
+`noise.py` has all random numbers that depend on a position, and the keys of all random streams.
+
+Another setting of a scenario is a field in `config.py` with unit, range and description, and its use in one of the
+modules above. A kernel receives the setting as a field of the same name in its NamedTuple (`settings_in`).
+`test/simulation/test_config.py` fails if a setting has no effect on the files. The page docs/simulation.md lists the
+numbers that are not settings, with their sources.
+"""
 
 import lazy_loader
 

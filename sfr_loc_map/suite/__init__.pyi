@@ -1,3 +1,4 @@
+from .run import run_search as run_search
 from .run import run_suite as run_suite
 from .running.cluster import connected as connected
 from .running.cluster import run_jobs as run_jobs
@@ -5,5 +6,6 @@ from .running.plan import make_plan as make_plan
 from .running.specification import SuiteSpecification as SuiteSpecification
 from .running.specification import load_specification as load_specification
 from .running.store import Store as Store
+from .search.specification import load_search as load_search
 from .statistics.summary import Summary as Summary
 from .statistics.summary import summarise as summarise

@@ -1,14 +1,17 @@
-"""Runs a suite from its file to its summary, for `sfr suite run` and for programs."""
+"""Runs a suite or a search from its file to its pages, for `sfr suite run`, `sfr suite search` and for programs."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
+from functools import cache
 from typing import TYPE_CHECKING
 
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import InterruptedRunError
 from sfr_loc_map.inputs import one_line
+from sfr_loc_map.metrics.score_json import json_line
 from sfr_loc_map.signals import hold
 from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
 from sfr_loc_map.suite.running.job import Job, JobOutcome
@@ -19,6 +22,9 @@ from sfr_loc_map.suite.statistics.summary import SequentialDecision, Summary, su
 
 if TYPE_CHECKING:
     from distributed import Client
+
+    from sfr_loc_map.suite.search.run import SearchResult
+    from sfr_loc_map.suite.search.specification import SearchSpecification
 
 Say = Callable[[str], None]
 """Function that prints a line of progress of a suite."""
@@ -66,6 +72,40 @@ def run_suite(
         done = f"{summary.counts['done']} of {summary.jobs} jobs are done and reported"
         raise InterruptedRunError(f"interrupted: {done}; repeat the command to run the others")
     return summary
+
+
+def run_search(
+    specification: SearchSpecification,
+    store: Store,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    at_random: bool = False,
+    say: Say = lambda line: None,
+    progress: Progress = lambda done, total, last: None,
+) -> SearchResult:
+    """Search for the worst case, write the page and the case, and return the result.
+
+    Workers are as for `run_suite`, and are only started if a point has no result yet. `progress` counts the jobs of a
+    batch of points.
+    """
+    # imported late, because the imports are slow
+    from sfr_loc_map.suite.pages.search_page import render_search
+    from sfr_loc_map.suite.search.run import CASE, case_file, find_worst_case
+
+    settings = specification.running
+    slots = slots_for(settings, workers)
+    with store.locked(), ExitStack() as stack:
+        connection = cache(lambda: stack.enter_context(suite_workers(store, settings, slots, scheduler, say)))
+
+        def run_points(jobs: Sequence[Job]) -> None:
+            run_and_keep(jobs, store, settings, *connection(), say, progress)
+
+        result = find_worst_case(specification, store, run_points, at_random=at_random)
+    write_text(json_line(result.to_dict()), store.folder / "search.json")
+    write_text(render_search(result), store.folder / "search.html")
+    write_text(case_file(result), store.folder / CASE)
+    return result
 
 
 def planned_jobs(specification: SuiteSpecification, store: Store) -> tuple[list[Job], list[Refusal]]:

@@ -314,7 +314,7 @@ def history_tables(history: History) -> list[Table]:
     return [_table("history", "Changes" if rows else "No figure changed", HISTORY, rows, note)]
 
 
-def plan_table(counts: Sequence[DriveCount]) -> Table:
+def drive_count_table(counts: Sequence[DriveCount]) -> Table:
     """Return the required numbers of drives as a table."""
     columns = [Column("requirement", words=True), Column("without a failure"), Column("fixed plan"), Column("may fail")]
     columns += [Column("sequential, expected"), Column("sequential, no failure")]

@@ -18,7 +18,11 @@ NO_CONFIGURATION = "-"  #: Name of the configuration of jobs without parameters.
 
 
 class JobKind(StrEnum):
-    """Task of a job: an entry of `tasks` of the suite's file, or `score` for estimates."""
+    """Task of a job: an entry of `tasks` of the suite's file, or `score` for estimates.
+
+    A further kind is a member here, a row in `RUN_OF_KIND` (`job_run.py`), and a row in `possible_kinds` and in
+    `PARAMETERS_OF_KIND` (`plan.py`).
+    """
 
     LOCALISE = "localise"
     MAP = "map"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, InputError
-from sfr_loc_map.faults.kinds import Fault, parse_fault
+from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import faulty
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
@@ -38,9 +38,9 @@ from sfr_loc_map.runs.offline import DriveRun, UnderTest, run_localiser, run_map
 from sfr_loc_map.scoring.inputs import CloudToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_run
+from sfr_loc_map.suite.running.configurations import METHOD_KEYS, chosen_method
 from sfr_loc_map.suite.running.job import OF_SUITE, Job, JobKind
 from sfr_loc_map.suite.running.sources import local_path
-from sfr_loc_map.suite.running.specification import METHOD_KEYS, chosen_method
 
 
 def run_job(job: Job, scratch: Path, cache: Path) -> Score:
@@ -50,54 +50,50 @@ def run_job(job: Job, scratch: Path, cache: Path) -> Score:
     """
     cv2.setNumThreads(job.threads)
     numba.set_num_threads(min(job.threads, numba.get_num_threads()))
-    path, config = local_path(job.source, cache), ScoreConfig(trajectory=job.scoring)
-    if job.kind is JobKind.REPLAY:
-        score = _replay(job, path, scratch)
-    elif job.kind is JobKind.SCORE:
-        run = load_run(ScoreInputs.of(path, Path(job.source.truth)))
-        score = score_run(run, config, kept_errors=job.kept_errors)
-    else:
-        source = faulty(open_source(path), _faults(job), job.fault_seed)
-        hidden = (*source.truth_paths(), cache)  # simulations of an error budget have the same true path
-        run = (_localise if job.kind is JobKind.LOCALISE else _map)(job, source, path, scratch, hidden)
-        score = score_run(run, config, kept_errors=job.kept_errors)
+    score = RUN_OF_KIND[job.kind](job, local_path(job.source, cache), scratch, cache)
     return struct_replace(score, provenance=_provenance(job, score.provenance, scratch))
 
 
-def _localise(job: Job, source: Source, truth: Path, scratch: Path, hidden: Sequence[Path]) -> Run:
+def _localise(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
+    source = _source_with_faults(job, path)
     if source.loc is None:
         raise InputError(f"no drive in '{job.source.path}': give a source that has one")
     section, start = _section(job, "localisation"), start_pose(source.loc, job.start)
     method = chosen_method(section, Task.LOCALISATION)
-    how = build(LocalisationConfig, section) if method is None else UnderTest(method, hidden=hidden)
+    how = build(LocalisationConfig, section) if method is None else UnderTest(method, hidden=_hidden(source, cache))
     done = DriveRun(list(run_localiser(source.loc, how, start)))
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
     save_trajectory(estimate, done.trajectory)
     save_stats(stats, done.records, done.method, done.trajectory)
-    run = load_run(ScoreInputs(estimate=estimate, truth=truth, stats=(stats,)))
+    run = load_run(ScoreInputs(estimate=estimate, truth=path, stats=(stats,)))
     assert run.drive is not None  # estimate and truth are given
     expected_ns = source.expected_loc_ns()  # without the images that a fault has dropped
-    return replace(run, drive=replace(run.drive, image_stamps_ns=expected_ns))
+    return _scored(job, replace(run, drive=replace(run.drive, image_stamps_ns=expected_ns)))
 
 
-def _map(job: Job, source: Source, truth: Path, scratch: Path, hidden: Sequence[Path]) -> Run:
+def _map(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
+    source = _source_with_faults(job, path)
     if source.nav is None:
         raise InputError(f"no mapping pairs in '{job.source.path}': give a source that has them")
     section = _section(job, "mapping")
     method = chosen_method(section, Task.MAPPING)
-    how = build(MappingConfig, section) if method is None else UnderTest(method, hidden=hidden)
+    how = build(MappingConfig, section) if method is None else UnderTest(method, hidden=_hidden(source, cache))
     run = run_mapper(source.nav, how)
     cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
     save_cloud(cloud, run.fused.cloud)
     save_stats(stats, run.records, run.method)
     scored = CloudToScore(load_cloud(cloud), truths_of(list(source.nav.pairs()), source.nav.rig))
-    inputs = ScoreInputs(cloud=cloud, map_truth=truth, stats=(stats,))
-    return Run(inputs, [load_call_stats(stats)], cloud=scored, nav_stamps_ns=source.expected_nav_ns())
+    inputs = ScoreInputs(cloud=cloud, map_truth=path, stats=(stats,))
+    return _scored(job, Run(inputs, [load_call_stats(stats)], cloud=scored, nav_stamps_ns=source.expected_nav_ns()))
 
 
-def _replay(job: Job, path: Path, scratch: Path) -> Score:
+def _score(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
+    return _scored(job, load_run(ScoreInputs.of(path, Path(job.source.truth))))
+
+
+def _replay(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     if job.faults:
-        convert(faulty(open_source(path), _faults(job), job.fault_seed), scratch / "faulty")
+        convert(_source_with_faults(job, path), scratch / "faulty")
         path = scratch / "faulty"
     if any(name.rpartition(".")[2] in METHOD_KEYS for name in job.parameters):
         raise ConfigError(
@@ -130,8 +126,27 @@ def _replay(job: Job, path: Path, scratch: Path) -> Score:
     return from_json(report.read_text(encoding="utf-8"), str(report))
 
 
-def _faults(job: Job) -> list[Fault]:
-    return [parse_fault(text) for text in job.faults.split("+") if text]
+RUN_OF_KIND: Mapping[JobKind, Callable[[Job, Path, Path, Path], Score]] = {
+    JobKind.LOCALISE: _localise,
+    JobKind.MAP: _map,
+    JobKind.SCORE: _score,
+    JobKind.REPLAY: _replay,
+}
+"""Function of each kind of job, of the job, the local path of its source, the empty folder and the cache."""
+
+
+def _source_with_faults(job: Job, path: Path) -> Source:
+    faults = [parse_fault(text) for text in job.faults.split("+") if text]
+    return faulty(open_source(path), faults, job.fault_seed)
+
+
+def _hidden(source: Source, cache: Path) -> tuple[Path, ...]:
+    """Return the paths that a method must not read: simulations of an error budget have the same true path."""
+    return (*source.truth_paths(), cache)
+
+
+def _scored(job: Job, run: Run) -> Score:
+    return score_run(run, ScoreConfig(trajectory=job.scoring), kept_errors=job.kept_errors)
 
 
 def _section(job: Job, section: str) -> dict[str, object]:

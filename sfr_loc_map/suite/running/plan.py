@@ -14,13 +14,15 @@ from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, SfrError
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint, data_hash, files_hash
-from sfr_loc_map.suite.running.drives import DriveTrace, trace_of_estimate, trace_of_source, with_drives
+from sfr_loc_map.suite.running.drive_copies import DriveTrace, trace_of_estimate, trace_of_source, with_drives
 from sfr_loc_map.suite.running.job import NO_CONFIGURATION, Job, JobKind, JobSource, SourceKind
 from sfr_loc_map.suite.running.sources import fetch
 from sfr_loc_map.suite.running.specification import Refusal, SuiteSpecification
 
 NAMED_PARTS = 3  #: Number of parts of a path in the name of a source whose file name is not unique.
 DEFAULT_TASKS = (JobKind.LOCALISE, JobKind.MAP)
+PARAMETERS_OF_KIND = {JobKind.LOCALISE: "localisation.", JobKind.MAP: "mapping.", JobKind.REPLAY: "", JobKind.SCORE: ""}
+"""Prefix of the parameters that change a job of each kind. Other parameters are not part of the job."""
 READER_THREADS = 8
 """Number of sources hashed or fetched in parallel. For many large sources, hashing takes longer than the jobs."""
 
@@ -41,18 +43,18 @@ def make_plan(
     """Return the jobs of a suite in the order of its file, without duplicates, and the unreadable sources."""
     sources = with_unique_names(specification.sources)
     with ThreadPoolExecutor(READER_THREADS) as readers:
-        found = [readers.submit(_known, source, facts_of, cache) for source in sources]
+        found = [readers.submit(_ready, source, facts_of, cache) for source in sources]
     code = code_fingerprint()
     jobs: dict[str, Job] = {}
     refusals = list(specification.refusals)
-    known: list[KnownSource] = []
+    ready: list[ReadySource] = []
     for source, facts in zip(sources, found, strict=True):
         try:
-            known.append(facts.result())
+            ready.append(facts.result())
         except SfrError as error:
             refusals.append(Refusal(source.path, str(error)))
-    of_drives = with_drives([item.source for item in known], [item.trace for item in known])
-    for source, item in zip(of_drives, known, strict=True):
+    of_drives = with_drives([item.source for item in ready], [item.trace for item in ready])
+    for source, item in zip(of_drives, ready, strict=True):
         for job in _jobs(specification, code, source, item.possible):
             jobs.setdefault(job.key, job)  # named by the first configuration with this job
     if not jobs and not refusals:
@@ -77,21 +79,21 @@ def with_unique_names(sources: Sequence[JobSource]) -> list[JobSource]:
     return renamed
 
 
-class KnownSource(NamedTuple):
-    """A source on this host, with its hash."""
+class ReadySource(NamedTuple):
+    """A source that is on this host and was inspected."""
 
     source: JobSource
     possible: tuple[JobKind, ...]  #: Kinds of jobs for which the source has data.
     trace: DriveTrace  #: Features that copies of the drive share.
 
 
-def _known(source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> KnownSource:
+def _ready(source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
     """Return a source on this host, fetched if it is remote."""
     trace = DriveTrace()
     if source.kind is SourceKind.ESTIMATE:
         truth_sha256 = files_hash(source.truth)
-        known = replace(source, sha256=data_hash(source), truth_sha256=truth_sha256)
-        return KnownSource(known, (JobKind.SCORE,), trace_of_estimate(Path(source.path), Path(source.truth)))
+        hashed = replace(source, sha256=data_hash(source), truth_sha256=truth_sha256)
+        return ReadySource(hashed, (JobKind.SCORE,), trace_of_estimate(Path(source.path), Path(source.truth)))
     if source.kind is SourceKind.SIMULATED:
         config = build(SimulationConfig, source.settings)
         drive, panorama = config.drive.enabled, config.panorama.enabled
@@ -102,8 +104,13 @@ def _known(source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Pa
         drive, panorama = facts.pairs > 0, facts.nav_pairs > 0
         source = replace(source, sha256=facts.sha256)
         trace = facts.trace
-    offered = ((JobKind.LOCALISE, drive), (JobKind.MAP, panorama), (JobKind.REPLAY, drive or panorama))
-    return KnownSource(source, tuple(kind for kind, there in offered if there), trace)
+    return ReadySource(source, possible_kinds(drive=drive, panorama=panorama), trace)
+
+
+def possible_kinds(*, drive: bool, panorama: bool) -> tuple[JobKind, ...]:
+    """Return the kinds of jobs for which a source with localisation pairs or mapping pairs has data."""
+    has_data = {JobKind.LOCALISE: drive, JobKind.MAP: panorama, JobKind.REPLAY: drive or panorama}
+    return tuple(kind for kind, has in has_data.items() if has)
 
 
 def _jobs(
@@ -119,8 +126,7 @@ def _jobs(
             continue
         elif source.variant:
             faults = (source.faults,)
-        # parameters of the other task do not change a job
-        used = {JobKind.LOCALISE: "localisation.", JobKind.MAP: "mapping."}.get(kind, "")
+        prefix = PARAMETERS_OF_KIND[kind]
         for fault, (name, parameters), repeat in product(faults, configurations.items(), range(settings.repeats)):
             yield Job(
                 kind=kind,
@@ -128,7 +134,7 @@ def _jobs(
                 faults=fault,
                 fault_seed=settings.seed,
                 configuration=name,
-                parameters={key: value for key, value in parameters.items() if key.startswith(used)},
+                parameters={key: value for key, value in parameters.items() if key.startswith(prefix)},
                 start=settings.start,
                 scoring=specification.scoring,
                 repeat=repeat,

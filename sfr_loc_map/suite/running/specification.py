@@ -11,26 +11,15 @@ from typing import Any
 from sfr_loc_map.config import build, flatten, load_yaml, param
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.faults.kinds import parse_fault
-from sfr_loc_map.inputs import OURS, Task, read_text, refusing
-from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.methods.registry import LIBRARY_PREFIX, Method, find_method
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.suite.running.digests import method_hash
+from sfr_loc_map.suite.running.configurations import read_configurations
 from sfr_loc_map.suite.running.job import JobKind, JobSource, SourceKind, digest
 from sfr_loc_map.suite.running.sources import expand
 from sfr_loc_map.suite.running.variants import ErrorSource, parse_budget, variants_of
 
-SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = {
-    "localisation": (LocalisationConfig, Task.LOCALISATION),
-    "mapping": (MappingConfig, Task.MAPPING),
-}
-METHOD, METHOD_CONFIG, METHOD_SHA256 = "method", "method_config", "method_sha256"
-METHOD_KEYS = (METHOD, METHOD_CONFIG, METHOD_SHA256)
-"""Keys in addition to the parameters of a section: method, file of its configuration, and hash (added here)."""
 LISTS = ("sources", "perturb", "tasks", "conditions")
 
 
@@ -133,7 +122,7 @@ def load_specification(path: Path) -> SuiteSpecification:
         sources=tuple(sources),
         refusals=tuple(refusals),
         faults=("", *map(str, lists["perturb"])),
-        configurations=_configurations(configurations, path),
+        configurations=read_configurations(configurations, path),
         tasks=(JobKind.LOCALISE,) if budget else tasks,
         budget=tuple(source.name for source in budget),
         scoring=TrajectoryScoreConfig(conditions, settings.spacing, settings.rebase, settings.partial),
@@ -220,66 +209,6 @@ def _budget_sources(sources: Sequence[JobSource], budget: Sequence[ErrorSource],
             settings = variant.settings(source.settings)
             made = simulated_source(Path(source.path), settings, source.seed, f"{path}: 'budget'")
             yield replace(made, variant=variant.name, faults=variant.faults(source.seed))
-
-
-def _configurations(value: object, path: Path) -> dict[str, dict[str, object]]:
-    if value is None:
-        return {"default": {}}
-    if not isinstance(value, Mapping) or not value:
-        raise ConfigError(f"{path}: 'configurations' must map names to parameters, such as {{default: {{}}}}")
-    return {
-        str(name): _parameters(content, f"{path}: configuration '{name}'", path.parent)
-        for name, content in value.items()
-    }
-
-
-def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]:
-    if not isinstance(content, Mapping):
-        raise ConfigError(f"{origin}: a mapping with 'localisation' and 'mapping' is required")
-    changed: dict[str, object] = {}
-    for section, values in content.items():
-        if section not in SECTIONS or not isinstance(values, Mapping):
-            raise ConfigError(f"{origin}: '{section}' is not a mapping of parameters; known: {', '.join(SECTIONS)}")
-        kind, task = SECTIONS[section]
-        default = flatten(kind())
-        own = {name: value for name, value in values.items() if name not in METHOD_KEYS}
-        given = flatten(build(kind, own, origin=origin))
-        new = {name: value for name, value in given.items() if value != default[name]}
-        if METHOD in values:
-            new |= _method(values, task, folder)
-        is_ours = str(values.get(METHOD, OURS)) == OURS
-        if is_ours:
-            unread, whose = [name for name in values if name == METHOD_CONFIG], "a method under test"
-        else:
-            unread, whose = list(own), "the suite's own method"
-        if unread:
-            raise ConfigError(f"{origin}: '{unread[0]}' is a parameter of {whose} and would be ignored: omit it")
-        changed |= {f"{section}.{name}": value for name, value in new.items()}
-    return changed
-
-
-def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str, object]:
-    """Return the fields of a method for a job: absolute path, text of the configuration, and hash of the file."""
-    spec, text = str(values[METHOD]), ""
-    place, _, name = spec.rpartition(":")
-    if spec.startswith(LIBRARY_PREFIX):
-        spec = f"{LIBRARY_PREFIX}{(folder / spec.removeprefix(LIBRARY_PREFIX)).resolve()}"
-    elif place.endswith(".py"):
-        spec = f"{(folder / place).resolve()}:{name}"
-    if METHOD_CONFIG in values:
-        path = folder / str(values[METHOD_CONFIG])
-        with refusing(f"'method_config: {path}' cannot be read", "give a text file"):
-            text = read_text(path)
-    if spec == OURS:
-        return {}
-    return dict(zip(METHOD_KEYS, (spec, text, method_hash(spec, task, text)), strict=True))
-
-
-def chosen_method(section: Mapping[str, object], task: Task) -> Method | None:
-    """Return the method in a section of a configuration; None for the built-in method. MethodError if it is missing."""
-    if METHOD not in section:
-        return None
-    return find_method(str(section[METHOD]), task, str(section.get(METHOD_CONFIG, "")))
 
 
 def _limits(value: object, path: Path) -> Mapping[str, Any]:

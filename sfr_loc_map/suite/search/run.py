@@ -1,4 +1,4 @@
-"""Run a search on the workers of a suite; the runs of each point are stored as results in the suite's folder."""
+"""A search from its first point to its result; the jobs of each point are results in the folder of a suite."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from sfr_loc_map.suite.search.worst_case import (
 
 SCHEMA = "sfr-search/1"
 CASE = "case.yaml"
-NOT_JUDGED = 2.0
+WITHOUT_FIGURE = 2.0
 """Ratio of a drive that lacks the figure, for example a lost drive. It misses the limit by an unknown amount."""
 RunJobs = Callable[[Sequence[Job]], None]
 """Runs jobs and stores their results in the folder of the suite."""
@@ -87,7 +87,7 @@ class SearchResult:
         return {parameter.name: value for parameter, value in pairs}
 
 
-def run_search(
+def find_worst_case(
     specification: SearchSpecification, store: Store, run_jobs: RunJobs, *, at_random: bool = False
 ) -> SearchResult:
     """Search, reduce the worst point and compute slices through it; points with results are not run again."""
@@ -181,7 +181,7 @@ def _check_host(store: Store, jobs: Sequence[Job]) -> None:
 def _worst_ratio(specification: SearchSpecification, store: Store, jobs: Sequence[Job]) -> float:
     """Return the largest ratio of the runs of a point; a drive that lacks the figure (lost) is a miss."""
     ratios = [_ratio_of(specification, store, job) for job in jobs]
-    return max(NOT_JUDGED if ratio is None else ratio for ratio in ratios)
+    return max(WITHOUT_FIGURE if ratio is None else ratio for ratio in ratios)
 
 
 def _ratio_of(specification: SearchSpecification, store: Store, job: Job) -> float | None:

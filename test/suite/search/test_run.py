@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.suite.running.job import FailureCause, Job, JobOutcome
 from sfr_loc_map.suite.running.specification import load_specification
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.search.run import case_file, run_search
+from sfr_loc_map.suite.search.run import case_file, find_worst_case
 from sfr_loc_map.suite.search.specification import SearchSpecification, load_search
 from sfr_loc_map.suite.search.worst_case import BISECTIONS
 
@@ -57,7 +57,7 @@ class Host:
 def test_the_worst_case_is_reduced_and_runs_again(specification: SearchSpecification, tmp_path: Path) -> None:
     store = Store(tmp_path / "out")
     host = Host(store)
-    result = run_search(specification, store, host.run)
+    result = find_worst_case(specification, store, host.run)
     assert result.usual.ratio == pytest.approx(0.25)
     assert result.found.fails
     assert result.case.point[1] == 0.0, "the yaw is not needed"
@@ -69,7 +69,7 @@ def test_the_worst_case_is_reduced_and_runs_again(specification: SearchSpecifica
     assert source.settings["drive.pairs"] == 20
 
     again = Host(store)
-    assert run_search(specification, store, again.run) == result
+    assert find_worst_case(specification, store, again.run) == result
     assert again.done == 0
 
 
@@ -78,10 +78,10 @@ def test_a_broken_host_is_no_worst_case_and_the_search_continues(
 ) -> None:
     store = Store(tmp_path / "out")
     with pytest.raises(InputError, match="time"):
-        run_search(specification, store, Host(store, most=6).run)
+        find_worst_case(specification, store, Host(store, most=6).run)
     whole = Store(tmp_path / "whole")
-    continued = run_search(specification, store, Host(store).run)
-    assert continued == run_search(specification, whole, Host(whole).run)
+    continued = find_worst_case(specification, store, Host(store).run)
+    assert continued == find_worst_case(specification, whole, Host(whole).run)
 
 
 def test_a_search_can_be_about_a_part_of_a_figure(specification: SearchSpecification) -> None:
@@ -104,7 +104,7 @@ def test_a_scenario_that_cannot_be_run_is_no_worst_case(specification: SearchSpe
             if elevation < 12.0:
                 store.save(job, JobOutcome(cause=FailureCause.BAD_INPUT, message="the sun is too low"))
 
-    result = run_search(specification, store, run)
+    result = find_worst_case(specification, store, run)
     assert not result.found.fails
     assert result.left_out
     assert all(point[0] < 12.0 for point in result.left_out)
@@ -123,7 +123,7 @@ def test_a_lost_drive_is_a_miss(specification: SearchSpecification, tmp_path: Pa
             assert isinstance(elevation, float)
             Host(store, has_pieces=elevation > 12.0).run([job])
 
-    result = run_search(specification, store, run)
+    result = find_worst_case(specification, store, run)
     assert result.found.ratio == 2.0
     assert not result.left_out
 
@@ -137,5 +137,5 @@ def test_a_figure_that_the_scenario_does_not_have_is_no_worst_case(
     store = Store(tmp_path / "out")
     host = Host(store, has_pieces=has_pieces)
     with pytest.raises(InputError, match="the unchanged scenario has no"):
-        run_search(load_search(file), store, host.run)
+        find_worst_case(load_search(file), store, host.run)
     assert host.done == 1

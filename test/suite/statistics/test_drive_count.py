@@ -11,7 +11,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.report.table_formats import to_markdown
-from sfr_loc_map.suite.pages.tables import plan_table
+from sfr_loc_map.suite.pages.tables import drive_count_table
 from sfr_loc_map.suite.statistics.drive_count import drive_counts
 from sfr_loc_map.suite.statistics.summary import ScoredJob
 
@@ -35,7 +35,7 @@ def test_drives_that_are_missing_follow_from_those_seen() -> None:
     assert count.state == "not enough data"
     (bad,) = drive_counts(drives, limits_with(limit=0.0, **terms))
     assert (bad.failures, bad.at_the_rate_seen, bad.if_normal, bad.state) == (12, None, None, "fail")
-    assert "no number" in to_markdown([plan_table([bad])], "plan")
+    assert "no number" in to_markdown([drive_count_table([bad])], "plan")
     with pytest.raises(ConfigError, match="no limit with 'prob'"):
         list(drive_counts(drives, None))
 

@@ -9,7 +9,7 @@ import pytest
 
 from helpers.made_suites import JOB, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.suite.running.drives import DriveTrace, _trace, with_drives
+from sfr_loc_map.suite.running.drive_copies import DriveTrace, _trace, with_drives
 from sfr_loc_map.suite.running.job import JobSource, SourceKind
 
 RNG = np.random.default_rng(5)
