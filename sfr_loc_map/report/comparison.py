@@ -17,7 +17,7 @@ from sfr_loc_map.report import plots
 from sfr_loc_map.report.score_plots import growth, path_errors, path_of, range_rows
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text, row_title
 from sfr_loc_map.report.summary import overall_of
-from sfr_loc_map.report.tables import ABSENT, MARKS, NONE, Cell, Column, Row, Table, Unit, fitting, number
+from sfr_loc_map.report.tables import ABSENT, MARKS, NONE, PERCENT, Cell, Column, Row, Table, Unit, fitting, number
 
 MAX_LETTERS = 60  #: Maximum length of a name in a legend.
 NEUTRAL = ("frames",)  #: Columns without a best and a worst figure.
@@ -136,7 +136,7 @@ def _methods(named: Named) -> Table:
         shown.append((Column("frames"), partial(_frames, name="matched")))
         shown.append((Column("lost"), partial(_frames, name="lost")))
     if any(score.has(Subject.MAP) for _, score in named):
-        shown.append((Column("coverage"), lambda score: _cell(score.number("coverage"))))
+        shown.append((Column("coverage", PERCENT), lambda score: _cell(score.number("coverage"), PERCENT)))
     shown += [
         *((Column(f"time {name}", Unit("ms")), partial(_times, statistic=name)) for name in OF_CALLS),
         (Column("memory", Unit("MiB")), _peaks),

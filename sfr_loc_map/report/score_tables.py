@@ -23,7 +23,19 @@ from sfr_loc_map.metrics.table import NUMBERS, Figure
 from sfr_loc_map.report import notes
 from sfr_loc_map.report.glossary import glossary
 from sfr_loc_map.report.table_formats import to_markdown
-from sfr_loc_map.report.tables import ABSENT, NOT_ENOUGH, UNKNOWN, Cell, Column, Row, Table, Unit, fitting, number
+from sfr_loc_map.report.tables import (
+    ABSENT,
+    NOT_ENOUGH,
+    PERCENT,
+    UNKNOWN,
+    Cell,
+    Column,
+    Row,
+    Table,
+    Unit,
+    fitting,
+    number,
+)
 from sfr_loc_map.report.verdict_view import verdict_views
 
 UNNAMED = "not named"
@@ -265,12 +277,18 @@ def row_title(row: Figure) -> str:
     return f"{title_of(row.figure)}{over}{part}"
 
 
+def is_fraction(row: Figure) -> bool:
+    """Return whether a row of unit `1` is a fraction, which is shown in per cent, and not a count or a ratio."""
+    is_ratio = row.subject in (Subject.CONSISTENCY, Subject.EVIDENCE)
+    return row.figure in KINDS and not KINDS[row.figure].is_count and row.part != "count" and not is_ratio
+
+
 def row_unit(row: Figure) -> Unit:
     """Return the unit that suits the numbers of a row."""
     if row.unit == "bytes":
         return Unit("MiB")
     if row.unit == "1":
-        return Unit()
+        return PERCENT if is_fraction(row) else Unit()
     return fitting(Unit(row.unit), *(row.statistic(key) for key in NUMBERS), row.high95)
 
 

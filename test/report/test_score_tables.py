@@ -102,6 +102,25 @@ def test_every_cell_leads_back_to_its_figure_and_tables_keep_their_shape() -> No
 
 
 @pytest.mark.clause("4.2.1", "4.2.2")
+def test_fractions_are_in_per_cent_and_counts_and_ratios_have_no_unit() -> None:
+    rows = (
+        figure_row("coverage", n=400, value=0.5),
+        figure_row("missing", n=300, value=0.01),
+        figure_row("missing", part="count", n=300, value=3.0),
+        figure_row("restarts", value=2.0),
+        figure_row("nees", "distance=5", "pose", n=9, mean=6.0, low95=5.0, high95=7.0, value=6.0),
+    )
+    shown = {
+        cells(item, at)["figure"]: (cells(item, at)["unit"], cells(item, at)["value"])
+        for item in score_tables(Score(figures=rows))
+        for at in range(len(item.rows))
+    }
+    assert shown["coverage"] == ("%", "50")
+    assert (shown["missing"], shown["missing, count"]) == (("%", "1"), ("", "3"))
+    assert shown["restarts of the live score"] == ("", "2")
+    assert shown["normalised error squared (NEES) over 5 m, pose"] == ("", "6")
+
+
 def test_the_terminal_shows_completeness_without_zeros_but_with_what_is_unknown() -> None:
     rows = (
         figure_row("missing", n=300, value=0.5),
