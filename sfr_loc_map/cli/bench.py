@@ -16,6 +16,7 @@ from sfr_loc_map.cli.options import (
     OverwriteOption,
     RemapOption,
     SourceArgument,
+    SpacingOption,
     open_as,
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, counting, progress_bar, say, show
@@ -38,7 +39,6 @@ PeerOption = Annotated[
     Path | None, Option(metavar="PYTHON", help="Python interpreter with the optional reference methods.")
 ]
 RepeatOption = Annotated[int, Option(min=1, metavar="N", help="Number of passes; medians are shown.")]
-SpacingOption = Annotated[int, Option(min=1, metavar="FRAMES", help="Frames between the starts of sub-trajectories.")]
 
 
 @app.command(epilog=examples("sfr bench localise data/ --repeat 3 --json bench.json"))
@@ -176,7 +176,7 @@ def methods(
 ) -> None:
     """List the registered methods under test with their versions; a class or a C library needs no registration."""
     from sfr_loc_map.methods.registry import header_folder, listed_methods
-    from sfr_loc_map.report.tables import Cell, Column, Table
+    from sfr_loc_map.report.benchmark_tables import registered_methods_table
 
     propose("sfr localise SRC -o T.csv --method NAME", why="the same drive by another method")
     if include_dir:
@@ -184,9 +184,7 @@ def methods(
         return
     check_outputs(json_path, overwrite=overwrite)
     found = listed_methods()
-    rows = tuple(tuple(Cell(text or "-") for text in item.values()) for item in found)
-    columns = tuple(Column(title, words=True) for title in ("task", "method", "version", "kind", ""))
-    show({"methods": found}, json_path, [Table("methods", "Methods", columns, rows)])
+    show({"methods": found}, json_path, [registered_methods_table(found)])
 
 
 def _present(result: dict[str, Any], json_path: str | None) -> None:

@@ -14,8 +14,8 @@ from sfr_loc_map.cli.options import (
     OverwriteOption,
     RemapOption,
     SourceArgument,
+    announced_config,
     columns_of,
-    named_beside,
     open_as,
     parse_remaps,
 )
@@ -175,7 +175,7 @@ def _convert_trajectory(
         if read.is_announced:
             say(read.text, err=True)
     elif is_bag(source):  # a bag may contain only poses
-        how = source_config(source, config or named_beside(source), parse_remaps(remap))
+        how = source_config(source, config or announced_config(source), parse_remaps(remap))
         poses = read_truth(source, how.truth, how.remap)
     else:
         opened, _ = open_as(source, remap, config)

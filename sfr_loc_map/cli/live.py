@@ -9,8 +9,8 @@ from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.former import FormerArgument, check_live
-from sfr_loc_map.cli.live_option import DEFAULT_PORT, require_live
-from sfr_loc_map.cli.options import ConfigOption, NamespaceOption, require_ros
+from sfr_loc_map.cli.live_option import DEFAULT_HOST, DEFAULT_PORT, require_live
+from sfr_loc_map.cli.options import ConfigOption, NamespaceOption, refuse_given, require_ros
 from sfr_loc_map.config import build, read_sections
 from sfr_loc_map.errors import InterruptedRunError, MissingExtraError
 from sfr_loc_map.io.source_config import SourceConfig
@@ -39,7 +39,7 @@ def live(
     config: ConfigOption = None,
     host: Annotated[
         str, Option(metavar="H", help="Address to listen on; except for loopback, --token is required.")
-    ] = "127.0.0.1",
+    ] = DEFAULT_HOST,
     port: Annotated[int, Option(metavar="P", min=0, max=65535, help="Port; 0 selects a free port.")] = DEFAULT_PORT,
     token: Annotated[str, Option(metavar="WORD", help="Token that each request must contain.")] = "",
     open_browser: Annotated[bool, Option("--open", help="Open the page in the browser.")] = False,
@@ -60,6 +60,14 @@ def live(
     from sfr_loc_map.live.state import LiveState
 
     check_live(files)
+    if terminal:
+        of_page = {
+            "--host": host != DEFAULT_HOST,
+            "--port": port != DEFAULT_PORT,
+            "--token": token,
+            "--open": open_browser,
+        }
+        refuse_given(of_page, "applies to the page, which is not served with --terminal: omit it")
     require_ros("live")
     propose("sfr replay SRC --live --out DIR", why="a run that is scored while the page shows it")
     foxglove_of = _foxglove_server() if foxglove else None

@@ -15,7 +15,8 @@ from sfr_loc_map.inputs import one_line
 if TYPE_CHECKING:
     from sfr_loc_map.nodes.launch.live_process import LiveProcess
 
-DEFAULT_PORT = 8080  #: Port of the page. Not imported from the server, which is an optional extra.
+DEFAULT_HOST = "127.0.0.1"  #: Address of the page. Not imported from the server, which is an optional extra.
+DEFAULT_PORT = 8080  #: Port of the page; not imported for the same reason.
 LiveOption = Annotated[bool, Option("--live", help="Show the run on a page (see sfr live).")]
 LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of the page; 0 selects a free port.")]
 
@@ -27,7 +28,7 @@ def require_live() -> None:
 
 
 @contextmanager
-def live_beside(
+def live_page(
     wanted: bool, port: int, namespace: str = "", remaps: Sequence[str] = (), *, isolated: bool = False
 ) -> Iterator[LiveProcess | None]:
     """Show the run of the `with` block on a page if `wanted`; yield the page, or None.

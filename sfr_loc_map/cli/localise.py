@@ -22,7 +22,7 @@ from sfr_loc_map.cli.options import (
     method_under_test,
     open_as,
 )
-from sfr_loc_map.cli.output import beside, check_outputs, check_suffix, progress_bar, say, warn
+from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
@@ -80,9 +80,9 @@ def localise(
         steps = offline.run_localiser(sequence, theirs or parameters, first_pose, watch)
         done = offline.DriveRun(_finished(steps, len(sequence)))
         save_trajectory(output, done.trajectory)
-        with beside():
+        with secondary_output():
             film.close()
-    with beside():
+    with secondary_output():
         save_stats(stats, done.records, done.method, done.trajectory)
     say(f"{len(done.steps)} poses, {offline.states_text(done.records)}: {output}", err=True)
     more = (("--stats", stats), ("--config", config if theirs is None else None))

@@ -20,7 +20,7 @@ from sfr_loc_map.cli.options import (
     method_under_test,
     open_as,
 )
-from sfr_loc_map.cli.output import beside, check_outputs, check_suffix, progress_bar, say, warn
+from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
@@ -99,8 +99,8 @@ def map_cloud(
         task = bar.add_task("mapping", total=len(sequence))
         run = run_mapper(sequence, theirs or parameters, progress, ended)
         hold()
-    cloud = save_map(run, sequence.rig.fx, outputs, beside)
-    with beside():
+    cloud = save_map(run, sequence.rig.fx, outputs, secondary_output)
+    with secondary_output():
         save_stats(stats, run.records, run.method)
     for line in run.warnings:
         warn(line)

@@ -119,7 +119,7 @@ def columns_of(texts: Sequence[str] | None) -> tuple[str, str]:
     return found["estimate"], found["truth"]
 
 
-def named_beside(source: Path) -> Path | None:
+def announced_config(source: Path) -> Path | None:
     """Return the configuration in or beside a source and report its use; None if there is none."""
     from sfr_loc_map.io.source_config import config_beside
 
@@ -135,7 +135,7 @@ def open_as(source: Path, remap: list[str] | None = None, config: Path | None = 
     from sfr_loc_map.io.source_config import source_config
 
     remaps = parse_remaps(remap)
-    config = config or named_beside(source)
+    config = config or announced_config(source)
     return open_source(source, source_config(source, config, remaps)), config
 
 
@@ -196,7 +196,7 @@ ConditionOption = Annotated[
 ]
 LenientOption = Annotated[bool, Option("--lenient", help="Exit 0 instead of 3 if something could not be judged.")]
 SpacingOption = Annotated[
-    int, Option(metavar="FRAMES", rich_help_panel=MORE, help="Frames between the starts of sub-trajectories.")
+    int, Option(min=1, metavar="FRAMES", rich_help_panel=MORE, help="Frames between the starts of sub-trajectories.")
 ]
 RebaseOption = Annotated[
     Literal["pose", "displacement", "position"],

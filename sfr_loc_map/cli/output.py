@@ -99,7 +99,7 @@ def output_folder(
 
 
 @contextmanager
-def beside() -> Iterator[None]:
+def secondary_output() -> Iterator[None]:
     """Report the failure of a secondary output as a warning; the command continues and exits with code 2."""
     try:
         yield
@@ -126,7 +126,7 @@ def show(content: object, place: str | None, tables: Iterable[Table]) -> None:
         typer.echo(json_line(content), nl=False)
         return
     if place is not None:
-        with beside():
+        with secondary_output():
             write_text(json_line(content), Path(place))
     print_tables(tables)
 

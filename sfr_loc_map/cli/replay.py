@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.live_option import DEFAULT_PORT, LiveOption, LivePortOption, live_beside
+from sfr_loc_map.cli.live_option import DEFAULT_PORT, LiveOption, LivePortOption, live_page
 from sfr_loc_map.cli.options import (
     ApplyDiagnosisOption,
     ConditionOption,
@@ -159,7 +159,7 @@ def replay(
     or sensor_msgs/PointCloud2 with the stamp of each pair. In lock step the replay waits for each answer
     (--answer-timeout). A crash or a missing answer is a finding, and the replay continues. See docs/candidates.md.
     """
-    with live_beside(live, live_port, isolated=True) as page:  # first, because its imports are faster
+    with live_page(live, live_port, isolated=True) as page:  # first, because its imports are faster
         from sfr_loc_map.runs.replay_files import ReplayFiles
         from sfr_loc_map.scoring.settings import score_settings
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.live_option import DEFAULT_PORT, LiveOption, LivePortOption, live_beside
+from sfr_loc_map.cli.live_option import DEFAULT_PORT, LiveOption, LivePortOption, live_page
 from sfr_loc_map.cli.options import NamespaceOption, OverwriteOption, require_ros
 from sfr_loc_map.cli.output import output_folder, say
 from sfr_loc_map.errors import InputError, OutputError
@@ -72,7 +72,7 @@ def run(
         if config is not None:
             arguments[1:1] = run_arguments(config, Path(scratch) / "parameters.yaml")
         topics = [rule for word, rule in pairwise([*arguments, *more]) if word == "-r" and not rule.startswith("__")]
-        with live_beside(live, live_port, namespace, topics):
+        with live_page(live, live_port, namespace, topics):
             run_nodes(nodes, [*arguments, *more], lambda text: say(f"sfr run: {text}", err=True), respawn=respawn)
 
 

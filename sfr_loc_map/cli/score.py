@@ -29,14 +29,22 @@ from sfr_loc_map.cli.options import (
     PartialOption,
     RebaseOption,
     SpacingOption,
+    announced_config,
     columns_of,
     correction_of,
     judgement,
-    named_beside,
     parse_settings,
     refuse_given,
 )
-from sfr_loc_map.cli.output import HTML_SUFFIXES, STANDARD_OUTPUT, beside, check_outputs, check_suffix, say, show
+from sfr_loc_map.cli.output import (
+    HTML_SUFFIXES,
+    STANDARD_OUTPUT,
+    check_outputs,
+    check_suffix,
+    say,
+    secondary_output,
+    show,
+)
 from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, is_judged, not_judged, present
 from sfr_loc_map.config import Configuration, build, flatten
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
@@ -49,7 +57,6 @@ if TYPE_CHECKING:
     from sfr_loc_map.scoring.inputs import Run, ScoreInputs
 
 
-SHOWN_HYPOTHESES = 5
 TABLE_SUFFIXES = (".parquet", ".csv")
 
 
@@ -201,7 +208,7 @@ def score(
         check_suffix(table, TABLE_SUFFIXES)
     check_outputs(json_path, html, junit, points, pieces, inputs=read, overwrite=overwrite)
     if config_file is None and (truth.is_dir() or is_bag(truth)):
-        config_file = named_beside(truth)
+        config_file = announced_config(truth)
     by = judgement(limits, condition, Configuration.read(config_file))
     config = score_settings(
         by.conditions,
@@ -249,7 +256,7 @@ def score(
     _check_tables(run, points, pieces)
     result = score_run(run, config, by.limits, aligned)
     present(result, json_path, html)
-    _write_beside(result, run, with_conditions(config, by.limits), junit, points, pieces)
+    _write_secondary(result, run, with_conditions(config, by.limits), junit, points, pieces)
     _propose_next(result, json_path, html)
     conclude(result, by.asked, lenient=lenient)
     if junit is not None and not is_judged(result):
@@ -297,7 +304,7 @@ def _check_tables(run: Run, points: Path | None, pieces: Path | None) -> None:
         raise ConfigError("'--pieces' writes sub-trajectories: give a trajectory and its ground truth")
 
 
-def _write_beside(
+def _write_secondary(
     result: Score, run: Run, config: ScoreConfig, junit: Path | None, points: Path | None, pieces: Path | None
 ) -> None:
     """Write the verdicts as JUnit XML and the tables of points and sub-trajectories, if requested."""
@@ -307,14 +314,14 @@ def _write_beside(
     from sfr_loc_map.report.junit import junit as junit_of
 
     if junit is not None:
-        with beside():
+        with secondary_output():
             judged, bare = ({"score 1": result}, {}) if is_judged(result) else ({}, {"score 1": NO_LIMITS})
             write_text(junit_of(judged, bare), junit)
     if points is not None and run.cloud is not None and run.cloud.loaded.cloud is not None:
-        with beside():
+        with secondary_output():
             save_table(points, points_table(run.cloud.loaded.cloud, run.cloud.truths))
     if pieces is not None and run.drive is not None:
-        with beside():
+        with secondary_output():
             drive = run.drive
             table = sub_trajectory_table(drive.estimates, drive.truth, config.trajectory, drive.image_stamps_ns)
             save_table(pieces, table)
@@ -347,17 +354,11 @@ def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *
     radians, re-based at each start and averaged over sub-trajectories.
     """
     from sfr_loc_map.metrics.convention_diagnosis import MIN_POSES
-    from sfr_loc_map.report.tables import Cell, Column, Table
+    from sfr_loc_map.report.diagnosis_table import diagnosis_table
     from sfr_loc_map.scoring.conversion import diagnose_run
 
     diagnosis = diagnose_run(inputs, config)
-    rows = [(Cell.head("as it is"), Cell.number(diagnosis.disagreement, undefined="no stamp in common"), Cell(""))]
-    rows += [
-        (Cell.head(f"without: {item.mismatch}"), Cell.number(item.disagreement), Cell(item.setting))
-        for item in diagnosis.hypotheses[:SHOWN_HYPOTHESES]
-    ]
-    columns = (Column("convention", words=True), Column("disagreement"), Column("corrected by", words=True))
-    show(diagnosis, json_path, [Table("conventions", "Estimate against truth", columns, tuple(rows))])
+    show(diagnosis, json_path, [diagnosis_table(diagnosis)])
     if diagnosis.found is not None:
         if json_path != STANDARD_OUTPUT:
             say(diagnosis.found.sentence)

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, beside, say, show, warn
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, say, secondary_output, show, warn
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, NotJudgedError
 from sfr_loc_map.metrics.config import Condition, VerdictState
 
@@ -46,7 +46,7 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
         for item in look_first(score)[:1]:
             say(f"look at this first: {item.what}. {item.why}")
     if html is not None:
-        with beside():
+        with secondary_output():
             write_page(score, html)
     for finding in score.findings:
         warn(f"method {score.method.name if score.method else 'under test'}: {finding}")

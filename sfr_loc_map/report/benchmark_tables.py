@@ -37,6 +37,13 @@ FAULTS: tuple[ResultColumn, ...] = (
 )
 
 
+def registered_methods_table(methods: Sequence[Mapping[str, str | None]]) -> Table:
+    """Return the registered methods under test with task, version and kind."""
+    rows = tuple(tuple(Cell(text or "-") for text in item.values()) for item in methods)
+    columns = tuple(Column(title, words=True) for title in ("task", "method", "version", "kind", ""))
+    return Table("methods", "Methods", columns, rows)
+
+
 def benchmark_tables(result: Mapping[str, Any]) -> list[Table]:
     """Return the tables of a benchmark."""
     if result["kind"] == "faults":

@@ -56,9 +56,9 @@ def save_map(
     run: MapRun,
     focal_px: float,
     outputs: MapOutputs,
-    beside: Callable[[], AbstractContextManager[object]] = nullcontext,
+    secondary_output: Callable[[], AbstractContextManager[object]] = nullcontext,
 ) -> PointCloud:
-    """Write the files of a map, and return the cloud; each other file is written in a context of `beside`."""
+    """Write the files of a map, and return the cloud; each other file is written in a context of `secondary_output`."""
     cloud = run.fused.cloud if outputs.fuse else run.unfused
     save_cloud(outputs.cloud, cloud)
     if not outputs.more:
@@ -68,14 +68,14 @@ def save_map(
         poses_lm_left = tuple(item.T_lm_left for item in run.maps)
         random_sigma = np.concatenate([item.random_sigma for item in run.maps])
     if outputs.dem:
-        with beside():
+        with secondary_output():
             load_kernels("terrain")
             grid = terrain_grid(cloud, outputs.terrain, poses_lm_left, random_sigma)
             for path in outputs.dem:
-                with beside():
+                with secondary_output():
                     save_dem(path, grid)
     if outputs.covariance:
-        with beside(), atomic_path(outputs.more[-1]) as temporary:
+        with secondary_output(), atomic_path(outputs.more[-1]) as temporary:
             covariances = point_covariances(cloud, poses_lm_left, focal_px)
             np.savez_compressed(temporary, covariance_m2=covariances, random_sigma_m=random_sigma)
     return cloud

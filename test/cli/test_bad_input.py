@@ -159,6 +159,9 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("report", "{tum}", "-o", "{out}/p.svg"), "html"),
         (("plot", "{tum}", "-o", "{out}/p.html"), "'sfr plot' was removed: use sfr report"),
         (("doctor", "{source}"), "use sfr info"),
+        (("live", "--terminal", "--port", "0"), "'--port' applies to the page.*: omit it"),
+        (("score", "{tum}", "{tum}", "--diagnose", "--junit", "{out}/j.xml"), "'--junit' has no effect.*: omit it"),
+        (("score", "{tum}", "{tum}", "--spacing", "0"), "Invalid value for '--spacing'"),
         (("simulate", "{out}/f", "--set", "seed"), "'--set seed': must have the form KEY=VALUE"),
     ],
 )
