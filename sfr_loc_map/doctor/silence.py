@@ -29,6 +29,7 @@ class Publisher:
     """Name of its node with the namespace."""
     msgtype: str
     reliability: Reliability = Reliability.RELIABLE
+    is_latched: bool = False  #: Whether its last messages are kept for late subscribers.
 
 
 def silence_of(

@@ -99,7 +99,7 @@ class PairNode(ManagedNode[P], ABC):
     """
 
     task: Task
-    _calls_before = 0
+    _call_count_before = 0  # at the last `look_around`
 
     @abstractmethod
     def on_pair(self, pair: ReceivedPair) -> None:
@@ -124,7 +124,7 @@ class PairNode(ManagedNode[P], ABC):
 
     def setup(self) -> None:
         """Create the publisher of calls, latched so that the doctor can detect whether the node has processed input."""
-        self._calls = self.endpoints.add_publisher(String, "~/call", CALL_DEPTH, latched=True)
+        self._call_publisher = self.endpoints.add_publisher(String, "~/call", CALL_DEPTH, latched=True)
 
     def reset_state(self) -> None:
         """Create the state of the node, without input and results."""
@@ -134,6 +134,7 @@ class PairNode(ManagedNode[P], ABC):
             self.task.rig,
             self.config.input,
             self.status,
+            self.endpoints,
             on_pair=self.on_pair,
             on_rig=self.on_rig,
             on_new_run=self.on_new_run,
@@ -143,7 +144,7 @@ class PairNode(ManagedNode[P], ABC):
     def subscribe(self) -> None:
         """Subscribe to the images and the camera_info, which defines the rig."""
         self.forget_waiting()
-        self._stereo.subscribe(self.endpoints)
+        self._stereo.subscribe()
 
     @contextmanager
     def ignoring_broken(self) -> Iterator[None]:
@@ -156,17 +157,17 @@ class PairNode(ManagedNode[P], ABC):
     def look_around(self) -> None:
         """Log what was dropped and, if no pair was processed since the last call, what the node waits for."""
         super().look_around()
-        if doubled := self._stereo.doubled_text():
+        if doubled := self._stereo.check_publishers():
             self.status.warn(doubled, "publishers")
-        has_worked = self.status.calls > self._calls_before or not self.worker.is_idle
-        self._calls_before = self.status.calls
+        has_worked = self.status.call_count > self._call_count_before or not self.worker.is_idle
+        self._call_count_before = self.status.call_count
         is_silent = not any(item.received for item in self.inputs() if item.is_stream)
         is_log_due = self._backoff.is_due(is_silent)
         missing = self.waits_for()
         self.reset_received()
         if has_worked or not missing or (is_silent and not self.expects_input()):
             return
-        if is_silent and self.status.calls:
+        if is_silent and self.status.call_count:
             missing = f"The source has ended or is silent. {missing}"
         self.status.note_problem(Level.WARN, missing)
         if is_log_due:
@@ -206,7 +207,7 @@ class PairNode(ManagedNode[P], ABC):
     def publish_call(self, call: CallRecord, level: Level) -> None:
         """Publish a call with the counts since the start, for programs on `~/call` and for people on /diagnostics."""
         call = replace(call, counts=self.counts())
-        self._calls.publish(String(data=encode_call(call)))
+        self._call_publisher.publish(String(data=encode_call(call)))
         self.status.report_call(call, level)
 
     def times(self, received: ReceivedPair, conversion_s: float) -> dict[str, float]:

@@ -120,6 +120,7 @@ class StereoInput:
         name: str,
         config: StereoInputConfig,
         status: StatusReporter,
+        endpoints: Endpoints,
         *,
         on_pair: Callable[[ReceivedPair], None],
         on_rig: Callable[[StereoRig], None],
@@ -132,9 +133,8 @@ class StereoInput:
         reason why the pairs that follow start a new run. After a jump of the stamps, `agreeing` consecutive pairs
         start a new run.
         """
-        self.rig: StereoRig | None = None
         self._order: RunOrder[tuple[ReceivedImage, ReceivedImage]] = RunOrder(agreeing)
-        self._name, self._config, self._status = name, config, status
+        self._name, self._config, self._status, self._endpoints = name, config, status, endpoints
         self._on_pair, self._on_rig, self._on_new_run = on_pair, on_rig, on_new_run
         stem, transport = "image_raw" if config.rectify else "image_rect", config.image_transport
         kinds = (("compressed", stem, Image), ("raw", f"{stem}{COMPRESSED_END}", CompressedImage))
@@ -147,26 +147,28 @@ class StereoInput:
         self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
         self._gaps: dict[str, TransportGaps] = {}  # by topic
         self._remove_compressed: dict[Side, Callable[[], object]] = {}
-        self._endpoints: Endpoints | None = None
         self._judged = 0, 0  # images lost and sent when the lost fraction was last computed
         self.reset_received()
+        self._forget_cameras()
 
-    def subscribe(self, endpoints: Endpoints) -> None:
-        """Subscribe to images and camera_info of both cameras; the rig is unknown until camera_info is received."""
-        self.rig = None
-        self._endpoints = endpoints
-        self._depth = SampleDepth(self._status.info, self._name, self._config.sample_bits)
+    def _forget_cameras(self) -> None:
+        """Forget the calibration and the bit depth; the rig is unknown until camera_info is received."""
+        self.rig: StereoRig | None = None
         self._infos.clear()
         self._latched.clear()
+        self._depth = SampleDepth(self._status.info, self._name, self._config.sample_bits)
+
+    def subscribe(self) -> None:
+        """Subscribe to images and camera_info of both cameras, which may have changed since the last activation."""
+        self._forget_cameras()
+        add_subscription = self._endpoints.add_subscription
         qos = profile(self._config.reliability, self._config.queue_depth)
         for side in SIDES:
             stem = f"{self._name}/{side}"
-            endpoints.add_subscription(CameraInfo, f"{stem}/camera_info", partial(self._add_camera_info, side), qos)
+            add_subscription(CameraInfo, f"{stem}/camera_info", partial(self._add_camera_info, side), qos)
             for name, kind in self._images.items():
                 gaps = self._gaps.setdefault(f"{stem}/{name}", TransportGaps())
-                remove = endpoints.add_subscription(
-                    kind, f"{stem}/{name}", partial(self._receive_image, side, gaps), qos
-                )
+                remove = add_subscription(kind, f"{stem}/{name}", partial(self._receive_image, side, gaps), qos)
                 if kind is CompressedImage:
                     self._remove_compressed[side] = remove
 
@@ -186,13 +188,14 @@ class StereoInput:
         """Stamp of the last pair of the run, None before the first."""
         return self._order.last_ns
 
-    def doubled_text(self) -> str:
-        """Return which image topics have several publishers; empty if all have at most one."""
-        if self._endpoints is None:
-            return ""
+    def check_publishers(self) -> str:
+        """Return which image topics have several publishers; empty if all have at most one.
+
+        Losses are not counted on a topic with several publishers.
+        """
         doubled = []
         for topic, gaps in self._gaps.items():
-            publishers = self._endpoints.publishing_nodes(topic)
+            publishers = [publisher.node for publisher in self._endpoints.publishers(topic)]
             gaps.set_several(len(publishers) > 1)
             if len(publishers) > 1:
                 doubled.append(f"{topic} has {len(publishers)} publishers ({', '.join(sorted(publishers))})")
@@ -284,14 +287,14 @@ class StereoInput:
         for side in SIDES:
             topic = f"{self._name}/{side}/camera_info"
             missing = side not in self._infos.last and side not in self._latched
-            if self._endpoints is not None and missing and self._endpoints.is_latched(topic):
+            if missing and any(publisher.is_latched for publisher in self._endpoints.publishers(topic)):
                 self._latched.add(side)
                 self._endpoints.add_latched(CameraInfo, topic, partial(self._add_camera_info, side))
 
     def _receive_image(self, side: Side, gaps: TransportGaps, message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401
         if isinstance(message, Image) and side in self._remove_compressed:
             self._remove_compressed.pop(side)()  # raw images are published
-        if gaps.add(info) and (share := self._lost_share()) > MUCH_LOST and not self.doubled_text():
+        if gaps.add(info) and (share := self._lost_share()) > MUCH_LOST and not self.check_publishers():
             text = f"{share:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
             self._status.warn(text, "transport")
         self._status.note_arrival()

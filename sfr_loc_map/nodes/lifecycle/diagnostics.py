@@ -129,7 +129,7 @@ class StatusReporter:
         self._node, self._task, self._snapshot = node, task, snapshot
         self._last_health: tuple[str, ...] = ()  # lifecycle state, level and lasting findings last published
         self._lock, self._process, self.meter = Lock(), psutil.Process(), CallMeter()
-        self.calls = 0
+        self.call_count = 0
         self.activity = ""  #: Activity of the node beside its calls: `COMPILING` or empty.
         self.publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, QoSProfile(depth=QUEUE_DEPTH))
         self.reset()
@@ -243,7 +243,7 @@ class StatusReporter:
 
     def report_call(self, call: CallRecord, level: Level) -> None:
         """Publish state, time and memory of a call, and note the call for the health."""
-        self.calls += 1
+        self.call_count += 1
         memory = {"peak_rss_bytes": call.peak_rss_bytes, "above_idle_bytes": call.above_idle_bytes}
         took: dict[str, Value] = {"processing_time_s": call.processing_time_s}
         took |= {name: value for name, value in memory.items() if value is not None} | dict(call.times)

@@ -15,8 +15,9 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, qos_policy_name_from_kind
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from sfr_loc_map.doctor.silence import Publisher
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.nodes.ros.publishers import node_of
+from sfr_loc_map.nodes.ros.publishers import publishers_of
 from sfr_loc_map.nodes.ros.qos import LATCHED, profile
 
 
@@ -100,15 +101,9 @@ class Endpoints:
         )
         self.active.callback(self._node.destroy_subscription, subscription)
 
-    def is_latched(self, topic: str) -> bool:
-        """Return whether a publisher of a topic keeps its last message for late subscribers."""
-        found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
-        return any(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in found)
-
-    def publishing_nodes(self, topic: str) -> list[str]:
-        """Return the names of the nodes that publish a topic, one for each publisher."""
-        found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
-        return [node_of(info) for info in found]
+    def publishers(self, topic: str) -> tuple[Publisher, ...]:
+        """Return the publishers of a topic, given by its relative name."""
+        return publishers_of(self._node, self._node.resolve_topic_name(topic))
 
     def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:
         """Call a function periodically, on a steady clock, until the node is deactivated."""

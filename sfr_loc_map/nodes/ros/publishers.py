@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from sfr_loc_map.doctor.silence import Publisher, Reliability
 
@@ -15,7 +15,15 @@ UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  #: Name that ROS reports for a node that i
 def publishers_of(node: Node, topic: str) -> tuple[Publisher, ...]:
     """Return the publishers of a topic, given by its full name."""
     infos = node.get_publishers_info_by_topic(topic)
-    return tuple(Publisher(node_of(info), str(info.topic_type), reliability_of(info)) for info in infos)
+    return tuple(
+        Publisher(
+            node_of(info),
+            str(info.topic_type),
+            reliability_of(info),
+            is_latched=info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL,
+        )
+        for info in infos
+    )
 
 
 def node_of(info: Any) -> str:  # noqa: ANN401 - rclpy's TopicEndpointInfo
