@@ -1,4 +1,7 @@
-"""Cells of the left image that are excluded for several pairs because they do not move with the ground."""
+"""Cells of the left image that are excluded for several pairs because they do not move with the ground.
+
+A cell is excluded because it is fixed to the camera, or because it is dynamic (it moves differently from the ground).
+"""
 
 from __future__ import annotations
 
@@ -16,8 +19,8 @@ FIXED_LIFE: Final = 10
 """Lifetime, pairs, of a cell that was detected as fixed to the camera. Each pair, including the pair of the detection,
 reduces the lifetime by one unless the cell is stationary. Chosen by hand. If larger, ground that an arm has
 uncovered has no landmarks for longer. If smaller, landmarks are created on a body whose illumination changes."""
-MOVING_LIFE: Final = 8
-"""Lifetime, pairs, of a cell that was detected as moving. Each pair, including the pair of the detection, reduces the
+DYNAMIC_LIFE: Final = 8
+"""Lifetime, pairs, of a cell that was detected as dynamic. Each pair, including the pair of the detection, reduces the
 lifetime by one, so that the cell is excluded in seven pairs. Chosen by hand: an object leaves its cells within a few
 pairs. If larger, the ground behind the object has no new landmarks for longer. If smaller, landmarks are created on the
 object."""
@@ -31,7 +34,7 @@ class ExcludedCells:
     is_fixed: Mask  #: `(R, C)` whether a cell was excluded because it is fixed to the camera.
     mask: NDArray[np.uint8] | None = None  #: `(H, W)`, 0 where landmarks are not created; None if nothing is excluded.
     fraction: float = 0.0  #: Fraction of the image that is excluded.
-    moving_fraction: float = 0.0  #: Fraction of the cells that are excluded because they move.
+    dynamic_fraction: float = 0.0  #: Fraction of the cells that are excluded because they are dynamic.
 
     @classmethod
     def none(cls, shape: tuple[int, int]) -> ExcludedCells:
@@ -44,13 +47,13 @@ class ExcludedCells:
         life = np.where(cells, FIXED_LIFE, self.life)
         return replace(self, life=life, is_fixed=self.is_fixed | cells)
 
-    def with_moving(self, cells: Mask) -> ExcludedCells:
+    def with_dynamic(self, cells: Mask) -> ExcludedCells:
         """Start the lifetime of cells `(R, C)` that move differently from the ground."""
-        life = np.where(cells, MOVING_LIFE, self.life)
+        life = np.where(cells, DYNAMIC_LIFE, self.life)
         return replace(self, life=life, is_fixed=self.is_fixed & ~cells)
 
     def after_selection(
-        self, fixed: Mask | None, moving: Mask | None, stationary: Mask, shape: tuple[int, int], *, has_excluded: bool
+        self, fixed: Mask | None, dynamic: Mask | None, stationary: Mask, shape: tuple[int, int], *, has_excluded: bool
     ) -> ExcludedCells:
         """Return the excluded cells after a pair, including the cells that the pair excludes.
 
@@ -58,7 +61,7 @@ class ExcludedCells:
 
         Args:
             fixed: `(R, C)` cells that are fixed to the camera; None if unknown.
-            moving: `(R, C)` cells that move differently from the ground; None if unknown.
+            dynamic: `(R, C)` cells that move differently from the ground; None if unknown.
             stationary: `(R, C)` stationary cells.
             shape: Height and width of the image.
             has_excluded: Whether landmarks of the pair were excluded. Masking starts with such a pair and continues
@@ -68,8 +71,8 @@ class ExcludedCells:
         excluded = self
         if fixed is not None and fixed.any():
             excluded = excluded.with_fixed(fixed)
-        if moving is not None:
-            excluded = excluded.with_moving(moving)
+        if dynamic is not None:
+            excluded = excluded.with_dynamic(dynamic)
         excluded = excluded.aged(stationary)
         return excluded.with_mask(shape) if is_masked else excluded
 
@@ -77,8 +80,8 @@ class ExcludedCells:
         """Return the cells after another pair, without a mask. `stationary` `(R, C)` marks stationary cells."""
         life = np.maximum(self.life - 1, 0)
         life[self.is_fixed & stationary & (life > 0)] = FIXED_LIFE
-        moving_fraction = float(np.mean((life > 0) & ~self.is_fixed))
-        return ExcludedCells(life, self.is_fixed, moving_fraction=moving_fraction)
+        dynamic_fraction = float(np.mean((life > 0) & ~self.is_fixed))
+        return ExcludedCells(life, self.is_fixed, dynamic_fraction=dynamic_fraction)
 
     def with_mask(self, shape: tuple[int, int]) -> ExcludedCells:
         """Return the cells with a mask that covers them and their neighbours; the shape is (height, width)."""

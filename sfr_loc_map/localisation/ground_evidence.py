@@ -11,7 +11,6 @@ from functools import cached_property
 from operator import attrgetter
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,15 +21,7 @@ from sfr_loc_map.localisation.frontend.cell_motion import MOVED_PX, Explained, e
 from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL, mixture_of
 from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
-from sfr_loc_map.localisation.ground_memory import (
-    MAX_MOVING,
-    MAX_TRANSFERS,
-    MAX_UNEXPLAINED,
-    Confidence,
-    Effect,
-    GroundMemory,
-    Phase,
-)
+from sfr_loc_map.localisation.ground_memory import MAX_TRANSFERS, NEARLY_HALF, GroundMemory, MainMotion, Phase
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 
@@ -77,7 +68,6 @@ it."""
 EXPECTED_RATIO = 0.5
 """Maximum image motion from the expected pose to a motion that continues the previous motion, as a ratio to the image
 motion from the expected pose to the other motion. If the two are equally far, neither continues the previous motion."""
-MIN_COVERED = 0.5  #: Minimum fraction of the cells in doubt that inliers must cover: the majority.
 CLEAR_RATIO = 1.4
 """Minimum ratio of the weights, or of the numbers of inliers, for one of two solutions to be clearly better. Chosen by
 hand. If larger, more pairs are ambiguous and degraded with a larger covariance. If smaller, a wrong motion is accepted
@@ -104,7 +94,7 @@ class ComparedPair(NamedTuple):
     recovery: RecoveryImages
     change: Change  #: Cells that changed, and cells that stayed, since the earlier image.
     earlier_pose: Pose  #: Pose of the earlier image.
-    far_px: float  #: Image motion, px, above which a landmark that was not found is no evidence against the pose.
+    far_px: float  #: Image motion, px, from which an outlier does not count as unexplained (`ground_motion.FAR_RATIO`).
 
 
 class MotionTools(NamedTuple):
@@ -202,47 +192,28 @@ class Evidence:
     @property
     def is_half_unexplained(self) -> bool:
         """Whether nearly half of the landmarks do not follow the main motion."""
-        return self.explained.unexplained_fraction >= MAX_UNEXPLAINED
+        return self.explained.unexplained_fraction >= NEARLY_HALF
 
     @property
     def is_credible(self) -> bool:
         """Whether the main motion is trusted, not contradicted, and usual or that of a known ground."""
         return self.main.is_trusted and not self.is_contradicted and (self.is_known or not self.is_unusual)
 
-    @property
-    def unexplained_cells(self) -> Mask:
-        """Cells `(R, C)` of the landmarks that the main motion does not explain."""
-        return self.tools.cells(self.explained.cell_index[self.explained.unexplained])
-
     @cached_property
-    def confidence_after_one_motion(self) -> Confidence:
-        """Confidence after the pair if the main motion is the only one; a stationary image changes nothing."""
-        confidence = self.memory.confidence
-        if self.explained.motion_px <= MOVED_PX:
-            return confidence
-        agrees = self.memory.excluded.moving_fraction < MAX_MOVING and self.covers_doubt
-        return confidence.after_one_motion(agrees=agrees, unusual=self.unexplained_cells if self.is_unusual else None)
-
-    def confidence_after(self, effect: Effect) -> Confidence:
-        """Return the confidence in the ground's motion after the pair, given the effect of the pair's case."""
-        if effect.leaves_doubt:
-            return self.memory.confidence.after_doubt(self.unexplained_cells)
-        return self.confidence_after_one_motion if effect.confirms else self.memory.confidence
+    def main_motion(self) -> MainMotion:
+        """What the memory learns from the main motion."""
+        explained = self.explained
+        return MainMotion(
+            moves_image=explained.motion_px > MOVED_PX,
+            unexplained_fraction=explained.unexplained_fraction,
+            unexplained_cells=self.tools.cells(explained.cell_index[explained.unexplained]),
+            inlier_cells=self.tools.cells(explained.cell_index[self.main.inliers]),
+        )
 
     @property
     def stays_in_doubt(self) -> bool:
         """Whether the ground stays in doubt after the pair if the main motion is the only one."""
-        return self.confidence_after_one_motion.phase is Phase.IN_DOUBT
-
-    @property
-    def covers_doubt(self) -> bool:
-        """Whether inliers are in or beside at least half of the cells that were unexplained in earlier pairs."""
-        unexplained = self.memory.confidence.unexplained
-        if unexplained is None:
-            return True
-        covered = self.tools.cells(self.explained.cell_index[self.main.inliers]).astype(np.uint8)
-        beside = cv2.dilate(covered, np.ones((3, 3), np.uint8)) > 0
-        return bool((beside & unexplained).sum() >= MIN_COVERED * unexplained.sum())
+        return self.memory.confidence_after_one_motion(self.main_motion).phase is Phase.IN_DOUBT
 
     # ---- partial transfers
 
@@ -358,7 +329,7 @@ class Evidence:
         if self.other_wins and self.other is not None:
             other_ratio = self.other.inlier_count / len(self.other.inliers)
             explained_fraction = self.explained.unexplained_fraction * other_ratio
-        return explained_fraction >= 1.0 - MAX_UNEXPLAINED
+        return explained_fraction >= 1.0 - NEARLY_HALF
 
     @property
     def follows_other(self) -> Mask:

@@ -30,6 +30,9 @@ from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import NamedTuple
 
+import cv2
+import numpy as np
+
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.localisation.excluded_cells import ExcludedCells
@@ -52,19 +55,20 @@ MAX_TRANSFERS = 10
 """Maximum number of consecutive pairs that count as partially transferred. Chosen by hand: such faults are short, and
 a longer sequence has another cause. If larger, an object that covers much of the image prevents keyframes for longer.
 If smaller, a longer fault counts as two motions."""
-MIN_UNEXPLAINED = 0.12
+MIN_EXCESS = 0.12
 """Minimum excess of the fraction of unexplained landmarks over the typical fraction for an unusual motion. Chosen by
 hand. If larger, small objects and stale parts bias the pose without a report. If smaller, clean pairs with many
 outliers are degraded."""
-AFTER_TRANSFER = 0.5  #: Factor on `MIN_UNEXPLAINED` after a partial transfer: the next pair may be affected, too.
+AFTER_TRANSFER = 0.5  #: Factor on `MIN_EXCESS` after a partial transfer: the next pair may be affected, too.
 MOSTLY_STALE = 0.5  #: Fraction of stale rows from which all rows of the next images may be stale.
-MAX_MOVING = MIN_UNEXPLAINED
-"""A pair with at least this fraction of cells excluded as moving does not confirm the ground's motion. It is equal to
-`MIN_UNEXPLAINED`, because landmarks of these cells would be unexplained. If larger, doubt ends while a large object is
+MAX_DYNAMIC = MIN_EXCESS
+"""A pair with at least this fraction of cells excluded as dynamic does not confirm the ground's motion. It is equal to
+`MIN_EXCESS`, because landmarks of these cells would be unexplained. If larger, doubt ends while a large object is
 in view. If smaller, doubt lasts while a small object is in view."""
-MAX_UNEXPLAINED = 0.47
+NEARLY_HALF = 0.47
 """Fraction of unexplained landmarks from which a motion is always unusual. Chosen by hand, slightly below the half from
 which the majority does not follow the motion. If smaller, pairs with large objects are ambiguous more often."""
+MIN_COVERED = 0.5  #: Minimum fraction of the cells in doubt that inliers must cover: the majority.
 TYPICAL_FACTOR = 1.25
 """Factor on the typical fraction of unexplained landmarks, because the scatter of the fraction grows with its value.
 Chosen by hand. If larger, fewer faults are reported on drives with many outliers. If smaller, clean pairs of such
@@ -104,21 +108,6 @@ class Confidence:
             return replace(self, agreed_pairs=agreed_pairs)
         return Confidence(Phase.KNOWN) if self.phase is Phase.LEARNING else Confidence()
 
-    def after_one_motion(self, *, agrees: bool, unusual: Mask | None) -> Confidence:
-        """Return the confidence after a moving pair with one motion.
-
-        Args:
-            agrees: Whether the pair confirms the motion.
-            unusual: `(R, C)` cells of the unexplained landmarks if there are more than usual; None otherwise.
-        """
-        if self.phase is Phase.KNOWN:
-            return self
-        if agrees:
-            return self.after_agreement()
-        if self.phase is Phase.IN_DOUBT and unusual is not None:
-            return self.after_doubt(unusual)
-        return self.after_interruption()
-
     def after_interruption(self) -> Confidence:
         """Return the confidence after a pair that agreed only partly, or in a new window.
 
@@ -140,6 +129,22 @@ class Confidence:
             cells = self.unexplained | cells
         required_pairs = AGREEING_PAIRS if is_short else LONG_DOUBT_PAIRS
         return Confidence(Phase.IN_DOUBT, 0, required_pairs, cells)
+
+    def is_covered_by(self, inliers: Mask) -> bool:
+        """Return whether inlier cells `(R, C)` are in or beside at least half of the unexplained cells."""
+        if self.unexplained is None:
+            return True
+        beside = cv2.dilate(inliers.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        return bool((beside & self.unexplained).sum() >= MIN_COVERED * self.unexplained.sum())
+
+
+class MainMotion(NamedTuple):
+    """What the memory learns from the main motion of a pair."""
+
+    moves_image: bool  #: Whether this motion moves the image.
+    unexplained_fraction: float  #: Fraction of the landmarks that do not follow this motion.
+    unexplained_cells: Mask  #: `(R, C)` cells of these landmarks.
+    inlier_cells: Mask  #: `(R, C)` cells of the landmarks that follow this motion.
 
 
 class Effect(NamedTuple):
@@ -169,8 +174,8 @@ class EarlierImage(NamedTuple):
 
     image: FloatImage  #: Pyramid level `LEVEL` of a left image.
     pose: Pose  #: Pose of the left camera at that image.
-    #: Number of pairs that were compared with the image and changed the memory. A refused pair that did not change the
-    #: memory is not counted, so that fewer landmarks count as unexplained in the next pair (`ComparedPair.far_px`).
+    #: Number of pairs that were compared with the image. A refused pair from which the memory does not learn is not
+    #: counted. The image motion from which outliers are ignored is proportional to the age (`ground_motion.FAR_RATIO`).
     age: int = 0
 
 
@@ -186,7 +191,9 @@ class GroundMemory:
     confidence: Confidence = Confidence()
     transfers: int = 0  #: Number of consecutive partially transferred pairs.
     recovering_pairs: int = 0  #: Number of further moving pairs that stay degraded (`Finding.RECOVERING`).
-    typical: float | None = None  #: Typical fraction of unexplained landmarks; None before the first pair.
+    typical: float | None = (
+        None  #: Typical fraction of unexplained landmarks; None until a pair of the window confirms.
+    )
 
     @classmethod
     def none(cls, shape: tuple[int, int]) -> GroundMemory:
@@ -201,40 +208,66 @@ class GroundMemory:
     def after(
         self,
         effect: Effect,
+        main: MainMotion,
         *,
         excluded: ExcludedCells,
         earlier: EarlierImage,
         image: FloatImage,
-        confidence: Confidence,
-        unexplained_fraction: float,
         is_moving: bool,
     ) -> GroundMemory:
         """Return the memory after a pair.
 
         Args:
             effect: Effect of the pair's case.
+            main: What the main motion explains.
             excluded: Cells excluded from this pair on, also in a keyframe that the pair becomes.
             earlier: Image that the pair was compared with.
             image: Pyramid level `MIXTURE_LEVEL` of the pair's left image.
-            confidence: Confidence in the ground's motion after the pair.
-            unexplained_fraction: Fraction of the landmarks that do not follow the main motion.
-            is_moving: Whether the pose is trusted and the image moved.
+            is_moving: Whether the pose of the selected tracks is trusted and the image moved.
         """
         transfers = self.transfers + 1 if effect.is_transfer else 0
         return GroundMemory(
             excluded=excluded,
             earlier=earlier,
             previous=image,
-            confidence=confidence,
+            confidence=self.confidence_after(effect, main),
             transfers=transfers,
             recovering_pairs=self.recovering_after(effect, transfers, is_moving=is_moving),
-            typical=self.typical_after(unexplained_fraction) if effect.confirms else self.typical,
+            typical=self.typical_after(main.unexplained_fraction) if effect.confirms else self.typical,
         )
+
+    def if_refused(self, after: GroundMemory, effect: Effect) -> GroundMemory:
+        """Return the memory after a pair whose pose is refused, given the memory after the pair if it is accepted.
+
+        The previous image remains that at the last known pose.
+        """
+        return replace(after, previous=self.previous) if effect.outlasts_refusal else self
+
+    def confidence_after(self, effect: Effect, main: MainMotion) -> Confidence:
+        """Return the confidence in the ground's motion after a pair."""
+        if effect.leaves_doubt:
+            return self.confidence.after_doubt(main.unexplained_cells)
+        return self.confidence_after_one_motion(main) if effect.confirms else self.confidence
+
+    def confidence_after_one_motion(self, main: MainMotion) -> Confidence:
+        """Return the confidence after a pair in which the main motion is the only one.
+
+        The pair agrees if few cells are excluded as dynamic, and if inliers cover the cells that were unexplained
+        before. A stationary image changes nothing.
+        """
+        confidence = self.confidence
+        if confidence.phase is Phase.KNOWN or not main.moves_image:
+            return confidence
+        if self.excluded.dynamic_fraction < MAX_DYNAMIC and confidence.is_covered_by(main.inlier_cells):
+            return confidence.after_agreement()
+        if confidence.phase is Phase.IN_DOUBT and not self.is_usual(main.unexplained_fraction):
+            return confidence.after_doubt(main.unexplained_cells)
+        return confidence.after_interruption()
 
     def is_usual(self, unexplained: float) -> bool:
         """Return whether a fraction of unexplained landmarks is usual for the ground."""
-        margin = AFTER_TRANSFER * MIN_UNEXPLAINED if self.transfers else MIN_UNEXPLAINED
-        return unexplained < min(margin + TYPICAL_FACTOR * (self.typical or 0.0), MAX_UNEXPLAINED)
+        margin = AFTER_TRANSFER * MIN_EXCESS if self.transfers else MIN_EXCESS
+        return unexplained < min(margin + TYPICAL_FACTOR * (self.typical or 0.0), NEARLY_HALF)
 
     def typical_after(self, unexplained: float) -> float | None:
         """Return the typical fraction of unexplained landmarks after a pair with one motion.

@@ -8,9 +8,12 @@ motions, the pose is ambiguous.
 
 | term | meaning |
 |---|---|
+| partial transfer | image whose rows belong to two exposures (`stale_images`) |
+| double exposure | image in which two exposures are blended (`frontend/double_exposure`) |
+| moving pair | pair with a trusted pose, whose image moved |
 | stationary cell | textured cell whose content did not move since the earlier image (`frontend/cell_change`) |
 | fixed cell | stationary cell for which a pose predicts image motion, and therefore fixed to the camera |
-| moving cell | cell of landmarks that move differently from the ground |
+| dynamic cell | cell of landmarks that move differently from the ground |
 | own body | what stationary cells show if the landmarks outside these cells agree on a motion |
 | main motion | motion of the given tracks, which may be any motion, trusted or not |
 | unexplained landmark | outlier of a motion, in view and outside fixed cells |
@@ -27,6 +30,32 @@ motions, the pose is ambiguous.
 2. Determine the case (`ground_cases.case_of`) and its effect (`ground_cases.EFFECTS`).
 3. Select the tracks that follow the ground, and the landmarks and cells to exclude, by the case (`_selection`).
 4. Return the findings (`ground_cases.findings_of`) and the memory for the next pair (`GroundMemory.after`).
+
+In the following examples the rover moves in each pair.
+
+An object with a quarter of the landmarks enters the view while the ground is known:
+
+| pair | shows | case | finding | memory after the pair |
+|---|---|---|---|---|
+| 1 | two motions | `TWO_MOTIONS` | none | cells of the object are excluded for seven pairs; the ground stays known |
+| 2 | one motion; no landmark is left on the object | `ONE_MOTION` | none | unchanged |
+
+The same object enters the view before the ground is known:
+
+| pair | shows | case | finding | memory after the pair |
+|---|---|---|---|---|
+| 1 | two motions | `AMBIGUOUS` | `AMBIGUOUS` | in doubt; ten agreeing pairs are required; recovery takes three pairs |
+| 2 to 10 | one motion, also where the object was | `STILL_IN_DOUBT` | `GROUND_IN_DOUBT` | one to nine pairs agreed |
+| 11 | one motion | `ONE_MOTION` | `RECOVERING` | learning; recovery takes two more pairs |
+| 12 | one motion | `ONE_MOTION` | `RECOVERING` | one pair agreed; recovery takes one more pair |
+| 13 | one motion | `ONE_MOTION` | none | two pairs agreed; the next one makes the ground known |
+
+The lower half of one image repeats the previous image, with new noise, while the ground is known:
+
+| pair | shows | case | finding | memory after the pair |
+|---|---|---|---|---|
+| 1 | two motions, one of them a standstill | `PARTIAL_TRANSFER` | `PARTIAL_TRANSFER` | one transfer |
+| 2 | one motion; half the usual excess would be unusual | `ONE_MOTION` | none | no transfer |
 """
 
 from __future__ import annotations
@@ -45,7 +74,7 @@ from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracks
 from sfr_loc_map.localisation.ground_cases import EFFECTS, Case, case_of, findings_of
 from sfr_loc_map.localisation.ground_evidence import CLEAR_RATIO, ComparedPair, Evidence, MotionTools
-from sfr_loc_map.localisation.ground_memory import MIN_UNEXPLAINED, EarlierImage, GroundMemory
+from sfr_loc_map.localisation.ground_memory import MIN_EXCESS, EarlierImage, GroundMemory
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 from sfr_loc_map.localisation.parallel import Pending, beside
@@ -71,7 +100,7 @@ class Selection(NamedTuple):
     is_main: bool = True  #: Whether the tracks follow the main motion.
     not_ground: NDArray[np.intp] = NO_ROWS  #: `(N,)` window rows of the landmarks that do not move with the ground.
     fixed: Mask | None = None  #: `(R, C)` cells that are fixed to the camera.
-    moving: Mask | None = None  #: `(R, C)` cells that move differently from the ground.
+    dynamic: Mask | None = None  #: `(R, C)` cells that move differently from the ground.
     other_distance: MotionSize = MotionSize(0.0, 0.0)  #: Distance to the pose of the other motion.
 
     @property
@@ -87,25 +116,15 @@ class Ground(NamedTuple):
     findings: Findings
     not_ground: NDArray[np.intp]  #: `(N,)` window rows of the landmarks that do not move with the ground.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
-    before: GroundMemory  #: Memory before the pair.
-    after: GroundMemory  #: Memory after the pair if its pose is accepted.
-    earlier: EarlierImage | None = None  #: Image that the next pair is compared with, if this pair may be a keyframe.
-    outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
+    memory_if_refused: GroundMemory  #: Memory after the pair if its pose is refused.
+    memory_if_accepted: GroundMemory  #: Memory if the pose is accepted, but later pairs are not compared with the pair.
+    memory_if_reference: GroundMemory  #: Memory if the pose is accepted, and later pairs may be compared with the pair.
 
     @classmethod
     def unselected(cls, tracks: Tracks, memory: GroundMemory) -> Ground:
         """Return all tracks as those of the ground, without a comparison with earlier pairs."""
-        return cls(tracks, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), memory, replace(memory, previous=None))
-
-    def memory_if_accepted(self, *, can_be_reference: bool) -> GroundMemory:
-        """Return the memory if the pose is accepted. Only a possible reference replaces the earlier image."""
-        if self.earlier is None or not can_be_reference:
-            return self.after
-        return replace(self.after, earlier=self.earlier)
-
-    def memory_if_refused(self) -> GroundMemory:
-        """Return the memory if the pose is refused; `previous` remains the image at the last known pose."""
-        return replace(self.after, previous=self.before.previous) if self.outlasts_refusal else self.before
+        after = replace(memory, previous=None)
+        return cls(tracks, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), memory, after, after)
 
 
 class GroundSelector:
@@ -141,35 +160,34 @@ class GroundSelector:
         findings = findings_of(case, memory, is_trusted=is_trusted, is_moving=selection.is_moving)
         excluded = memory.excluded.after_selection(
             selection.fixed,
-            selection.moving,
+            selection.dynamic,
             change.stationary,
             self._tools.shape,
             has_excluded=len(selection.not_ground) > 0,
         )
         after = memory.after(
             effect,
+            evidence.main_motion,
             excluded=excluded,
             earlier=earlier,
             image=frame.left[MIXTURE_LEVEL].image,
-            confidence=evidence.confidence_after(effect),
-            unexplained_fraction=evidence.explained.unexplained_fraction,
             is_moving=selection.is_moving,
         )
+        next_earlier = earlier if effect.is_transfer else self._earlier_after(pair, selection, earlier)
         return Ground(
             tracks=selection.tracks,
             findings=findings,
             not_ground=selection.not_ground,
             other_distance=selection.other_distance,
-            before=memory,
-            after=after,
-            earlier=earlier if effect.is_transfer else self._earlier_after(pair, selection, earlier),
-            outlasts_refusal=effect.outlasts_refusal,
+            memory_if_refused=memory.if_refused(after, effect),
+            memory_if_accepted=after,
+            memory_if_reference=replace(after, earlier=next_earlier),
         )
 
     def _evidence(self, pair: ComparedPair, main: Tracks, memory: GroundMemory) -> Evidence:
         """Return the evidence. If many landmarks are unexplained, all are tracked again from the main pose."""
         explained = self._tools.explained(pair, main)
-        if main.is_trusted and explained.unexplained_fraction > MIN_UNEXPLAINED:
+        if main.is_trusted and explained.unexplained_fraction > MIN_EXCESS:
             again = self._tools.refined(pair, main.landmarks, main.pose)
             if again.inlier_count > CLEAR_RATIO * main.inlier_count:
                 main = again
@@ -227,10 +245,10 @@ class GroundSelector:
         """Select the main motion, and exclude what follows the other motion or is fixed to the camera."""
         other = _present(evidence.other)
         fixed = evidence.explained.fixed_cells
-        moving = self._tools.cells(self._tools.explained(evidence.pair, other).cell_index[other.inliers])
+        dynamic = self._tools.cells(self._tools.explained(evidence.pair, other).cell_index[other.inliers])
         not_ground = evidence.main.landmarks.rows[evidence.follows_other | evidence.explained.on_fixed]
         motion_px = evidence.explained.motion_px
-        return Selection(evidence.main, motion_px, not_ground=not_ground, fixed=fixed, moving=moving & ~fixed)
+        return Selection(evidence.main, motion_px, not_ground=not_ground, fixed=fixed, dynamic=dynamic & ~fixed)
 
     def _tracked_again(self, evidence: Evidence, other: Tracks, excluded: Mask, fixed: Mask) -> Selection:
         """Select another motion: track the main tracks' landmarks again from its pose, without some of them.

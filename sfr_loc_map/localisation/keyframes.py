@@ -67,7 +67,7 @@ class KeyframeJob(NamedTuple):
     tracks: Tracks
     window: SlidingWindow  #: The window without this keyframe.
     calibration: OnlineCalibration  #: The calibration before this keyframe.
-    dynamic_mask: ImageMask | None  #: 0 where the image does not move with the ground; None if it does everywhere.
+    ground_mask: ImageMask | None  #: 0 where the image does not move with the ground; None if nothing is excluded.
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,14 +96,14 @@ class KeyframeMaker:
         by_size = (1 + self._is_large) * max(pixels / MEGAPIXEL, 1.0) ** GROWTH
         self._max_corners = round(config.max_features * by_size)
 
-    def masks(self, dynamic_mask: ImageMask | None) -> tuple[ImageMask | None, ImageMask | None]:
+    def masks(self, ground_mask: ImageMask | None) -> tuple[ImageMask | None, ImageMask | None]:
         """Return the masks of the left and the right image; None if nothing is masked."""
         left = self._left_mask
         if left is None:
-            return dynamic_mask, self._right_mask
-        if dynamic_mask is None:
+            return ground_mask, self._right_mask
+        if ground_mask is None:
             return left, self._right_mask
-        return np.minimum(left, dynamic_mask), self._right_mask
+        return np.minimum(left, ground_mask), self._right_mask
 
     def is_needed(self, tracks: Tracks, landmark_map: LandmarkMap) -> bool:
         """Return whether few landmarks of the last keyframe are tracked, or the landmarks moved far in the image."""
@@ -117,7 +117,7 @@ class KeyframeMaker:
         return len(flow) > 0 and median(flow) > KEYFRAME_FLOW * self._rig.width
 
     def begin(
-        self, frame: StereoFrame, pose: Pose, calibration: OnlineCalibration, dynamic_mask: ImageMask | None
+        self, frame: StereoFrame, pose: Pose, calibration: OnlineCalibration, ground_mask: ImageMask | None
     ) -> KeyframeResult:
         """Begin a window with a pair at a pose.
 
@@ -127,7 +127,7 @@ class KeyframeMaker:
         empty = SlidingWindow.empty(self._camera, self._config.window_keyframes)
         nothing_observed = StereoObservations(np.zeros((0, 4)), np.zeros((0, 2, 3)))
         window = empty.with_keyframe(pose, np.zeros(0, np.intp), nothing_observed)
-        window, calibration = self._with_landmarks(window, frame, calibration.after_restart(), dynamic_mask)
+        window, calibration = self._with_landmarks(window, frame, calibration.after_restart(), ground_mask)
         window = window.adjusted(ADJUSTMENT_ITERATIONS)
         seconds = time.perf_counter() - start
         return KeyframeResult(LandmarkMap.prepared(window), calibration, has_yaw_step=False, seconds=seconds)
@@ -144,17 +144,17 @@ class KeyframeMaker:
         calibration, yaw_step_px = job.calibration.with_window(window.right_offset)
         if yaw_step_px != 0.0:
             window = window.with_right_shift(yaw_step_px)
-        window, calibration = self._with_landmarks(window, job.frame, calibration, job.dynamic_mask)
+        window, calibration = self._with_landmarks(window, job.frame, calibration, job.ground_mask)
         window = window.adjusted(ADJUSTMENT_ITERATIONS)
         landmark_map = LandmarkMap.prepared(window)
         return KeyframeResult(landmark_map, calibration, yaw_step_px != 0.0, time.perf_counter() - start)
 
     def _with_landmarks(
-        self, window: SlidingWindow, frame: StereoFrame, calibration: OnlineCalibration, dynamic_mask: ImageMask | None
+        self, window: SlidingWindow, frame: StereoFrame, calibration: OnlineCalibration, ground_mask: ImageMask | None
     ) -> tuple[SlidingWindow, OnlineCalibration]:
         """Detect corners away from landmarks observed in the newest keyframe, and add those that match in stereo."""
         known = _observed_in_newest(window)
-        mask, right_mask = self.masks(dynamic_mask)
+        mask, right_mask = self.masks(ground_mask)
         corners = find_corners(frame.left[0].image, known[:, :2].copy(), self._max_corners, BORDER, mask)
         if not len(corners):
             return window, calibration

@@ -257,7 +257,7 @@ class Localiser:
         tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
         # 5 select the ground's motion
         ground = self._select_ground(frame, tracks, prediction, state, images, change.result())
-        state = replace(state, ground_memory=ground.memory_if_refused())  # replaced in `_accept`
+        state = replace(state, ground_memory=ground.memory_if_refused)  # replaced in `_accept`
         findings |= ground.findings
         verdict = decide(findings | guards.check_tracks(frame, ground.tracks))
         if verdict.refuses:
@@ -400,7 +400,7 @@ class Localiser:
             landmark_map=landmark_map,
             calibration=corrected.calibration,
             shear_mean=corrected.shear_mean,
-            ground_memory=ground.memory_if_accepted(can_be_reference=verdict.can_be_reference),
+            ground_memory=ground.memory_if_reference if verdict.can_be_reference else ground.memory_if_accepted,
             recovery=recovery,
             failed_recoveries=0,
             keyframes=state.keyframes + int(final.is_keyframe),

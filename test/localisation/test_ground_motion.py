@@ -28,7 +28,8 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.localisation.ground_cases import CASES, EFFECTS, Case
+from sfr_loc_map.localisation.findings import Finding
+from sfr_loc_map.localisation.ground_cases import CASES, EFFECTS, Case, findings_of
 from sfr_loc_map.localisation.ground_evidence import OLD_WEIGHT, Evidence
 from sfr_loc_map.localisation.ground_memory import (
     AGREEING_PAIRS,
@@ -37,15 +38,21 @@ from sfr_loc_map.localisation.ground_memory import (
     Confidence,
     EarlierImage,
     GroundMemory,
+    MainMotion,
     Phase,
 )
-from sfr_loc_map.localisation.ground_motion import NO_ROWS, Ground
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.localisation.motion_size import MotionSize
 
 SAMPLE, PAIRS = ROOT / "sample" / "sample.mcap", 14
 
 DRIVE = drive(30)
+
+EXPLAINED = MainMotion(
+    moves_image=True,
+    unexplained_fraction=0.0,
+    unexplained_cells=np.zeros((2, 2), np.bool_),
+    inlier_cells=np.ones((2, 2), np.bool_),
+)
 
 
 def with_fault(fault: str) -> list[PoseEstimate]:
@@ -87,25 +94,45 @@ def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
         excluded=memory.excluded,
         earlier=EarlierImage(image, Pose(np.eye(3), np.zeros(3))),
         image=image,
-        confidence=Confidence(),
-        unexplained_fraction=0.0,
         is_moving=True,
     )
     for _ in range(MAX_TRANSFERS):
         assert Evidence(None, None, None, None, memory).may_be_transfer  # type: ignore[arg-type]
-        memory = after(memory, EFFECTS[Case.PARTIAL_TRANSFER])
+        memory = after(memory, EFFECTS[Case.PARTIAL_TRANSFER], EXPLAINED)
     assert not Evidence(None, None, None, None, memory).may_be_transfer  # type: ignore[arg-type]
-    assert after(memory, EFFECTS[Case.TWO_MOTIONS]).transfers == 0
+    assert after(memory, EFFECTS[Case.TWO_MOTIONS], EXPLAINED).transfers == 0
 
 
 def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> None:
     before = replace(GroundMemory.none((32, 32)), previous=np.zeros((16, 16), np.float32))
     after = replace(before, previous=np.ones((16, 16), np.float32), transfers=2)
-    ground = Ground(None, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), before, after)  # type: ignore[arg-type]
-    assert ground.memory_if_refused() is before
-    learnt = ground._replace(outlasts_refusal=True).memory_if_refused()
+    assert before.if_refused(after, EFFECTS[Case.ONE_MOTION]) is before
+    learnt = before.if_refused(after, EFFECTS[Case.CONTRADICTED])
     assert learnt.previous is before.previous
     assert learnt.transfers == 2
+
+
+def test_a_second_motion_before_the_ground_is_known_degrades_twelve_pairs() -> None:
+    """The example in the docstring of `ground_motion`: ten pairs of doubt and recovery follow, then clean pairs."""
+    memory = GroundMemory.none((32, 32))
+    image = np.zeros((16, 16), np.float32)
+    earlier = EarlierImage(image, Pose(np.eye(3), np.zeros(3)))
+    found = []
+    case = Case.AMBIGUOUS
+    for _ in range(14):
+        found.append((case, findings_of(case, memory, is_trusted=True, is_moving=True)))
+        memory = memory.after(
+            EFFECTS[case], EXPLAINED, excluded=memory.excluded, earlier=earlier, image=image, is_moving=True
+        )
+        is_in_doubt = memory.confidence_after_one_motion(EXPLAINED).phase is Phase.IN_DOUBT
+        case = Case.STILL_IN_DOUBT if is_in_doubt else Case.ONE_MOTION
+    assert found == [
+        (Case.AMBIGUOUS, frozenset({Finding.AMBIGUOUS})),
+        *[(Case.STILL_IN_DOUBT, frozenset({Finding.GROUND_IN_DOUBT}))] * 9,
+        *[(Case.ONE_MOTION, frozenset({Finding.RECOVERING}))] * 2,
+        *[(Case.ONE_MOTION, frozenset())] * 2,
+    ]
+    assert memory.confidence.phase is Phase.KNOWN
 
 
 def after_agreements(confidence: Confidence, pairs: int) -> Phase:
