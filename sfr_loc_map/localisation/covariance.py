@@ -13,7 +13,7 @@ The results and the letters of the formulas are these values of the code. All ot
 | C | pose given the landmarks | `given_landmarks`, the inverse of `Tracks.information` |
 | W | newest keyframe in its window | `SlidingWindow.covariance` |
 | W + C | pose in its window | `PathErrors.in_window` |
-| O | W + C of the past pose to which an external pose applies | `Origin.in_window` |
+| O | W + C of the past pose to which an external pose applies | `Origin.past_in_window` |
 | A | directed errors | `PathErrors.directed_covariance` |
 | B | position error per pixel of disparity | `PathErrors.bias_since_origin.total` |
 | U | position error of the path before the correction of the yaw | `uncorrected` in `pose_covariance` |
@@ -41,8 +41,10 @@ the right camera's yaw, the yaw to be corrected, and the part of this yaw that i
 - A: directed errors, which add up along the path (ambiguous motions, bending of the path by the lens), propagated to
   the present position.
 - blur: standard deviation blur_px / f, rad, about each axis, and this angle times Z in position (`blur_of`).
-- B: position error per pixel of a constant disparity error, accumulated along the path, m/px. U: position error of the
-  path that was travelled before the yaw was corrected, m.
+- B: position error per pixel of a constant disparity error, m/px: the sum of displacement Z / (f b) over the steps
+  since the origin.
+- U: position error of the path that was travelled before the yaw was corrected, m: the sum of (yaw_target - yaw
+  corrected at the step) displacement Z / (f b).
 - attitude: (bent_attitude_ratio hypot(yaw_sigma, yaw_target))^2 + (followed_attitude_ratio d)^2, divided by f^2. d is
   the sum of the absolute drifts of the right camera that were followed, px (`followed_px`).
 - unobserved (`PathErrors.unobserved`): M of two motions. The motion to the last accepted pose counts as unobserved if
@@ -92,10 +94,9 @@ which are the last ones, but at least the configured ones.
 Each angle is at most `MAX_ANGLE_RAD`.
 
 A new error source requires a field of `ErrorSources` and a term in one of these formulas. An error that accumulates
-along the path also requires a field of `path_errors.PathErrors`, which only the methods of that class change:
-`with_pose` or `with_directed` adds to the field, `placed` and `rebased` reset it, and `restarted` decides how much of
-it a new window inherits. A further field of `history.PastPose` lets `rebased` subtract the error that arose before
-a past pose.
+along the path also requires a field of `path_errors.PathErrors`, which only the methods of that class change. The table
+of that class shows what each event does to each field. A further field of `history.PastPose` lets `rebased` subtract
+the error that arose before a past pose.
 
 Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is that of position and rotation about fixed axes, for the
 left camera in the world unless stated otherwise.
@@ -113,11 +114,12 @@ from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import KeyframeMotion
-from sfr_loc_map.localisation.error_sources import ErrorSources, RoverModel
+from sfr_loc_map.localisation.error_sources import ErrorSources
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
 from sfr_loc_map.localisation.path_errors import ZERO, DirectedError, PathErrors
-from sfr_loc_map.localisation.symmetric_matrices import positive_part, symmetric
+from sfr_loc_map.localisation.rover_model import RoverModel
+from sfr_loc_map.localisation.symmetric_matrices import symmetric
 
 MAX_ANGLE_RAD = np.pi / np.sqrt(3.0)  #: Standard deviation of an unknown angle (uniform over a turn), rad.
 EXPECTED_CHI_MEDIAN = 0.839  #: Median of chi-square with four degrees of freedom, divided by four.
@@ -146,7 +148,7 @@ def pose_covariance(
     attitude_px = np.hypot(bent_px, sources.followed_attitude_ratio * calibration.followed_px)
     attitude = np.zeros((6, 6))
     attitude[3:, 3:] = np.eye(3) * (attitude_px / model.fx) ** 2
-    drift = start_and_drift(errors, position, model)
+    drift = errors.since_origin(position, sources.adjustment_inflation)
     directed = errors.directed_covariance.at(position)
     return np.asarray(drift + directed + blur + disparity + attitude + errors.unobserved)
 
@@ -155,25 +157,6 @@ def blur_of(depth_m: float, model: RoverModel) -> MotionSize:
     """Return the standard deviations of a pose that an error of the whole image causes, for a median depth."""
     blur_rad = model.sources.blur_px / model.fx
     return MotionSize(blur_rad * depth_m, blur_rad)
-
-
-def start_and_drift(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
-    """Return the sum of the terms start and `adjustment_inflation D` of the pose covariance P."""
-    drift = errors.in_window
-    origin = errors.origin
-    if origin.in_window is not None:
-        drift = positive_part(drift - origin.in_window.at(position))
-    return np.asarray(drift * model.sources.adjustment_inflation + origin.start.at(position))
-
-
-def accumulated_covariance(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
-    """Return the covariance that windows, and the motions between windows, added since the map was placed.
-
-    External poses with earlier stamps do not reset this covariance. The difference of two such covariances is therefore
-    the uncertainty that arose between the two poses.
-    """
-    drift = errors.in_window * model.sources.adjustment_inflation
-    return np.asarray(errors.before_window.at(position) + drift)
 
 
 def lens_turn_per_m(calibration: OnlineCalibration, model: RoverModel) -> float:

@@ -1,4 +1,4 @@
-"""The named error sources of the localiser, and the other constants of a run.
+"""The named error sources of the localiser.
 
 The formulas that use the error sources are in `covariance`. The values in the table enter the covariances, too. They
 are defined where they are used, because the estimates also depend on them.
@@ -15,12 +15,6 @@ are defined where they are used, because the estimates also depend on them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.transform import Transform, propagated_covariance
-from sfr_loc_map.localisation.config import MotionBounds
-from sfr_loc_map.localisation.symmetric_matrices import symmetric
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,38 +66,3 @@ class ErrorSources:
     """M. Ratio of vertical to horizontal speed in an unobserved motion: slopes of 17 deg."""
     tilt_ratio: float = 0.2
     """M. Ratio of roll and pitch rate to turn rate in an unobserved motion."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RoverModel:
-    """Constants of a run: extrinsics and geometry of the left camera, motion bounds and error sources."""
-
-    T_rb_left: Transform  #: Takes points in the left camera to RB.
-    T_left_rb: Transform  #: Takes points in RB to the left camera.
-    fx: float  #: Focal length, px.
-    focal_baseline: float  #: Focal length times baseline, px m.
-    keyframe_rad: float  #: Optical flow that triggers a keyframe, rad.
-    bounds: MotionBounds
-    sources: ErrorSources = ErrorSources()
-
-    @classmethod
-    def of(cls, rig: StereoRig, bounds: MotionBounds, keyframe_flow: float) -> RoverModel:
-        """Return the model of a rig; GeometryError if the extrinsics are unknown.
-
-        The flow that triggers a keyframe is a fraction of the image width.
-        """
-        return cls(
-            T_rb_left=rig.T_rb_left,
-            T_left_rb=rig.T_rb_left.inverse(),
-            fx=rig.fx,
-            focal_baseline=rig.fx * rig.baseline_m,
-            keyframe_rad=keyframe_flow * rig.width / rig.fx,
-            bounds=bounds,
-        )
-
-    def covariance_of_left(
-        self, covariance: FloatArray, *, R_world_frame: FloatArray, R_world_left: FloatArray
-    ) -> FloatArray:
-        """Return the covariance of the left camera in the world from that of RB in another frame."""
-        lever = R_world_left @ self.T_rb_left.rotation.T @ self.T_rb_left.translation
-        return symmetric(propagated_covariance(covariance, lever, R_world_frame))

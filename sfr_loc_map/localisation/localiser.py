@@ -81,7 +81,6 @@ from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibratio
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.covariance import pose_covariance
-from sfr_loc_map.localisation.error_sources import RoverModel
 from sfr_loc_map.localisation.estimate import (
     PoseEstimate,
     StartPose,
@@ -103,6 +102,7 @@ from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.pair_statistics import accepted_statistics, displayed, residual_statistics
 from sfr_loc_map.localisation.parallel import BACKGROUND
 from sfr_loc_map.localisation.relocalisation import RESTART_AFTER, RecoveryImages, Relocaliser
+from sfr_loc_map.localisation.rover_model import RoverModel
 from sfr_loc_map.localisation.stage_clock import StageClock
 from sfr_loc_map.localisation.stale_images import ImageComparison
 from sfr_loc_map.localisation.state import Outcome, State

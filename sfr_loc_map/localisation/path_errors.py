@@ -14,6 +14,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.localisation.motion_size import MotionSize
+from sfr_loc_map.localisation.symmetric_matrices import positive_part
 
 ZERO = np.zeros((6, 6))  #: No uncertainty; read only.
 
@@ -32,8 +33,8 @@ class LocatedCovariance(NamedTuple):
 class DisparityBias(NamedTuple):
     """Position errors `(3,)` that disparity errors cause, integrated along the path."""
 
-    total: FloatArray  #: Position error per pixel of a constant disparity error, m/px.
-    corrected: FloatArray  #: Position change that the yaw correction at each step causes, m.
+    total: FloatArray  #: Sum over the steps of the position error per pixel of a constant disparity error, m/px.
+    corrected: FloatArray  #: Sum over the steps of this error times the yaw correction at the step, m.
 
 
 class DirectedError(MotionSize):
@@ -52,8 +53,9 @@ class Origin(NamedTuple):
     """The pose from which the covariance counts: start of the run or of the window, or an external pose."""
 
     start: LocatedCovariance  #: Covariance of the origin.
-    #: Covariance of the origin within the window; None if the drift counts from the start of the window.
-    in_window: LocatedCovariance | None = None
+    #: O: `in_window` of the past pose to which an external pose of this window applies; None if the drift counts from
+    #: the start of the window.
+    past_in_window: LocatedCovariance | None = None
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the origin.
 
 
@@ -61,14 +63,24 @@ class Origin(NamedTuple):
 class PathErrors:
     """Components of the covariance of the present pose, accumulated since its origin.
 
-    Two components come from unobserved motions. Their pose is the last accepted pose:
+    The table shows how each event changes each component: `=` sets the component, `+` adds to the component, `0` sets
+    the component to zero. M is the covariance of an unobserved motion, and D the drift within a window.
 
-    | event | `unobserved_to_pose` | `unobserved_since_pose` |
-    |---|---|---|
-    | accepted pair | becomes the inflation that the findings of the pair require | becomes zero |
-    | kept pair | is unchanged, because the pose is the same | is the motion since the accepted pose |
-    | adjustment of a keyframe | is unchanged, because its images may be partly stale | is already zero |
-    | new window | is moved to the start of the window | is moved to the start of the window |
+    | component | `with_pose` | `kept` | `adjusted` | `restarted` | `placed` | `rebased` |
+    |---|---|---|---|---|---|---|
+    | `origin.start` | | | | + D, both M, first image | = external pose | = external pose |
+    | `origin.past_in_window` | | | | none | none | = past pose of this window, or none |
+    | `before_window` | | | | + drift, both M, first image | 0 | |
+    | `in_window` | = W + C | | = W | = W | 0 | |
+    | `unobserved_to_pose` | = M if the findings require it, or 0 | | | 0 | 0 | |
+    | `unobserved_since_pose` | 0 | = M | | 0 | 0 | |
+    | `bias` | + step | | | | | |
+    | `directed`, `directed_covariance` | + step (`with_directed`) | | | | 0 | - part before the external pose |
+
+    `with_pose` belongs to an accepted pair, `kept` to a kept pair, `adjusted` to a keyframe that was adjusted in the
+    background, and `restarted` to a pair that begins a window. A lost pair changes no component. `placed` applies an
+    external pose to the last pose, and `rebased` to a past pose. An adjustment does not change `unobserved_to_pose`,
+    because the images of the keyframe may still be partly stale.
     """
 
     origin: Origin  #: The pose from which the covariance counts.
@@ -133,29 +145,40 @@ class PathErrors:
         """Return the errors after an adjustment of the newest keyframe, with its new covariance in the window."""
         return replace(self, in_window=in_window)
 
+    def since_origin(self, position: FloatArray, inflation: float) -> FloatArray:
+        """Return the sum of the terms start and `adjustment_inflation D` of the pose covariance P at a position."""
+        drift = self.in_window
+        origin = self.origin
+        if origin.past_in_window is not None:
+            drift = positive_part(drift - origin.past_in_window.at(position))
+        return np.asarray(drift * inflation + origin.start.at(position))
+
+    def since_map_was_placed(self, position: FloatArray, inflation: float) -> FloatArray:
+        """Return the covariance that windows, and the motions between windows, added since the map was placed.
+
+        External poses with past stamps do not reset this covariance. The difference of two such covariances is
+        therefore the uncertainty that arose between the two poses.
+        """
+        drift = self.in_window * inflation
+        return np.asarray(self.before_window.at(position) + drift)
+
     def restarted(
-        self,
-        position: FloatArray,
-        *,
-        drift: FloatArray,
-        accumulated: FloatArray,
-        first_image: FloatArray,
-        in_window: FloatArray,
+        self, position: FloatArray, *, first_image: FloatArray, in_window: FloatArray, inflation: float
     ) -> PathErrors:
         """Return the errors at the start of a new window.
 
         Args:
             position: Position of the left camera.
-            drift: `(6, 6)` of the start pose and the drift up to here (`start_and_drift`).
-            accumulated: `(6, 6)` of all windows up to here (`accumulated_covariance`).
             first_image: `(6, 6)` that the first image adds.
             in_window: `(6, 6)` of the first keyframe in the new window.
+            inflation: `ErrorSources.adjustment_inflation`.
         """
-        start = LocatedCovariance(position, drift + self.unobserved + first_image)
+        start = self.since_origin(position, inflation) + self.unobserved + first_image
+        before_window = self.since_map_was_placed(position, inflation) + self.unobserved + first_image
         return replace(
             self,
-            origin=self.origin._replace(start=start, in_window=None),
-            before_window=LocatedCovariance(position, accumulated + self.unobserved + first_image),
+            origin=self.origin._replace(start=LocatedCovariance(position, start), past_in_window=None),
+            before_window=LocatedCovariance(position, before_window),
             in_window=in_window,
             unobserved_to_pose=ZERO,
             unobserved_since_pose=ZERO,

@@ -32,19 +32,16 @@ from sfr_loc_map.localisation.covariance import (
     MIN_VARIANCE,
     AddedError,
     StepMotion,
-    accumulated_covariance,
     blur_of,
     inflation_of,
     lens_turn_per_m,
     pose_noise,
-    start_and_drift,
     step_covariance,
     systematic_step,
     unobserved_motion,
     updated_variance_factor,
 )
 from sfr_loc_map.localisation.datum import MAX_AHEAD_NS, MAX_START_AHEAD_NS, Datum, PendingPose
-from sfr_loc_map.localisation.error_sources import RoverModel
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.frontend.tracking import Tracks
@@ -59,6 +56,7 @@ from sfr_loc_map.localisation.path_errors import (
     Origin,
     PathErrors,
 )
+from sfr_loc_map.localisation.rover_model import RoverModel
 from sfr_loc_map.localisation.symmetric_matrices import positive_part, symmetric
 
 
@@ -68,8 +66,9 @@ class PublishedPose:
 
     stamp_ns: int | None = None  #: Stamp of the pose; None before the first pose.
     T_world_left: Transform | None = None  #: The pose as it was published; adjustments do not move it.
-    #: `(6, 6)` in RB: uncertainty of the step to this pose that the next step includes as well, because the next step
-    #: may undo the error. It consists of the inflation by findings, and of the displacement by a correction of the yaw.
+    #: `(6, 6)` in RB: the part of the covariance of the step to this pose that is added to the next step as well. If
+    #: this pose is wrong, the next step starts at the wrong pose and contains the same error with the opposite sign.
+    #: The part consists of the inflation by findings, and of the displacement by a correction of the yaw.
     undone_by_next_step: FloatArray = field(default_factory=lambda: ZERO)
     #: `(6, 6)` in RB: covariance of the unobserved motion since the last accepted pose, while that pose was kept.
     unobserved_rb: FloatArray = field(default_factory=lambda: ZERO)
@@ -144,9 +143,9 @@ def accepted(
 ) -> tuple[PathState, StepEstimate]:
     """Return the path with the pose of an accepted pair, and the step to it."""
     pose = _new_pose(path, pair, model)
-    errors = _errors_with(path, pose, landmark_map, calibration, model)
-    published = _published_with(path, pose, model)
-    step = _step_to(path, pose, published, landmark_map, calibration, model)
+    errors = _errors_at(path, pose, landmark_map, calibration, model)
+    published = _published_at(path, pose, model)
+    step = _step_to_new_pose(path, pose, published, landmark_map, calibration, model)
     last = path.last.tracked(pair.stamp_ns, pose.T_world_left, pose.since, was_known=pair.was_known)
     past = _past_pose(last, errors, path.window, model, was_known=pair.was_known)
     return PathState(last, path.datum, errors, published, path.history.with_pose(past), path.window), step
@@ -167,7 +166,7 @@ def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPos
     return _NewPose(pair, now, since, given_landmarks, added)
 
 
-def _errors_with(
+def _errors_at(
     path: PathState, pose: _NewPose, landmark_map: LandmarkMap, calibration: OnlineCalibration, model: RoverModel
 ) -> PathErrors:
     """Return the accumulated errors at a new pose."""
@@ -182,12 +181,12 @@ def _errors_with(
     unobserved_rb = pose.added.unobserved_rb
     return errors.with_pose(
         in_window=pose.given_landmarks + landmark_map.window.covariance,
-        unobserved_to_pose=ZERO if unobserved_rb is None else _of_left(path, unobserved_rb, model),
+        unobserved_to_pose=ZERO if unobserved_rb is None else _covariance_of_left(path, unobserved_rb, model),
         bias=bias,
     )
 
 
-def _published_with(path: PathState, pose: _NewPose, model: RoverModel) -> PublishedPose:
+def _published_at(path: PathState, pose: _NewPose, model: RoverModel) -> PublishedPose:
     """Return the values of a new pose that the next step requires."""
     factor = updated_variance_factor(path.published.variance_factor, pose.pair.chi_median, model.sources)
     noise = pose_noise(
@@ -206,7 +205,7 @@ def _published_with(path: PathState, pose: _NewPose, model: RoverModel) -> Publi
     )
 
 
-def _step_to(
+def _step_to_new_pose(
     path: PathState,
     pose: _NewPose,
     published: PublishedPose,
@@ -236,7 +235,7 @@ def _step_to(
 def kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, StepEstimate]:
     """Return the path with the last pose kept at a stamp, and the step; the rover may have moved unobserved."""
     errors = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
-    published, step = _step_to_last_pose(path, stamp_ns, model)
+    published, step = _step_to_kept_pose(path, stamp_ns, model)
     return replace(path, errors=errors, published=published), step
 
 
@@ -249,12 +248,11 @@ def restarted(
     until_now = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
     errors = until_now.restarted(
         position,
-        drift=start_and_drift(path.errors, position, model),
-        accumulated=accumulated_covariance(path.errors, position, model),
         first_image=blur_of(depth_m, model).covariance,
         in_window=landmark_map.window.covariance,
+        inflation=model.sources.adjustment_inflation,
     )
-    published, step = _step_to_last_pose(path, stamp_ns, model)
+    published, step = _step_to_kept_pose(path, stamp_ns, model)
     last = path.last.restarted(stamp_ns)
     window = path.window + 1
     past = _past_pose(last, errors, window, model, was_known=False)
@@ -285,13 +283,14 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
 def _past_pose(last: LastPose, errors: PathErrors, window: int, model: RoverModel, *, was_known: bool) -> PastPose:
     """Return the last pose for the history; `was_known` is True if the pose before it was tracked or kept, not lost."""
     position = last.T_world_left.translation
+    accumulated = errors.since_map_was_placed(position, model.sources.adjustment_inflation)
     return PastPose(
         stamp_ns=last.tracked_ns,
         T_world_left=last.T_world_left,
         was_known=was_known,
         window=window,
         in_window=LocatedCovariance(position, errors.in_window),
-        accumulated=LocatedCovariance(position, accumulated_covariance(errors, position, model)),
+        accumulated=LocatedCovariance(position, accumulated),
         bias=errors.bias,
         directed=errors.directed,
     )
@@ -300,17 +299,17 @@ def _past_pose(last: LastPose, errors: PathErrors, window: int, model: RoverMode
 def _unobserved_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:
     """Return the covariance of the unobserved motion up to a stamp, for the left camera in the world."""
     of_rb = unobserved_motion(path.last.speed, path.last.unobserved_s(stamp_ns), model)
-    return _of_left(path, of_rb, model)
+    return _covariance_of_left(path, of_rb, model)
 
 
-def _of_left(path: PathState, covariance: FloatArray, model: RoverModel) -> FloatArray:
+def _covariance_of_left(path: PathState, covariance: FloatArray, model: RoverModel) -> FloatArray:
     """Return a covariance of RB, in RB at the last known pose, as that of the left camera in the world."""
     R_world_left = path.last.T_world_left.rotation
     R_world_rb = R_world_left @ model.T_rb_left.rotation.T
     return model.covariance_of_left(covariance, R_world_frame=R_world_rb, R_world_left=R_world_left)
 
 
-def _step_to_last_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
+def _step_to_kept_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
     """Return the step to the last known pose. Its covariance is the growth of the unobserved motion in the step.
 
     The motion of the step is the displacement of the pose by an adjustment of its keyframe; zero without adjustment.

@@ -1,0 +1,47 @@
+"""The rover as the localiser models it: where its camera is, how fast it moves, and how large the errors are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.localisation.config import MotionBounds
+from sfr_loc_map.localisation.error_sources import ErrorSources
+from sfr_loc_map.localisation.symmetric_matrices import symmetric
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoverModel:
+    """Constants of a run, which the motion model and the covariances share."""
+
+    T_rb_left: Transform  #: Takes points in the left camera to RB.
+    T_left_rb: Transform  #: Takes points in RB to the left camera.
+    fx: float  #: Focal length, px.
+    focal_baseline: float  #: Focal length times baseline, px m.
+    keyframe_rad: float  #: Optical flow that triggers a keyframe, rad.
+    bounds: MotionBounds
+    sources: ErrorSources = ErrorSources()
+
+    @classmethod
+    def of(cls, rig: StereoRig, bounds: MotionBounds, keyframe_flow: float) -> RoverModel:
+        """Return the model of a rig; GeometryError if the extrinsics are unknown.
+
+        The flow that triggers a keyframe is a fraction of the image width.
+        """
+        return cls(
+            T_rb_left=rig.T_rb_left,
+            T_left_rb=rig.T_rb_left.inverse(),
+            fx=rig.fx,
+            focal_baseline=rig.fx * rig.baseline_m,
+            keyframe_rad=keyframe_flow * rig.width / rig.fx,
+            bounds=bounds,
+        )
+
+    def covariance_of_left(
+        self, covariance: FloatArray, *, R_world_frame: FloatArray, R_world_left: FloatArray
+    ) -> FloatArray:
+        """Return the covariance of the left camera in the world from that of RB in another frame."""
+        lever = R_world_left @ self.T_rb_left.rotation.T @ self.T_rb_left.translation
+        return symmetric(propagated_covariance(covariance, lever, R_world_frame))
