@@ -26,6 +26,9 @@ COARSE_SAMPLED_PX = 1.01
 six runs of the sample with injected faults, 1.001 px changed only the last digits of poses and no state."""
 MIN_WARP_SCALE = 1e-6
 """Minimum ratio of a pixel's depth to the depth at the centre of its patch. It prevents a division by zero."""
+POWER, CONTRAST_X, CONTRAST_Y, XX, XY, YY = range(6)
+"""Columns of `Templates.moments`: power of the grey levels; coefficients of the grey levels in the parallel parts of
+the derivatives along x and y; sums of products of the orthogonal parts of these derivatives."""
 Patch = NDArray[np.float32]  #: Values of one patch `(S * S,)` row by row, or of several patches; float32.
 
 
@@ -38,9 +41,7 @@ class Templates(NamedTuple):
     #: `(N, 3, S * S)` float32: grey levels with zero mean; derivatives along x and y of the host image, with zero mean
     #: and orthogonal to the grey levels, because a change of contrast explains the parallel part.
     values: Patch
-    #: `(N, 6)`: power of the grey levels; coefficients of the grey levels in the parallel parts of the derivatives
-    #: along x and y; sums of products xx, xy, yy of the orthogonal parts.
-    moments: FloatArray
+    moments: FloatArray  #: `(N, 6)`, columns `POWER` to `YY`.
 
 
 class PatchPixels(NamedTuple):
@@ -221,12 +222,12 @@ def templates_of(patches: Patch) -> Templates:
             xx += dx[k] * dx[k]
             xy += dx[k] * dy[k]
             yy += dy[k] * dy[k]
-        moments[n, 0] = power
-        moments[n, 1] = contrast_x
-        moments[n, 2] = contrast_y
-        moments[n, 3] = xx
-        moments[n, 4] = xy
-        moments[n, 5] = yy
+        moments[n, POWER] = power
+        moments[n, CONTRAST_X] = contrast_x
+        moments[n, CONTRAST_Y] = contrast_y
+        moments[n, XX] = xx
+        moments[n, XY] = xy
+        moments[n, YY] = yy
     return Templates(values, moments)
 
 

@@ -16,7 +16,11 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.patch import (
     MIN_POWER,
+    POWER,
     SAMPLED_PX,
+    XX,
+    XY,
+    YY,
     PatchPixels,
     Templates,
     half_width,
@@ -105,13 +109,13 @@ def _track(
     template = templates.values[n]
     moments = templates.moments[n]
     half = half_width(pixels.x.size)
-    power = moments[0]
+    power = moments[POWER]
     determinant = warped.xu * warped.yv - warped.xv * warped.yu
     # If the corners are in front of the camera, all pixels between them are.
     is_in_front = half * (abs(warped.wu) + abs(warped.wv)) <= MAX_DEPTH_CHANGE
     if abs(determinant) < MIN_DETERMINANT or power == 0.0 or not is_in_front:
         return
-    normal = warped_normal(warped, determinant, moments[3], moments[4], moments[5])
+    normal = warped_normal(warped, determinant, moments[XX], moments[XY], moments[YY])
     normal_determinant = normal.xx * normal.yy - normal.xy * normal.xy
     if normal_determinant <= MIN_TEXTURE_RATIO * (normal.xx + normal.yy) ** 2:
         return

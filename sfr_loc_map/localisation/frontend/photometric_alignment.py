@@ -16,7 +16,13 @@ from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.patch import (
     COARSE_SAMPLED_PX,
+    CONTRAST_X,
+    CONTRAST_Y,
     MIN_POWER,
+    POWER,
+    XX,
+    XY,
+    YY,
     PatchPixels,
     Templates,
     half_width,
@@ -108,15 +114,15 @@ def _warped(templates: Templates, homographies: FloatArray, uv: FloatArray) -> _
         shapes[n, 2] = by.yu
         shapes[n, 3] = by.yv
         determinant = by.xu * by.yv - by.xv * by.yu
-        power = moments[n, 0]
-        contrast_x = moments[n, 1]
-        contrast_y = moments[n, 2]
+        power = moments[n, POWER]
+        contrast_x = moments[n, CONTRAST_X]
+        contrast_y = moments[n, CONTRAST_Y]
         if power == 0.0 or abs(determinant) < MIN_DETERMINANT or abs(determinant) > MAX_DETERMINANT:
             continue
         # The gain is not estimated with the pose, so derivatives keep the part that a change of contrast explains.
-        xx = moments[n, 3] + contrast_x * contrast_x * power
-        xy = moments[n, 4] + contrast_x * contrast_y * power
-        yy = moments[n, 5] + contrast_y * contrast_y * power
+        xx = moments[n, XX] + contrast_x * contrast_x * power
+        xy = moments[n, XY] + contrast_x * contrast_y * power
+        yy = moments[n, YY] + contrast_y * contrast_y * power
         in_target = warped_normal(by, determinant, xx, xy, yy)
         gradients[n, 0] = in_target.b00
         gradients[n, 1] = in_target.b01
@@ -168,9 +174,9 @@ def _compare(image: FloatImage, u: float, v: float, patches: _Patches, n: int) -
     products = products_with_samples(image, pixels.x, pixels.y, np.float32(u), np.float32(v), templates.values[n])
     if products.power < MIN_POWER:
         return not_in_view
-    power = templates.moments[n, 0]
-    contrast_x = templates.moments[n, 1]
-    contrast_y = templates.moments[n, 2]
+    power = templates.moments[n, POWER]
+    contrast_x = templates.moments[n, CONTRAST_X]
+    contrast_y = templates.moments[n, CONTRAST_Y]
     correlation = products.grey / np.sqrt(power * products.power)
     gain = np.sqrt(power / products.power)
     # products of the host's derivatives with the difference of both patches
