@@ -18,7 +18,6 @@ LOCSB_FRAME = "locsb"  #: Frame of the stereo rig for localisation [3.2.3].
 NAVSB_FRAME = "navsb"  #: Frame of the stereo rig for mapping [3.2.3].
 BASE_FRAMES = (RB_FRAME, "base_link", "base_footprint", "base", "body", "chassis")
 """Names of the rover's body frame. The first name that is connected to the camera is used."""
-COULD_BE = "the rover's frame could also be"  #: Part of `RigInBody.text` if several of `BASE_FRAMES` are connected.
 MAST_XY_RB_M = (0.451, 0.317)
 """x and y in RB of the mast base (DMA), of the pan axis, and of the tilt axis at pan 0, metres [3.2.2, 3.2.6]."""
 TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB, metres [3.2.6].
@@ -26,10 +25,18 @@ TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB, metres [3.2.6].
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigInBody:
-    """The pose of a stereo rig on the rover, and the frames from which the pose was derived."""
+    """The pose of a stereo rig on the rover, and its origin."""
 
     T_rb_sb: Transform  #: Takes points in SB to RB.
-    text: str  #: The frames, for messages: `base_link to camera_left_optical_frame`.
+    read_from: str  #: The frames or the topic, for messages: `base_link to camera_left_optical_frame`.
+    other_bases: tuple[str, ...] = ()  #: Other connected frames that could be the rover's frame.
+
+    @property
+    def text(self) -> str:
+        """The origin, with the other frames that could be the rover's, for messages."""
+        if not self.other_bases:
+            return self.read_from
+        return f"{self.read_from}; the rover's frame could also be {' or '.join(self.other_bases)}"
 
 
 def rig_in_body(
@@ -50,17 +57,16 @@ def rig_in_body(
         T_base_frame = frames.find(bases[0], frame) if bases else None
         if T_base_frame is None:
             continue
-        text = f"{bases[0]} to {frame}"
-        if len(bases) > 1:
-            text += f"; {COULD_BE} {' or '.join(bases[1:])}"
+        read_from = f"{bases[0]} to {frame}"
+        other_bases = tuple(bases[1:])
         if frame == sb_frame:
-            return RigInBody(T_base_frame, text)
+            return RigInBody(T_base_frame, read_from, other_bases)
         camera_from_body = OPTICAL_IN_BODY.T
         if "optical" not in frame and T_base_frame.rotation[2, 2] > np.cos(np.pi / 4):
-            text += ", taken as x forward and z up"
+            read_from += ", taken as x forward and z up"
             camera_from_body = np.eye(3)
         T_left_sb = Transform(camera_from_body, camera_from_body @ np.array([0.0, -0.5 * baseline_m, 0.0]))
-        return RigInBody(T_base_frame @ T_left_sb, text)
+        return RigInBody(T_base_frame @ T_left_sb, read_from, other_bases)
     return None
 
 

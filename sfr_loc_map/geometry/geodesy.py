@@ -25,6 +25,9 @@ def enu_m(places: FloatArray) -> FloatArray:
     geocentric = np.stack((across * np.cos(longitude), across * np.sin(longitude), polar), axis=1)
     if not len(geocentric):
         return geocentric
-    (south, north), (west, east) = ((np.sin(angle[0]), np.cos(angle[0])) for angle in (latitude, longitude))
-    axes = [[-west, east, 0.0], [-south * east, -south * west, north], [north * east, north * west, south]]
-    return np.asarray((geocentric - geocentric[0]) @ np.array(axes).T)
+    sin_lat, cos_lat = np.sin(latitude[0]), np.cos(latitude[0])
+    sin_lon, cos_lon = np.sin(longitude[0]), np.cos(longitude[0])
+    east = [-sin_lon, cos_lon, 0.0]
+    north = [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat]
+    up = [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat]
+    return np.asarray((geocentric - geocentric[0]) @ np.array([east, north, up]).T)

@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.rotation import (
     rotvec_from_matrix,
 )
 
-IDENTITY = np.eye(3)
+NO_ROTATION = np.eye(3)
 """Rotation between frames with parallel axes."""
 
 
@@ -130,7 +130,7 @@ def _minus_cross(vector: FloatArray) -> FloatArray:
 
 
 def propagated_covariance(
-    covariance: FloatArray, displacement: FloatArray, rotation: FloatArray = IDENTITY
+    covariance: FloatArray, displacement: FloatArray, rotation: FloatArray = NO_ROTATION
 ) -> FloatArray:
     """Return `F P F^T`, the covariance of a pose that is rigidly attached to a pose with the covariance P `(6, 6)`.
 

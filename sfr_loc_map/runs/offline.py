@@ -101,6 +101,10 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
         raise InputError(
             "'--start truth' needs ground truth, which the source does not have: omit it to start at the identity"
         )
+    if not truth.has_attitude:
+        raise InputError(
+            "'--start truth' needs true attitudes, but the ground truth has only positions: use --start identity"
+        )
     stamps = truth.stamps_ns
     first_ns = int(sequence.stamps_ns[0] if len(sequence) else stamps[0])
     wanted = max(first_ns, from_ns)

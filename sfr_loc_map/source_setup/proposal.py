@@ -11,7 +11,7 @@ import numpy as np
 
 from sfr_loc_map.config import flatten, yaml_text
 from sfr_loc_map.errors import SfrError
-from sfr_loc_map.geometry.extrinsics import COULD_BE
+from sfr_loc_map.geometry.extrinsics import RigInBody
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag.bag import Bag, Topic, read_frame_tree
@@ -195,12 +195,13 @@ def _mounting_and_truth(found: Proposal, *, is_bag: bool) -> None:
             "--set 'extrinsics.quat_xyzw=[X, Y, Z, W]' (LOCSB in RB)"
         )
     elif "extrinsics" not in found.sections:
-        mounted, read_from = loc.rig.T_rb_sb, getattr(loc, "mounted_by", "")
-        if read_from:  # for nodes that cannot read /tf_static
-            how = "unsure" if COULD_BE in read_from else "sure"
-            found.set("extrinsics", "translation_m", mounted.translation.tolist(), f"from {read_from}; {how}")
-            found.set("extrinsics", "quat_xyzw", mounted.quat_xyzw.tolist(), f"from {read_from}; {how}")
-            found.remarks += [f"extrinsics are from {read_from}: --set frames.base=NAME"] if how == "unsure" else []
+        mount: RigInBody | None = getattr(loc, "mount", None)
+        if mount is not None:  # for nodes that cannot read /tf_static
+            how = "unsure" if mount.other_bases else "sure"
+            T_rb_sb = loc.rig.T_rb_sb
+            found.set("extrinsics", "translation_m", T_rb_sb.translation.tolist(), f"from {mount.text}; {how}")
+            found.set("extrinsics", "quat_xyzw", T_rb_sb.quat_xyzw.tolist(), f"from {mount.text}; {how}")
+            found.remarks += [f"extrinsics are from {mount.text}: --set frames.base=NAME"] if mount.other_bases else []
         else:
             found.remarks.append("extrinsics are those of the source (rig.json or the calibration)")
     truth = loc.ground_truth

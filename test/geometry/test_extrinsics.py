@@ -45,6 +45,18 @@ def test_any_depth_and_any_base_lead_to_the_pose_of_the_rig(base: str, downwards
         np.testing.assert_allclose(found.T_rb_sb.matrix, T_RB_SB.matrix, atol=1e-12)
 
 
+def test_other_frames_that_could_be_the_rovers_are_returned() -> None:
+    frames = tree("base_link", "left_optical", T_RB_SB)
+    frames.add("base_footprint", "base_link", UP)
+    found = rig_in_body(frames, "left_optical", RIG.baseline_m)
+    assert found is not None
+    assert found.other_bases == ("base_footprint",)
+    assert found.text == "base_link to left_optical; the rover's frame could also be base_footprint"
+    chosen = rig_in_body(frames, "left_optical", RIG.baseline_m, "base_link")
+    assert chosen is not None
+    assert chosen.text == "base_link to left_optical"
+
+
 def test_what_is_not_joined_to_a_base_is_unknown() -> None:
     frames = tree("base_link", "left_optical", T_RB_SB)
     assert rig_in_body(frames, "other_optical", 0.1) is None

@@ -39,3 +39,9 @@ def test_first_bad_pose_is_named(part: int, index: tuple[int, int] | int, value:
     arrays[part][index] = value
     with pytest.raises(GeometryError, match=r"pose 1 \(stamp 10\).*1 of 3"):
         Trajectory(*arrays)
+
+
+def test_a_pose_without_attitude_is_named() -> None:
+    poses = Trajectory(np.array([3, 7], np.int64), np.zeros((2, 3)), np.zeros((2, 4)))
+    with pytest.raises(GeometryError, match="the pose at stamp 7 has no attitude"):
+        poses.pose(1)

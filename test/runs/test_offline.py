@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -32,12 +32,14 @@ class OnePair:
 
     seconds: tuple[float, ...]
     rig: StereoRig = LOC_RIG
+    has_attitude: bool = True
 
     @property
     def ground_truth(self) -> Trajectory | None:
         poses = (Transform(np.eye(3), np.array([s, 0.0, 0.0])) for s in self.seconds)
         stamps = (FIRST_NS + round(s * NS_PER_S) for s in self.seconds)
-        return Trajectory.from_poses(zip(stamps, poses, strict=True))
+        truth = Trajectory.from_poses(zip(stamps, poses, strict=True))
+        return truth if self.has_attitude else replace(truth, quats_xyzw=np.zeros((len(truth), 4)))
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:
@@ -73,6 +75,12 @@ def test_the_true_start_pose_is_that_of_its_stamp(
     assert start_pose(OnePair(truth_s), "identity").stamp_ns is None  # it holds at the first pair
     with pytest.raises(InputError, match="needs ground truth"):
         start_pose(OnePair(()), "truth")
+
+
+def test_a_start_at_the_truth_requires_true_attitudes() -> None:
+    pair = OnePair((0.0, 1.0), has_attitude=False)
+    with pytest.raises(InputError, match="the ground truth has only positions: use --start identity"):
+        start_pose(pair, "truth")
 
 
 @pytest.mark.parametrize("ending", [".avi", ".mp4"])

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -269,7 +269,7 @@ def read_frame_tree(bag: Bag) -> FrameTree:
 def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: str = "") -> RigInBody | None:
     """Return the pose of the rig from /tf_static, or else from a recorded localisation node; None without either."""
     if (found := rig_in_body(read_frame_tree(bag), camera_frame, baseline_m, base_frame)) is not None:
-        return RigInBody(found.T_rb_sb, f"/tf_static, {found.text}")
+        return replace(found, read_from=f"/tf_static, {found.read_from}")
     configuration = configuration_topic(Task.LOCALISATION)
     found_in = [name for name in bag.matches(configuration) if bag.topics[name] == STRING]
     if len(found_in) != 1:  # none, or of several rovers

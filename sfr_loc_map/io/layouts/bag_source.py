@@ -14,6 +14,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.extrinsics import RigInBody
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -44,7 +45,7 @@ class _BagPairs:
     """The pairs of the cameras of a task, read from the topics of the bag as the configuration requires."""
 
     task: Task
-    mounted_by = ""  #: Origin, in the bag, of the pose of the rig on the rover; empty if the bag has no such pose.
+    mount: RigInBody | None = None  #: Pose of the rig on the rover in the bag; None if the bag has no such pose.
 
     def __init__(self, bag: Bag, config: SourceConfig) -> None:
         rig, of_drive = self.task.rig, self.task is Task.LOCALISATION
@@ -72,7 +73,8 @@ class _BagPairs:
         if of_drive:
             T_rb_sb = config.extrinsics.transform() or found.T_rb_sb
             if T_rb_sb is None and (seen := read_extrinsics(bag, self.frame, self.rig.baseline_m, config.frames.base)):
-                T_rb_sb, self.mounted_by = seen.T_rb_sb, seen.text
+                T_rb_sb = seen.T_rb_sb
+                self.mount = seen
             self.rig = replace(self.rig, T_rb_sb=T_rb_sb)
         self.is_adapted = calibration != CalibrationConfig() or config.sync != SyncConfig()
 
