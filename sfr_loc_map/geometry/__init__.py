@@ -1,5 +1,19 @@
 """Frames, rotations, transforms, cameras, trajectories and clouds: the values that all packages share.
 
+The modules in the order in which they use each other:
+
+| module | contents |
+|---|---|
+| `arrays` | array types, two fast reductions |
+| `plausibility` | bounds of cameras and poses from files, topics and parameters |
+| `rotation`, `transform` | rotations; rigid transforms `T_a_b`, and the propagation of their covariances |
+| `camera` | the same cameras and poses as named tuples, which numba kernels accept |
+| `stereo` | rectified stereo rig and its image pairs |
+| `frame_tree`, `extrinsics` | frames of `/tf_static`, and the pose of a rig on the rover that follows from them |
+| `trajectory`, `stamped_poses` | stamped poses, and the interpolation between them |
+| `cloud` | point clouds |
+| `geodesy` | geographic positions in a local frame |
+
 Frames: DS is the frame of the terrain, in which the rover's path is given, and LM the local map. RB is the body of the
 rover, DMA the base of its mast, NAVSB the stereo rig for mapping, LOCSB the stereo rig for localisation, and SB either
 of these two. Numbers in brackets, such as [3.2.3], are clauses of the specification, called the source document. See

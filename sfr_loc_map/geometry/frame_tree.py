@@ -20,14 +20,16 @@ class FrameTree:
     def find(self, target: str, frame: str) -> Transform | None:
         """Return `T_target_frame`; None if the frames are not connected."""
         if target == frame:
-            return None if frame not in self.joined_to(frame) else Transform.identity()
-        above = dict(self._above(frame))
-        for name, T_name_target in self._above(target):
-            if name in above:
-                if name == target:
-                    return above[name]
-                return T_name_target.inverse() if name == frame else T_name_target.inverse() @ above[name]
-        return None
+            return Transform.identity() if self.joined_to(frame) else None
+        above_frame = dict(self._above(frame))
+        above_target = self._above(target)
+        common = next(((name, T_name_target) for name, T_name_target in above_target if name in above_frame), None)
+        if common is None:
+            return None
+        name, T_name_target = common
+        if name == target:  # a product would discard `Transform.given_quat_xyzw`
+            return above_frame[name]
+        return T_name_target.inverse() @ above_frame[name]
 
     def joined_to(self, frame: str) -> list[str]:
         """Return the frame, its ancestors from the nearest on, then all other connected frames; empty if unknown."""

@@ -1,4 +1,7 @@
-"""Interpolation between stamped poses."""
+"""Interpolation between stamped poses, with constant velocity and constant turn rate.
+
+`pose_at` returns one pose of a sequence of transforms. `sampled` returns many poses of a trajectory at once.
+"""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class StartPose:
 class TrackingState(StrEnum):
     """State of the localiser after a call."""
 
-    INITIALISING = "initialising"  #: First pair. The pose is the start pose.
+    INITIALISING = "initialising"  #: The first window begins with the pair. The pose is the start pose.
     TRACKING = "tracking"  #: A pose was estimated, and no check reported a problem.
     #: A pose was estimated or kept, but a check reported a problem. The reason is published, and the covariance
     #: includes the error that the problem may cause (`findings.RULES`).

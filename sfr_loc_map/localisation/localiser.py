@@ -36,7 +36,7 @@ pair at six points, and the later stages are then skipped:
 - in `_begin`, if the findings of stage 1 show that the pair cannot be a reference for later pairs;
 - in `_begin`, if the new window has too few landmarks.
 
-In `_begin`, the localiser is lost. At the other points, the finding determines whether the last pose is kept, the
+A pair that `_begin` refuses is lost. At the other points, the finding determines whether the last pose is kept, the
 localiser is lost, or a window may begin (`findings.Action`).
 
 The state between two pairs is one immutable value (`state.State`), and each stage takes and returns values. A pair
@@ -466,7 +466,7 @@ class Localiser:
             clean_from = keyframes + self._config.window_keyframes - 1
         findings |= guards.check_gap(keyframes=keyframes, clean_from_keyframe=clean_from)
         verdict = decide(findings)
-        if not verdict.can_be_reference:
+        if not verdict.can_be_reference:  # checked first: with a blanked image, no landmark is triangulated
             return self._lose(state, verdict.reason, TrackingStatistics(inliers=0), tracks)
         pose = Pose.of(state.path.last.T_world_left)
         result = self._keyframes.begin(frame, pose, state.calibration, state.ground_memory.excluded.mask)

@@ -146,8 +146,18 @@ class YawEstimate(NamedTuple):
 class OnlineCalibration:
     """Rotation error of the right camera. Offsets and shifts are in pixels.
 
-    The yaw correction `offset.u` is the sum of the drift, which is followed from pair to pair, and a constant part,
-    which approaches the estimated yaw in small steps.
+    Each pair updates the drift (`with_shift`) and the residual disparities (`with_lens_residuals`). Each keyframe
+    updates pitch and roll (`with_matches`) and the constant yaw (`with_window`). The values of the yaw are, in px:
+
+    | value | meaning |
+    |---|---|
+    | `yaw.mean_px`, `yaw_sigma_px` | estimate of the constant yaw, and its standard deviation |
+    | `yaw.target_px` | this estimate if it is significant, otherwise 0 |
+    | `corrected_px` | corrected part of the constant yaw, which approaches `yaw.target_px` in small steps |
+    | `remaining_px` | part that is still to be corrected: `yaw.target_px - corrected_px` |
+    | `drift_px` | followed drift, which is corrected completely |
+    | `offset.u` | correction of the right observations: `corrected_px + drift_px` |
+    | `followed_px` | sum of the absolute drifts, for the uncertainty of the attitude |
     """
 
     camera: StereoCamera
@@ -155,8 +165,8 @@ class OnlineCalibration:
     """Number of keyframes of a window. The variance of a window's yaw is multiplied by this number, because consecutive
     windows share observations."""
     offset: RightOffset = RightOffset()  #: Correction of the right observations.
-    drift_px: float = 0.0  #: Followed drift, as a part of `offset.u`.
-    followed_px: float = 0.0  #: Sum of the absolute drifts that were followed.
+    drift_px: float = 0.0
+    followed_px: float = 0.0
     shifts: tuple[float, ...] = ()  #: Shifts of the last right images relative to the landmarks.
     pairs_since_drift: int = AFTER_DRIFT_PAIRS
     is_drifting: bool = False  #: Whether the right camera has drifted within the last `AFTER_DRIFT_PAIRS` pairs.
