@@ -80,6 +80,14 @@ class KeyframeResult:
     seconds: float  #: Duration of the processing.
 
 
+def max_corners(rig: StereoRig, config: LocalisationConfig) -> int:
+    """Return the approximate maximum number of landmarks of a keyframe, which depends on the size of the images."""
+    pixels = rig.width * rig.height
+    number = 2 if pixels >= LARGE_IMAGE_PX else 1
+    by_size: float = number * max(pixels / MEGAPIXEL, 1.0) ** GROWTH
+    return round(config.max_features * by_size)
+
+
 class KeyframeMaker:
     """Makes keyframes. It holds parameters and masks, and keeps no state between calls."""
 
@@ -91,10 +99,8 @@ class KeyframeMaker:
         self._tracker = tracker
         self._left_mask = load_mask(config.left_mask, rig)
         self._right_mask = load_mask(config.right_mask, rig)
-        pixels = rig.width * rig.height
-        self._is_large = pixels >= LARGE_IMAGE_PX
-        by_size = (1 + self._is_large) * max(pixels / MEGAPIXEL, 1.0) ** GROWTH
-        self._max_corners = round(config.max_features * by_size)
+        self._is_large = rig.width * rig.height >= LARGE_IMAGE_PX
+        self._max_corners = max_corners(rig, config)
 
     def masks(self, ground_mask: ImageMask | None) -> tuple[ImageMask | None, ImageMask | None]:
         """Return the masks of the left and the right image; None if nothing is masked."""

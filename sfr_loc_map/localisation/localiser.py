@@ -97,7 +97,7 @@ from sfr_loc_map.localisation.ground_evidence import MotionTools
 from sfr_loc_map.localisation.ground_memory import GroundMemory
 from sfr_loc_map.localisation.ground_motion import Ground, GroundSelector
 from sfr_loc_map.localisation.guards import ShearMean
-from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult
+from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult, max_corners
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.pair_statistics import accepted_statistics, displayed, residual_statistics
 from sfr_loc_map.localisation.parallel import BACKGROUND
@@ -165,7 +165,7 @@ class Localiser:
         self._camera = rig.camera
         self._model = RoverModel.of(rig, config.motion, KEYFRAME_FLOW)
         self._tracker = Tracker(config.min_tracked, rig.camera)
-        self._relocaliser = Relocaliser(self._tracker, config, rig.camera)
+        self._relocaliser = Relocaliser(self._tracker, config, rig.camera, max_corners(rig, config))
         self._ground_selector = GroundSelector(
             MotionTools(self._tracker, self._relocaliser, rig.camera, (rig.height, rig.width), config.min_tracked)
         )

@@ -111,10 +111,12 @@ class RecoveryImages(NamedTuple):
 class Relocaliser:
     """Recovers lost tracking. It holds the tools, and keeps no state between calls."""
 
-    def __init__(self, tracker: Tracker, config: LocalisationConfig, camera: StereoCamera) -> None:
+    def __init__(self, tracker: Tracker, config: LocalisationConfig, camera: StereoCamera, max_corners: int) -> None:
+        """`max_corners` is the approximate maximum number of landmarks of a keyframe."""
         self._tracker = tracker
         self._config = config
         self._camera = camera
+        self._max_corners = max_corners
 
     def relocalise(
         self, frame: StereoFrame, landmarks: Landmarks, images: RecoveryImages, offset: RightOffset
@@ -177,9 +179,9 @@ class Relocaliser:
 
     def is_good_image(self, frame: StereoFrame, landmark_count: int) -> bool:
         """Return whether a pair shows enough corners, compared with the landmarks of the map, to begin a window."""
-        corners = find_corners(frame.left[0].image, NO_POINTS, self._config.max_features, BORDER)
+        corners = find_corners(frame.left[0].image, NO_POINTS, self._max_corners, BORDER)
         enough = max(self._config.min_tracked, int(GOOD_IMAGE_RATIO * landmark_count))
-        enough = min(enough, self._config.max_features)  # the map of a large image may have more than twice as many
+        enough = min(enough, self._max_corners)  # the map may have more than twice as many landmarks
         return len(corners) >= enough and is_textured(frame.right)
 
 
