@@ -71,8 +71,11 @@ class StaleRows(NamedTuple):
     """Rows of one image that repeat the previous image."""
 
     rows: Mask  #: `(H,)` textured rows that are bit-identical; all rows if the image is repeated with new noise.
-    is_frozen: bool  #: Whether all textured rows are repeated; False if too few rows are textured.
-    is_same: bool  #: Whether the whole image is repeated, textured or not, possibly with new noise.
+    #: Whether all textured rows are repeated; False if too few rows are textured. One frozen image is blanked.
+    is_frozen: bool
+    #: Whether the whole image is repeated, textured or not, possibly with new noise. Two such images make the pair a
+    #: repeated pair.
+    is_same: bool
 
 
 class ImageMemory(NamedTuple):

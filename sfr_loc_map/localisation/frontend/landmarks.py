@@ -53,7 +53,8 @@ NO_PATCHES = HostPatches(
 class Patches:
     """Templates of M landmarks by pyramid level, taken from their host keyframes at the first access to a level.
 
-    `rows` `(M,)` are the increasing indices of the landmarks among those of all hosts.
+    `rows` `(M,)` are the increasing rows of the landmarks in the sliding window, whose arrays hold the landmarks of one
+    host after those of another (`Landmarks.rows`).
     """
 
     def __init__(self, hosted: tuple[HostPatches, ...], rows: NDArray[np.intp]) -> None:
