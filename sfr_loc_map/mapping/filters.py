@@ -57,9 +57,9 @@ def local_variance(image: FloatImage) -> FloatImage:
 
 def dilated(pixels: Mask, reach: int) -> Mask:
     """Return the mask of all pixels within `reach` rows and columns of a set pixel."""
-    return np.asarray(cv2.dilate(pixels.astype(np.uint8), square(2 * reach + 1))).astype(np.bool_)
+    return np.asarray(cv2.dilate(pixels.astype(np.uint8), square_element(2 * reach + 1))).astype(np.bool_)
 
 
-def square(side: int) -> GreyImage:
+def square_element(side: int) -> GreyImage:
     """Return the structuring element of a square `(side, side)`."""
     return np.ones((side, side), np.uint8)

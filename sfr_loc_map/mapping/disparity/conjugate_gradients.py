@@ -190,9 +190,9 @@ def _update_step(state: SolverState, preconditioner: FloatImage, alpha: np.float
                 changed[j] += alpha * along[j]
             rest = residual[i]
             by_matrix = product[i]
-            square = squares[i - first]
+            squared = squares[i - first]
             for j in range(cols):
                 rest[j] -= alpha * by_matrix[j]
-                square[j] = rest[j] * rest[j]
+                squared[j] = rest[j] * rest[j]
         _write_sums(squares, preconditioner[first:last], sums[first:last])
     return _ordered_sum(sums)

@@ -15,7 +15,7 @@ order of their evaluation:
    number of pixels. Hypotheses that are not possible count, too: if the images also match on such a surface, the
    matching costs are ambiguous, and the pixel is not filled.
 6. The hypothesis is confirmed: its surface is on opposite sides of the pixel, or the matcher agrees, or its cost is
-   lower by the margin than at disparities `ALTERNATIVE_PX` to either side.
+   lower by the margin than at disparities `ALTERNATIVE_PX` to either side (`_is_confirmed`).
 7. With the pixels that the pass proposes, at least `MIN_SAME_SURFACE` neighbours are on its surface, and its
    corresponding pixel still belongs to no other surface (`_on_their_surface`).
 8. After all passes, its depth is less than `MAX_DEPTH_RATIO` times that of a nearby surface (`fill_holes`).
@@ -189,13 +189,12 @@ def _best_hypothesis(
     If the refined field agrees with the hypothesis, the disparity of the field is returned.
     """
     planes = hypotheses(scene, y, x)
-    # 3. A hypothesis is possible.
     possible = np.zeros(DIRECTION_COUNT, np.bool_)
     count = 0
     for k in range(DIRECTION_COUNT):
         possible[k] = not _is_contradicted(planes.disparity[k], surfaces, y, x)
         count += possible[k]
-    if count == 0:
+    if count == 0:  # condition 3
         return F(np.nan)
     costs = _hypothesis_costs(scene, y, x, planes)
     cost = costs.cost
@@ -208,25 +207,37 @@ def _best_hypothesis(
     if best < 0:
         return F(np.nan)
     disparity: np.float32 = planes.disparity[best]
-    # 4. Its cost is within the limit. 5. Other surfaces cost more.
     lowest_other = NO_COST
     for k in range(DIRECTION_COUNT):
         if abs(planes.disparity[k] - disparity) > SURFACE_JUMP_PX:
             lowest_other = min(lowest_other, cost[k])
     required = cost[best] + min_margin / np.sqrt(costs.effective_pixels[best])
-    if cost[best] > cost_limit or lowest_other < required:
+    if cost[best] > cost_limit:  # condition 4
         return F(np.nan)
-    # 6. The hypothesis is confirmed.
-    is_confirmed = is_enclosed(planes, disparity) or abs(scene.initial[y, x] - disparity) < SURFACE_JUMP_PX
-    if not is_confirmed:
-        for side in (-ALTERNATIVE_PX, ALTERNATIVE_PX):
-            alternative = plane_cost(
-                scene.left, scene.right, scene.valid, y, x, disparity + side, planes.slope_x[best], planes.slope_y[best]
-            )
-            if alternative.cost < required:
-                return F(np.nan)
+    if lowest_other < required:  # condition 5
+        return F(np.nan)
+    if not _is_confirmed(scene, planes, best, required, y, x):  # condition 6
+        return F(np.nan)
     own: np.float32 = scene.disparity[y, x]
     return own if abs(own - disparity) < SURFACE_JUMP_PX else disparity
+
+
+@jit_rows_inline
+def _is_confirmed(scene: HoleScene, planes: Hypotheses, best: int, required: np.float32, y: int, x: int) -> bool:
+    """Return whether a hypothesis is enclosed, agrees with the matcher, or matches better than its alternatives.
+
+    `required` is the cost of the hypothesis plus the margin.
+    """
+    disparity = planes.disparity[best]
+    if is_enclosed(planes, disparity) or abs(scene.initial[y, x] - disparity) < SURFACE_JUMP_PX:
+        return True
+    for side in (-ALTERNATIVE_PX, ALTERNATIVE_PX):
+        alternative = plane_cost(
+            scene.left, scene.right, scene.valid, y, x, disparity + side, planes.slope_x[best], planes.slope_y[best]
+        )
+        if alternative.cost < required:
+            return False
+    return True
 
 
 @jit_rows_inline

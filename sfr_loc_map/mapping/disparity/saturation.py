@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask
-from sfr_loc_map.mapping.filters import square
+from sfr_loc_map.mapping.filters import square_element
 
 SATURATED_SQUARE_PX = 5
 """Side of the square around a pixel, pixels. If the square is completely saturated, the pixel is invalid. Its slope,
@@ -39,7 +39,7 @@ def measure_saturation(left: GreyImage, right: GreyImage, disparity_px: FloatIma
     saturated_right = cv2.LUT(right, SATURATED_GREY_LEVELS)
     if saturated_right.any():
         saturated_right = _warped(saturated_right, disparity_px)
-    around = square(SATURATED_SQUARE_PX)
+    around = square_element(SATURATED_SQUARE_PX)
     square_saturated = np.maximum(cv2.erode(saturated_left, around), cv2.erode(saturated_right, around)) > 0
     either = np.maximum(saturated_left, saturated_right)
     nearby_fraction_255 = np.asarray(cv2.blur(either, (NEARBY_SIDE_PX, NEARBY_SIDE_PX)), np.uint8)

@@ -30,7 +30,7 @@ class SmoothnessWeights(NamedTuple):
 
 
 @jit_rows
-def smoothness_weight(
+def smoothness_weights(
     field: FloatImage, scale_x: FloatImage, scale_y: FloatImage, factor: np.float32
 ) -> SmoothnessWeights:
     """Return the Cauchy weights of the second differences q of a field.

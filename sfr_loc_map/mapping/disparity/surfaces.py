@@ -10,7 +10,7 @@ from numba import prange
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.jit import jit_rows
-from sfr_loc_map.mapping.filters import square
+from sfr_loc_map.mapping.filters import square_element
 
 SURFACE_JUMP_PX = F(1.0)
 """Neighbouring disparities that differ by more than this belong to two surfaces, pixels: the disparity of ground
@@ -44,7 +44,7 @@ def slope_along_columns(disparity: FloatImage) -> FloatImage:
 def depth_ratio(disparity: FloatImage, reach: int) -> FloatImage:
     """Return the ratio `(H, W)` of each depth to that of the nearest surface within `reach` rows and columns."""
     clipped = np.maximum(disparity, MIN_DIVISOR_DISPARITY_PX)
-    return np.asarray(cv2.dilate(clipped, square(2 * reach + 1)) / clipped, F)
+    return np.asarray(cv2.dilate(clipped, square_element(2 * reach + 1)) / clipped, F)
 
 
 @jit_rows

@@ -35,7 +35,7 @@ from sfr_loc_map.mapping.disparity.photometric_residual import (
     photometric_residual,
     slopes,
 )
-from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, smoothness_weight
+from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, smoothness_weights
 from sfr_loc_map.mapping.filters import (
     box_mean,
     downsample_mean,
@@ -249,7 +249,7 @@ def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> Solved
         factor = 2**level
         cells_per_block = F(factor * factor)
         coarse_cells = downsample_mean(cells, factor)
-        weights = smoothness_weight(
+        weights = smoothness_weights(
             coarse_cells,
             downsample_mean(roughness.along_x, factor),
             downsample_mean(roughness.along_y, factor),
@@ -265,6 +265,6 @@ def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> Solved
         step = upsample_bilinear(coarse_step, cells.shape)
         cells = cells + step
         information_vector = information_vector - information * step
-    weights = smoothness_weight(cells, roughness.along_x, roughness.along_y, F(1.0))
+    weights = smoothness_weights(cells, roughness.along_x, roughness.along_y, F(1.0))
     step = conjugate_gradient_step(cells, information, information_vector, weights, SOLVER_ITERATIONS[0])
     return SolvedField(cells + step, weights)

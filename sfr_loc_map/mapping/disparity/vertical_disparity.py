@@ -31,7 +31,7 @@ SMOOTHING = np.array([[0.125, 0.25, 0.125]], F)  #: Sobel taps across the deriva
 
 
 class VerticalPolynomial(NamedTuple):
-    """A vertical disparity `constant + along_x x + along_y y + saddle x y + square y^2`, pixels.
+    """A vertical disparity `constant + along_x x + along_y y + saddle x y + along_yy y^2`, pixels.
 
     x and y are normalised coordinates in the right image. Content of the right image is lower than in the left image
     where the value is positive.
@@ -41,7 +41,7 @@ class VerticalPolynomial(NamedTuple):
     along_x: float = 0.0
     along_y: float = 0.0
     saddle: float = 0.0
-    square: float = 0.0
+    along_yy: float = 0.0
 
     def plus(self, other: VerticalPolynomial) -> VerticalPolynomial:
         """Return the sum of two polynomials."""
@@ -50,7 +50,7 @@ class VerticalPolynomial(NamedTuple):
     def at_pixels(self, column: FloatArray, row: FloatArray, camera: StereoCamera) -> FloatArray:
         """Return the vertical disparity at pixels of the right image, pixels; columns and rows are broadcast."""
         x, y = _normalised(column, row, camera)
-        return self.constant + self.along_x * x + self.along_y * y + self.saddle * x * y + self.square * y * y
+        return self.constant + self.along_x * x + self.along_y * y + self.saddle * x * y + self.along_yy * y * y
 
 
 LINEAR_TERMS = 3  #: Number of the terms that are constant or linear.

@@ -28,7 +28,7 @@ from sfr_loc_map.mapping.disparity.matching_cost import (
     constant_cost,
 )
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, depth_ratio, slope_along_columns, slope_along_rows
-from sfr_loc_map.mapping.filters import dilated, square
+from sfr_loc_map.mapping.filters import dilated, square_element
 
 SMALL_JUMP_PX = F(0.7)
 """Disparities that differ by more than this may belong to two surfaces that the refinement has joined by a ramp,
@@ -134,7 +134,7 @@ def wrong_surface_mask(scene: JumpScene) -> Mask:
 
 def beside_jump(disparity: FloatImage) -> Mask:
     """Return the mask of the pixels `(H, W)` at or near a disparity jump."""
-    neighbours = square(3)
+    neighbours = square_element(3)
     jump = np.asarray(cv2.dilate(disparity, neighbours) - cv2.erode(disparity, neighbours), F) > SMALL_JUMP_PX
     return dilated(jump, SURFACE_RADIUS)
 

@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 from sfr_loc_map.mapping.disparity.texture import TEXTURE_SIGMAS
-from sfr_loc_map.mapping.filters import dilated, square
+from sfr_loc_map.mapping.filters import dilated, square_element
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.pair_view import PairView
 
@@ -79,7 +79,7 @@ def _fixed_region(fixed_disparity: Mask, first_grey: FloatImage, second_grey: Fl
     if fixed_disparity.mean() < MIN_REGION_FRACTION:
         return np.zeros(fixed_disparity.shape, np.bool_)
     is_fixed = fixed_disparity & (_similarity(first_grey, second_grey, noise) > MIN_SIMILARITY)
-    smallest = square(REGION_SAMPLES)
+    smallest = square_element(REGION_SAMPLES)
     # Closing joins samples, and opening removes regions smaller than the square. The remaining regions are dilated,
     # because windows at their borders include other content and are less similar.
     closed = cv2.morphologyEx(is_fixed.astype(np.uint8), cv2.MORPH_CLOSE, smallest)

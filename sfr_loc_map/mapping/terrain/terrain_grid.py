@@ -105,9 +105,9 @@ def terrain_grid(
     roughness_m = planes.residual_m.astype(F)
     step_m = _steps(outer, planes, _disc(STEP_RADIUS_M / cell_m), cell_m).astype(F)
     slope_ratio = slope_rad / np.radians(config.max_slope_deg)
-    plane_ratio = np.maximum(slope_ratio, roughness_m / config.max_roughness_m).astype(F)
+    roughness_ratio = roughness_m / config.max_roughness_m
     step_ratio = step_m / F(config.max_step_m)
-    hazard = _hazards(plane_ratio, step_ratio, _disc(footprint_cells))
+    hazard = _hazards(np.maximum(slope_ratio, roughness_ratio).astype(F), step_ratio, _disc(footprint_cells))
     return TerrainGrid(model, slope_rad, roughness_m, step_m, hazard)
 
 
