@@ -1,16 +1,11 @@
 """The server of the live page: its files, the state as JSON, a websocket for each open page, commands.
 
-Access: on loopback no token is required, but the host name of a request must be a loopback name, because a foreign name
-may resolve to this host (DNS rebinding). On another address each request requires the token: `?token=` once (a cookie
-keeps the token) or `Authorization: Bearer`. Requests that originate from another page are refused. A command requires
-the command token, which is part of the served page.
+A command requires the command token, which is part of the served page, besides the access of each request (`access`).
 """
 
 from __future__ import annotations
 
 import asyncio
-import hmac
-import ipaddress
 import json
 import logging
 import secrets
@@ -22,7 +17,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote, urlsplit
+from urllib.parse import quote
 
 from aiohttp import WSMsgType, http_exceptions, web
 
@@ -30,6 +25,7 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.live import updates
+from sfr_loc_map.live.access import TOKEN_COOKIE, is_equal, is_loopback, refusal_of
 from sfr_loc_map.live.connections import IDLE_TIMEOUT_S, BoundedConnections
 from sfr_loc_map.live.live_report import LiveReport
 from sfr_loc_map.live.run_end import EndFile
@@ -41,7 +37,6 @@ DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8080
 CONTENT_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 PLOTTING_LIBRARY = "plotly.min.js"  #: File of the plotly wheel.
 TOKEN_MARK = b"@COMMAND_TOKEN@"
-TOKEN_COOKIE = "sfr_live_token"
 COMMAND_HEADER = "X-SFR-Token"
 HEADERS = {
     # plotly.js writes inline styles and draws heat maps as data: images
@@ -84,7 +79,7 @@ class LiveConfig:
     def __post_init__(self) -> None:
         """Raise a ConfigError if a required token is missing, or if the token is too short."""
         token = self.token
-        if not token and not _is_loopback(self.host):
+        if not token and not is_loopback(self.host):
             raise ConfigError(
                 f"other hosts can open the page at '{self.host}': give --token with at least {MIN_TOKEN_LETTERS} "
                 "characters"
@@ -220,7 +215,7 @@ class LiveServer:
         """Refuse requests without access; turn errors into one line of text; add the security headers."""
         assert self._connections is not None
         self._connections.has_asked(request.protocol)
-        refusal = self._refusal(request)
+        refusal = refusal_of(request, self._config.token)
         try:
             if refusal and request.path != "/healthz":
                 raise web.HTTPForbidden(reason=refusal)
@@ -234,19 +229,6 @@ class LiveServer:
         if self._config.token and request.query.get("token") and not refusal:
             response.set_cookie(TOKEN_COOKIE, self._config.token, httponly=True, samesite="Strict")
         return response
-
-    def _refusal(self, request: web.Request) -> str:
-        """Return why a request is refused; empty if it has access."""
-        host = request.headers.get("Host", "")
-        origin = request.headers.get("Origin")
-        token = self._config.token
-        if not token and not _is_loopback(_split(f"//{host}")[0]):
-            return "this page is served only for 127.0.0.1 and localhost"
-        if origin is not None and _split(origin)[1] != host:
-            return "the request comes from another page"
-        if token and not any(_is_equal(word, token) for word in _given_tokens(request)):
-            return "a token is required: open the address that sfr live has printed"
-        return ""
 
     # ---- requests
 
@@ -274,7 +256,7 @@ class LiveServer:
         return web.Response(body=page, content_type="text/html", charset="utf-8", headers=REPORT_HEADERS)
 
     async def _run_command(self, request: web.Request) -> web.Response:
-        if not _is_equal(request.headers.get(COMMAND_HEADER, ""), self._command_token):
+        if not is_equal(request.headers.get(COMMAND_HEADER, ""), self._command_token):
             return web.json_response({"ok": False, "text": "the page is of an earlier server: reload it"}, status=403)
         try:
             async with asyncio.timeout(IDLE_TIMEOUT_S):
@@ -374,33 +356,6 @@ def _page_files(command_token: str) -> dict[str, bytes]:
     found["index.html"] = found["index.html"].replace(TOKEN_MARK, command_token.encode())
     found[PLOTTING_LIBRARY] = (files("plotly") / "package_data" / PLOTTING_LIBRARY).read_bytes()
     return found
-
-
-def _given_tokens(request: web.Request) -> tuple[str, str, str]:
-    scheme, _, bearer = request.headers.get("Authorization", "").partition(" ")
-    bearer = bearer if scheme.lower() == "bearer" else ""
-    return request.query.get("token", ""), request.cookies.get(TOKEN_COOKIE, ""), bearer
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-def _split(url: str) -> tuple[str, str]:
-    """Return the host name and the host name with port of an address; both are empty if the address is invalid."""
-    try:
-        found = urlsplit(url)
-        return found.hostname or "", found.netloc
-    except ValueError:
-        return "", ""
-
-
-def _is_equal(given: str, wanted: str) -> bool:
-    # invalid UTF-8 bytes of a header are surrogates
-    return hmac.compare_digest(given.encode(errors="surrogatepass"), wanted.encode())
 
 
 def _is_internal_error(record: logging.LogRecord) -> bool:
