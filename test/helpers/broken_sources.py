@@ -13,7 +13,7 @@ import numpy as np
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from helpers.made_scene import write_bag, write_folder
-from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 
 Edit = Callable[[str, int, Any], Any]
 """Takes topic, number of the message on it and message; returns the message to write, or None to leave it out."""

@@ -9,7 +9,7 @@ from rosbags.rosbag1 import Writer
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.message_types import TF
 
 NOETIC = get_typestore(Stores.ROS1_NOETIC)

@@ -8,7 +8,7 @@ from typing import Any
 
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 
 
 def write_messages(path: Path, entries: Iterable[tuple[str, int, Any]]) -> Path:

@@ -13,7 +13,7 @@ from stereo_msgs.msg import DisparityImage
 from helpers.made_scene import START_NS, T_RB_LOCSB
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.io.bag import messages as bag_messages
-from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 
 if TYPE_CHECKING:
     from helpers.peer import Peer

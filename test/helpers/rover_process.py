@@ -17,7 +17,7 @@ from std_msgs.msg import String
 from helpers.made_scene import LOC_RIG, loc_pair
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.io.bag import messages as bag_messages
-from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 
 PERIOD_S = 0.1
 

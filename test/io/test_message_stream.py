@@ -17,7 +17,7 @@ from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import faulty
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
-from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.calibration.camera_info import rig_from_camera_info
 from sfr_loc_map.io.convert import ConvertOptions, convert
 from sfr_loc_map.io.images.codec import samples_of

@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_no
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.bag import messages as bag_messages
-from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
 from sfr_loc_map.io.truth.config import TruthConfig

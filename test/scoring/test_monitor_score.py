@@ -20,7 +20,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, Task
-from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.messages import odometry
 from sfr_loc_map.io.truth.config import TrackedBody
 from sfr_loc_map.message_types import STRING

@@ -19,7 +19,7 @@ from helpers.scored_drives import PERIOD_NS, straight
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.messages import odometry
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
 
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -24,9 +23,9 @@ from sfr_loc_map.geometry.plausibility import check_extrinsics, plausible_poses
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Task, parse_json, refusing, serialised_stamp
-from sfr_loc_map.io.bag.encoding import readable
+from sfr_loc_map.io.bag.encoding import TYPESTORE, readable
 from sfr_loc_map.io.bag.files import is_unfinished, reader_paths
-from sfr_loc_map.io.bag.frames import pose_row, trajectory_of
+from sfr_loc_map.io.bag.frames import Frame, FrameSeries, pose_row, trajectory_of
 from sfr_loc_map.io.bag.readers import BagReader, reader_of
 from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.message_types import (
@@ -47,7 +46,6 @@ from sfr_loc_map.message_types import (
 )
 from sfr_loc_map.topics import COMPRESSED_END, RECTIFIED, configuration_topic, names
 
-TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 TOPICS_READ = tuple(name.strip("/") for name in names(read=True))
 """Names of the topics that are read from a bag, in any namespace."""
 STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, DISPARITY}
@@ -264,6 +262,18 @@ def read_frame_tree(bag: Bag) -> FrameTree:
                 pose = pose_of(item.transform.translation, item.transform.rotation)
             frames.add(item.header.frame_id.strip("/"), item.child_frame_id.strip("/"), pose)
     return frames
+
+
+def read_frames(bag: Bag, child: str = "", parent: str = "") -> dict[str, Frame]:
+    """Return the frames in `/tf` and `/tf_static` that have a parent, with their poses; see `FrameSeries.chosen`."""
+    series = FrameSeries()
+    for name in ("tf_static", "tf"):
+        topic = bag.find(name, TF)
+        for _, _, message in () if topic is None else bag.messages([topic]):
+            for item in message.transforms:
+                frame = series.frame_of(item, is_static=name == "tf_static")
+                frame.rows.append(pose_row(item, item.transform))
+    return series.chosen(child, parent)
 
 
 def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: str = "") -> RigInBody | None:

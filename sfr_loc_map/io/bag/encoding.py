@@ -11,7 +11,7 @@ from sfr_loc_map.errors import InputError
 
 CDR, ROS1 = "cdr", "ros1"
 OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}  #: Present names of ROS 1 types by their former names.
-_ROS2 = get_typestore(Stores.ROS2_JAZZY)
+TYPESTORE = get_typestore(Stores.ROS2_JAZZY)  #: Types of the messages of ROS 2.
 
 
 def is_ros1(connection: Connection) -> bool:
@@ -21,7 +21,7 @@ def is_ros1(connection: Connection) -> bool:
 
 def cdr_of_ros1(data: bytes, msgtype: str) -> bytes:
     """Return a message of ROS 1 as CDR, without the sequence number of its header."""
-    return bytes(_ROS2.ros1_to_cdr(data, msgtype))
+    return bytes(TYPESTORE.ros1_to_cdr(data, msgtype))
 
 
 def readable(connections: Sequence[Connection]) -> list[Connection]:

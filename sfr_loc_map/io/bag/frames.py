@@ -12,7 +12,6 @@ from sfr_loc_map.geometry.rotation import quat_multiply, quat_rotate
 from sfr_loc_map.geometry.stamped_poses import sampled
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import stamp_of
-from sfr_loc_map.message_types import TF
 
 MAX_CHAINS = 1000  #: Maximum number of frame chains that are searched at the same time.
 PoseRow = tuple[int, tuple[float, ...]]  #: Stamp, ns, and x, y, z, qx, qy, qz, qw.
@@ -58,18 +57,6 @@ class FrameSeries:
             others = () if name in way else tuple(above for above in by_parent if above != taken)
             frames[name] = replace(by_parent[taken], other_parents=others)
         return frames
-
-
-def read_frames(bag: Any, child: str = "", parent: str = "") -> dict[str, Frame]:  # noqa: ANN401 - an opened `bag.Bag`
-    """Return the frames of a bag that have a parent; see `FrameSeries.chosen`."""
-    series = FrameSeries()
-    for name in ("tf_static", "tf"):
-        topic = bag.find(name, TF)
-        for _, _, message in () if topic is None else bag.messages([topic]):
-            for item in message.transforms:
-                frame = series.frame_of(item, is_static=name == "tf_static")
-                frame.rows.append(pose_row(item, item.transform))
-    return series.chosen(child, parent)
 
 
 def _way(series: Mapping[str, Mapping[str, Frame]], child: str, parent: str) -> dict[str, str]:

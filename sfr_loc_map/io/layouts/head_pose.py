@@ -14,8 +14,8 @@ from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.stamped_poses import covered, sampled
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing, stamp_of
-from sfr_loc_map.io.bag.bag import Bag, Topic
-from sfr_loc_map.io.bag.frames import chain_above, read_frames
+from sfr_loc_map.io.bag.bag import Bag, Topic, read_frames
+from sfr_loc_map.io.bag.frames import chain_above
 from sfr_loc_map.io.source_config import FramesConfig
 from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.message_types import JOINTS
@@ -37,7 +37,11 @@ def head_poses(
 
 
 def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, base: str) -> list[Transform] | None:
-    """Return the poses from /tf and /tf_static; None if these do not connect rover and camera."""
+    """Return the poses from /tf and /tf_static; None if these do not connect rover and camera.
+
+    Each stamp has a tree of the transforms that are known at this stamp. The tree of all transforms shows whether the
+    frames are connected at all, so that a gap in the recording is an error and a missing connection is not.
+    """
     where, frames = f"bag '{bag.path}'", read_frames(bag)
     ends = (NAVSB_FRAME, camera_frame.strip("/"), *([base] if base else BASE_FRAMES))
     ends = tuple(name for name in frames if name in ends or name.rpartition("/")[2] in ends)
@@ -48,8 +52,9 @@ def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, 
         known = covered(poses.stamps_ns, stamps_ns) | frame.is_static
         for tree, is_known, place, turn in zip(trees, known, *sampled(poses, stamps_ns), strict=True):
             pose = Transform.from_quat(place, turn)
-            for each in (whole, tree) if is_known else (whole,):
-                each.add(frame.parent, name, pose)
+            whole.add(frame.parent, name, pose)
+            if is_known:
+                tree.add(frame.parent, name, pose)
     whole_rig, *rigs = (rig_in_body(tree, camera_frame, baseline_m, base, NAVSB_FRAME) for tree in (whole, *trees))
     if whole_rig is None:
         return None

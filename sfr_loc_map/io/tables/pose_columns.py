@@ -418,23 +418,28 @@ def _by_user(before: Sequence[str], name: str, columns: str, separator: str | No
 
 
 def _column(text: str, header: Sequence[str]) -> tuple[int | None, str]:
-    """Return the index and the unit of a column that the user names by number, full name, or name without unit."""
+    """Return the index and the unit of a column that the user names: `#3[mm]`, `East [mm]` or `East`.
+
+    A column is named by its number, or by its title in the header with or without its unit. A given unit has priority
+    over the unit in the header. The index is None if there is no such column.
+    """
     title, unit = split_unit(text)
-    if re.fullmatch(r"#?[0-9]{1,4}", text.partition("[")[0].strip()) and (text.startswith("#") or not header):
-        return int(text.partition("[")[0].strip(" #")) - 1, text.partition("[")[2].strip("] ").lower()
-    plain = [re.sub(r"[\s#%]", "", cell).lower() for cell in header]
-    wanted = re.sub(r"[\s#%]", "", text).lower()
-    if wanted in plain:
-        return plain.index(wanted), split_unit(header[plain.index(wanted)])[1]
-    own, _, given = text.rpartition("[")
-    if own and re.sub(r"[\s#%]", "", own).lower() in plain:  # the unit replaces that of the header
-        return plain.index(re.sub(r"[\s#%]", "", own).lower()), given.strip("] ").lower()
-    titles = [re.sub(r"\s", "", split_unit(cell)[0]).lower() for cell in header]
-    short = re.sub(r"\s", "", title).lower()
-    if short in titles:
-        place = titles.index(short)
-        return place, unit or split_unit(header[place])[1]
+    without_bracket = text.rpartition("[")[0] if text.endswith("]") else text
+    if re.fullmatch(r"#?[0-9]{1,4}", without_bracket.strip()) and (text.startswith("#") or not header):
+        return int(without_bracket.strip(" #")) - 1, unit
+    titles = [_compact(cell) for cell in header]
+    titles_without_unit = [_compact(split_unit(cell)[0]) for cell in header]
+    for names in (titles, titles_without_unit):
+        for wanted in (text, without_bracket, title):
+            if _compact(wanted) in names:
+                place = names.index(_compact(wanted))
+                return place, unit or split_unit(header[place])[1]
     return None, ""
+
+
+def _compact(title: str) -> str:
+    """Return a title in lower case without spaces and comment signs."""
+    return re.sub(r"[\s#%]", "", title).lower()
 
 
 # ---- without a header
@@ -563,6 +568,13 @@ def _check(found: PoseColumns, name: str, before: Sequence[str], option: str) ->
         raise InputError(_no_names(name, before, header, option, f"{', '.join(missing)} not found"))
     known = {STAMP: (*TIMES, UTC_UNIT, ""), NANOSECONDS: ("ns", "us", "ms", "nsec", "usec", "msec", "")}
     known |= dict.fromkeys((*POSITION, DOWN), tuple(METRES))
+    scaled = [key for key in found.position_keys if METRES.get(found.units.get(key, ""), 1.0) != 1.0]
+    without_unit = [key for key in found.position_keys if key in found and not found.units.get(key)]
+    if scaled and without_unit:
+        raise InputError(
+            f"{name}: {scaled[0]} is in {found.units[scaled[0]]}, but {without_unit[0]} has no unit: name its unit "
+            f"in the header, or name the columns: {option.replace('COLUMNS', 't=...,x=...[mm],y=...[mm],z=...[mm]')}"
+        )
     for key, unit in found.units.items():
         if key in known and unit not in known[key]:
             units = ", ".join(unit for unit in known[key] if unit)

@@ -12,8 +12,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import refusing
-from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic, read_odometry
-from sfr_loc_map.io.bag.frames import chain_above, chain_poses, read_frames, trajectory_of
+from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic, read_frames, read_odometry
+from sfr_loc_map.io.bag.frames import chain_above, chain_poses, trajectory_of
 from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.truth.config import AS_THE_SOURCE_HAS_IT, TruthConfig
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TruePoses

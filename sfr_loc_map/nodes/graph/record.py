@@ -15,7 +15,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 
 from sfr_loc_map.doctor.silence import silence_of
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.writer import BagRecorder
 from sfr_loc_map.nodes.ros import environment
 from sfr_loc_map.nodes.ros.messages import message_type

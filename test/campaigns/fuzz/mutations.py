@@ -23,7 +23,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import zstd
 
 from sfr_loc_map.inputs import parse_yaml
-from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.files import MCAP_MAGIC
 
 Mutation = Callable[[Random, bytes], bytes]

@@ -15,7 +15,8 @@ from helpers.pose_tables import COUNT, drive
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag import messages as bag_messages
-from sfr_loc_map.io.bag.bag import TYPESTORE, Bag
+from sfr_loc_map.io.bag.bag import Bag
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.files import reader_paths
 from sfr_loc_map.io.images.codec import samples_of
 from sfr_loc_map.io.registry import read_truth

@@ -10,7 +10,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from sfr_loc_map.errors import OutputError
-from sfr_loc_map.io.bag.bag import TYPESTORE, Bag
+from sfr_loc_map.io.bag.bag import Bag
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.writer import BagRecorder
 
 STRING = "std_msgs/msg/String"

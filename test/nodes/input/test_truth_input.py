@@ -11,7 +11,7 @@ import pytest
 from helpers.message_bags import write_messages
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io.bag import messages as bag_messages
-from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.nodes.input.truth_input import TruthFrame
