@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.catalogue import KINDS, OF_CALLS, TOTAL, Subject, statistic_title, title_of
-from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison
+from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison, SideBySide
 from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
@@ -17,7 +17,7 @@ from sfr_loc_map.report import plots
 from sfr_loc_map.report.score_plots import growth, path_errors, path_of, range_rows
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text, row_title
 from sfr_loc_map.report.summary import overall_of
-from sfr_loc_map.report.tables import ABSENT, MARKS, NONE, PERCENT, Cell, Column, Row, Table, Unit, fitting, number
+from sfr_loc_map.report.tables import ABSENT, MARKS, MIB, NONE, PERCENT, Cell, Column, Row, Table, Unit, fitting, number
 
 MAX_LETTERS = 60  #: Maximum length of a name in a legend.
 NEUTRAL = ("frames",)  #: Columns without a best and a worst figure.
@@ -68,13 +68,23 @@ def comparison_tables(result: Comparison) -> list[Table]:
         tables.append(Table("pairs", title, columns, tuple(rows), note))
     if result.side_by_side:
         title = "Complete runs side by side (not paired, without an interval)"
-        columns = (Column("figure", words=True), *map(Column, names))
-        whole = tuple(
-            (Cell.head(f"{row.figure}, {row.unit}" if row.unit != "1" else row.figure), *map(_cell, row.values))
-            for row in result.side_by_side
-        )
-        tables.append(Table("runs", title, columns, whole))
+        columns = (Column("figure", words=True), Column("unit", words=True), *map(Column, names))
+        whole = []
+        for item in result.side_by_side:
+            unit = _whole_run_unit(item)
+            name = Cell.head(item.figure.replace("_plus_3sigma", " + 3 sigma").replace("_", " "))
+            whole.append((name, Cell(unit.symbol), *(_cell(value, unit) for value in item.values)))
+        tables.append(Table("runs", title, columns, tuple(whole)))
     return tables
+
+
+def _whole_run_unit(item: SideBySide) -> Unit:
+    if item.unit == "bytes":
+        return MIB
+    if item.unit == "1":
+        name = item.figure.partition(" ")[0]
+        return NONE if KINDS[name].is_count else PERCENT
+    return fitting(Unit(item.unit), *item.values)
 
 
 def _cell(value: float | int | None, unit: Unit = NONE, *, signed: bool = False) -> Cell:
