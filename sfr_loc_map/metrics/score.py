@@ -84,6 +84,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     rules: Rules | None = None  #: Rules by which the verdicts follow from the figures; null without limits.
     errors: tuple[ErrorRows, ...] = ()  #: All errors of the limited figures of the trajectory.
     details: Details | None = None  #: Data of the plots.
+    content_sha256: str | None = None  #: Hash of all other values of a file; null for a score in memory.
 
     # ---- look-up
 

@@ -1,14 +1,19 @@
 """Conversion of records to JSON and back by msgspec, with one schema for files, topics and the report.
 
-Numbers that are not finite are written as null. A record that is read is checked against the types of its fields.
+Numbers that are not finite are written as null. A record that is read is checked against the types of its fields. The
+JSON of a score contains the hash of its other values, so that a changed value is detected although no figure and no
+verdict depends on it, such as a deleted finding. The hash is not a signature.
 """
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
+from msgspec.structs import replace
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
@@ -16,6 +21,7 @@ from sfr_loc_map.metrics.score import SCHEMA, Score
 from sfr_loc_map.metrics.stored import stored_contradiction
 
 T = TypeVar("T")
+HASH = "content_sha256"  #: Key of the hash of all other values.
 MAX_NUMBER = 1e100  #: Maximum number of a figure; its squares and sums are finite.
 SCORE_AGAIN = "score the estimate again with this version (sfr score EST TRUTH --json S.json)"
 
@@ -50,20 +56,26 @@ def from_plain(kind: type[T], value: Any, place: str = "") -> T:  # noqa: ANN401
 
 
 def to_dict(score: Score) -> dict[str, Any]:
-    """Return the score as JSON values."""
-    found: dict[str, Any] = to_plain(score)
-    return found
+    """Return the score as JSON values, with their hash."""
+    found: dict[str, Any] = to_plain(replace(score, content_sha256=None))
+    return {**found, HASH: hash_of_values(found)}
 
 
 def to_json(score: Score) -> str:
     """Return the JSON of a score, with numbers in the shortest form that is read back bit-identical."""
-    return json_line(score)
+    return json_line(to_dict(score))
+
+
+def hash_of_values(content: Mapping[str, Any]) -> str:
+    """Return the hash of the JSON values of a score except the hash itself, independently of the order of the keys."""
+    values = {name: value for name, value in content.items() if name != HASH}
+    return hashlib.sha256(msgspec.json.encode(values, order="sorted")).hexdigest()
 
 
 def load_score(path: Path) -> Score:
-    """Read a score and check its verdicts; InputError if they contradict its figures, or if the file is not a score."""
+    """Read a score and check its values; InputError if they contradict each other, or if the file is not a score."""
     try:
-        return from_json(read_text(path, MAX_JSON_BYTES), f"'{path}'")
+        return from_json(read_text(path, MAX_JSON_BYTES), f"'{path}'", needs_hash=True)
     except (OSError, ValueError) as error:
         problem = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"cannot read score '{path}': {problem}; give the JSON of sfr score --json") from error
@@ -80,11 +92,12 @@ def from_dict(content: object, origin: str = "score") -> Score:
         score = msgspec.convert(content, Score)
     except (msgspec.ValidationError, ValueError) as error:
         raise _invalid(error, origin) from error
-    return checked(score, origin)
+    checked(score, origin)
+    return _without_hash(score, content, origin)
 
 
-def from_json(text: str | bytes, origin: str = "score") -> Score:
-    """Return the score of a JSON text.
+def from_json(text: str | bytes, origin: str = "score", *, needs_hash: bool = False) -> Score:
+    """Return the score of a JSON text, which must contain the hash of its values if `needs_hash` is set.
 
     InputError, whose message of one line names fault and field, if the text is not JSON or does not match the schema.
     """
@@ -96,7 +109,10 @@ def from_json(text: str | bytes, origin: str = "score") -> Score:
         problem = " ".join(str(error).split())
         raise InputError(f"{origin} is not JSON ({problem}): give the JSON of sfr score --json") from error
     _check_schema(head.schema, origin)
-    return checked(decoded(text, origin), origin)
+    score = checked(decoded(text, origin), origin)
+    if needs_hash and score.content_sha256 is None:
+        raise InputError(f"{origin} has no {HASH}, the hash of its values: {SCORE_AGAIN}")
+    return _without_hash(score, msgspec.json.decode(text), origin)
 
 
 def decoded(text: str | bytes, origin: str = "score") -> Score:
@@ -112,6 +128,13 @@ def checked(score: Score, origin: str) -> Score:
     if (problem := stored_contradiction(score)) is not None:
         raise InputError(f"{origin} contradicts itself: {problem}; {SCORE_AGAIN}")
     return score
+
+
+def _without_hash(score: Score, content: Mapping[str, Any], origin: str) -> Score:
+    """Return the score in memory, without the hash of its values; InputError if the values have another hash."""
+    if score.content_sha256 not in (None, hash_of_values(content)):
+        raise InputError(f"{origin} contradicts itself: its values were changed, as {HASH} shows; {SCORE_AGAIN}")
+    return replace(score, content_sha256=None)
 
 
 def _check_schema(found: object, origin: str) -> None:

@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.details import CallHistogram, Columns
 from sfr_loc_map.metrics.limits import PLACES, Limit, LimitSection
 from sfr_loc_map.metrics.records import InputFile, Provenance
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import decoded, from_dict, from_json, from_plain, to_dict, to_json
+from sfr_loc_map.metrics.score_json import decoded, from_dict, from_json, from_plain, hash_of_values, to_dict, to_json
 from sfr_loc_map.metrics.table import COLUMNS, figure_row
 
 NUMBERS = st.floats(-1e100, 1e100)
@@ -86,6 +86,7 @@ def column_or_value(part: Any, length: int) -> st.SearchStrategy[Any]:
 @given(values(Score))
 def test_every_score_reads_back_as_it_was_written(score: Score) -> None:
     text = to_json(score)
+    score = replace(score, content_sha256=json.loads(text)["content_sha256"])
     read = decoded(text)
     assert read == score
     assert to_json(read) == text
@@ -100,7 +101,7 @@ def score() -> Score:
 
 def test_the_keys_are_those_that_other_programs_rely_on() -> None:
     plain = to_dict(score())
-    pinned = ["schema", "verdict", "figures", "verdicts", "association", "truth", "provenance"]
+    pinned = ["schema", "verdict", "figures", "verdicts", "association", "truth", "provenance", "content_sha256"]
     assert list(plain) == pinned, "these are always there, others only if they are known"
     assert list(to_dict(Score())) == pinned
     assert plain["schema"] == "sfr-score/2"
@@ -158,7 +159,8 @@ def drawn(edges: list[float], counts: list[int], **series: Any) -> dict[str, Any
 )
 def test_malformed_scores_are_refused_with_the_place(change: dict[str, Any], words: str) -> None:
     if words == "at `..details":  # an empty column is unknown
-        assert from_dict(to_dict(score()) | change).details is not None
+        content = to_dict(score()) | change
+        assert from_dict(content | {"content_sha256": hash_of_values(content)}).details is not None
         return
     for read in (lambda plain: from_dict(plain, "file.json"), lambda plain: from_json(json.dumps(plain), "file.json")):
         with pytest.raises(InputError, match=f"^file.json .*{words}") as caught:

@@ -157,6 +157,7 @@ def check_every_view(statistic: str) -> None:
     assert stored["figures"][score.figures.index(row)][statistic] == number
     assert from_dict(stored) == score
     without = {**stored, "verdicts": [], "verdict": None, "rules": None}
+    del without["content_sha256"]
     without["figures"] = [{name: each[name] for name in each if name != statistic} for each in stored["figures"]]
     assert from_dict(without).number("position", statistic) is None, "a score that is older than the statistic is read"
 

@@ -171,6 +171,37 @@ def test_limits_whose_file_is_absent_or_changed_are_reported(
     assert all("were not compared" in path.read_text() for path in (page, table)), "a deviation"
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("findings", [], "its values were changed"),
+        ("warnings", ["none"], "its values were changed"),
+        ("details", None, "its values were changed"),
+        ("truth", None, "its values were changed"),
+        ("content_sha256", None, "has no content_sha256"),
+        ("content_sha256", "0", "its values were changed"),
+    ],
+)
+def test_a_value_that_no_verdict_depends_on_is_covered_by_the_hash(
+    judge: Judge, name: str, value: Any, said: str
+) -> None:
+    """A finding that prevents no pass is deleted, or a warning, the plots, the record of the truth or the hash."""
+    stamps = judge.estimate.stamps_ns
+    rows = [f"{stamp},0.1,tracking,mine,1,python,late answer: slow" for stamp in stamps]
+    stats = judge.folder / "calls.csv"
+    header = "stamp_ns,processing_time_s,state,method,method_version,method_kind,finding"
+    stats.write_text("\n".join([header, *rows]) + "\n")
+    _, score = judge("--stats", stats)
+    assert score["findings"]
+    assert score["warnings"]
+    path = judge.folder / "edited.json"
+    for content, code in ((dict(reversed(score.items())), 0), ({**score, name: value}, 2)):
+        path.write_text(json.dumps(content, indent=2))
+        done = judge.sfr("report", path, "--overwrite")
+        assert done.code == code, done.err
+    assert said in done.err
+
+
 def points_of(number: int) -> PointCloud:
     """The true point of each pixel of a pair, 1 mm or 2 mm off."""
     cloud = true_cloud(number)

@@ -20,7 +20,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.score_json import from_json, to_json
+from sfr_loc_map.metrics.score_json import decoded, from_json, to_json
 
 
 def test_scores_of_several_runs_have_no_pass_in_common(tmp_path: Path, sfr: Sfr) -> None:
@@ -44,8 +44,8 @@ def test_scores_of_several_runs_have_no_pass_in_common(tmp_path: Path, sfr: Sfr)
     first, same = scored("first"), scored("same")
     changed = json.loads(first.read_text())
     changed["provenance"]["version"] = "0.0.1"
-    (tmp_path / "version.json").write_text(json.dumps(changed))
-    (tmp_path / "unknown.json").write_text(json.dumps({**changed, "provenance": None}))
+    (tmp_path / "version.json").write_text(to_json(decoded(json.dumps(changed))))
+    (tmp_path / "unknown.json").write_text(to_json(decoded(json.dumps({**changed, "provenance": None}))))
     mixed = {
         "2 items under test": scored("item", version="2"),
         "several versions": tmp_path / "version.json",
