@@ -130,7 +130,7 @@ def checked(score: Score, origin: str) -> Score:
     return score
 
 
-def _without_hash(score: Score, content: Mapping[str, Any], origin: str) -> Score:
+def _without_hash(score: Score, content: Any, origin: str) -> Score:  # noqa: ANN401 - the JSON of the score
     """Return the score in memory, without the hash of its values; InputError if the values have another hash."""
     if score.content_sha256 not in (None, hash_of_values(content)):
         raise InputError(f"{origin} contradicts itself: its values were changed, as {HASH} shows; {SCORE_AGAIN}")
