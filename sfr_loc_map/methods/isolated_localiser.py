@@ -46,7 +46,7 @@ class IsolatedLocaliser(IsolatedMethod):
         call = MethodCall()
         about = OrderedPair(stamp_ns=pair.stamp_ns, index=0, T_lm_navsb=None)
         try:
-            call, answer = self._started().call("pair", [pair], [about], since_start_s)
+            call, answer = self._running_process().call("pair", [pair], [about], since_start_s)
             check_stamp(pair, answer)
             T_ds_rb = _pose(answer.get("T_ds_rb"))
             covariance = _covariance(answer.get("covariance"))

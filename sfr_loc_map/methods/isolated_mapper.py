@@ -44,7 +44,7 @@ class IsolatedMapper(IsolatedMethod):
     ) -> None:
         """Start the mapper, which cannot read `hidden`; matchers search this number of disparities."""
         super().__init__(method, rig, limits, T_ds_rb=Transform.identity(), disparities=disparities, hidden=hidden)
-        self.maps_sets: bool = self._started().maps_sets  # all pairs of a map in a single call
+        self.maps_sets: bool = self._running_process().maps_sets  # all pairs of a map in a single call
         self._is_complete = True  # whether all pairs so far were mapped
 
     def map_set(self, pairs: Sequence[PosedStereoPair]) -> tuple[list[PairMap], FusedMap, MethodCall]:
@@ -123,7 +123,7 @@ class IsolatedMapper(IsolatedMethod):
         """Return the call and its answer; the arrays of the previous call are removed."""
         if self._is_given_up:
             raise MethodFailureError(FindingKind.CRASHED, "not started again")
-        process = self._started()
+        process = self._running_process()
         for what in ("cloud", "disparity"):
             self._file(what).unlink(missing_ok=True)
         call, answer = process.call(kind, pairs, about)

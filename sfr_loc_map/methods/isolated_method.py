@@ -36,7 +36,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         self._starts = 0
         self._last_pose = T_ds_rb
         self._process: MethodProcess | None = None
-        process = self._started()
+        process = self._running_process()
         self.record: MethodRecord = method.record(process.version, process.isolation)
         self.idle_bytes: int | None = process.idle_bytes  # resident memory after warm-up, None if unknown
 
@@ -60,8 +60,8 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
     def _is_given_up(self) -> bool:
         return self._process is None and self._starts > self._limits.restarts
 
-    def _started(self) -> MethodProcess:
-        """Return the process; a lost process is restarted at the last known pose."""
+    def _running_process(self) -> MethodProcess:
+        """Return the process, which is started if there is none; after a loss, it starts at the last known pose."""
         if self._process is None:
             self._starts += 1
             self._process = MethodProcess(

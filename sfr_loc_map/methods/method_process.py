@@ -166,7 +166,7 @@ class MethodProcess:
             disparities=disparities,
             vocabulary=method.vocabulary,
         )
-        self._process = self._started(method, hidden)
+        self._process = self._start(method, hidden)
         try:
             supervisor = json.loads(self._line(limits.start_timeout_s))
             self._method_pid = int(supervisor["process"])
@@ -183,13 +183,13 @@ class MethodProcess:
         self.idle_bytes = None if idle_bytes is None else idle_bytes + self._file_bytes()
         self._ended = self._tree.usage()
 
-    def _started(self, method: Method, hidden: Sequence[Path]) -> subprocess.Popen[bytes]:
+    def _start(self, method: Method, hidden: Sequence[Path]) -> subprocess.Popen[bytes]:
         """Start the supervisor, which starts `loop.py` with the adapter of the method."""
         work = self._folder / "work"
         work.mkdir()
         rules = json.dumps(rules_of(method, self._folder, hidden))
         python = str(method.python)
-        supervisor = [python, "-ES", str(CHILD / "shut_in.py"), rules]
+        supervisor = [python, "-ES", str(CHILD / "supervisor.py"), rules]
         loop = [python, str(CHILD / "loop.py"), str(ADAPTERS / method.adapter)]
         with open(self._log.name, "ab") as log:
             return subprocess.Popen(

@@ -30,10 +30,10 @@ def suite_junit(summary: Summary) -> str:
         for group in summary.groups
     }
     waiting = {"jobs": f"{summary.waiting} of {summary.jobs} have no result yet"} if summary.waiting else {}
-    labels = Counter(drive.job.label for drive in summary.results)
+    labels = Counter(result.job.label for result in summary.results)
     scores = {
-        drive.job.label if labels[drive.job.label] == 1 else f"{drive.job.label}, {drive.job.key}": drive.score
-        for drive in summary.results
+        result.job.label if labels[result.job.label] == 1 else f"{result.job.label}, {result.job.key}": result.score
+        for result in summary.results
     }
     return junit(judged | scores, failed | refused | waiting)
 
@@ -52,7 +52,7 @@ def write_parquet(summary: Summary, path: Path) -> None:
     }
     words = dict.fromkeys(("clause", "subject", "condition", "part", "figure", "unit"), "string")
     numbers = {name: "int64" if name == "n" else "float64" for name in COLUMNS if name not in words}
-    rows = [drive.names() | row.as_dict() for drive in summary.results for row in drive.score.figures]
+    rows = [result.names() | row.as_dict() for result in summary.results for row in result.score.figures]
     schema = pyarrow.schema(list((names | words | numbers).items()))
     with atomic_path(path) as temporary:
         pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows, schema=schema), temporary)
@@ -66,9 +66,9 @@ def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
         raise MissingExtraError(f"'--mlflow' needs MLflow ({absent}): pip install 'sfr_loc_map[mlflow]'") from absent
     values = {name: float(value) for name, value in summary.counts.items()}
     means: dict[str, list[float]] = {}
-    for drive in summary.results:
-        for figure, value in figures_of(drive.score).items():
-            name = "/".join((*filter(None, drive.group_key), f"drive mean of {figure.name}"))
+    for result in summary.results:
+        for figure, value in figures_of(result.score).items():
+            name = "/".join((*filter(None, result.group_key), f"drive mean of {figure.name}"))
             means.setdefault(name, []).append(value)
     values |= {name: sum(of_drives) / len(of_drives) for name, of_drives in means.items()}
     for group in summary.groups:

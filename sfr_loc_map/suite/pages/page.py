@@ -27,7 +27,7 @@ def write_summary(summary: Summary, store: Store) -> None:
     folder = store.folder
     (folder / PAGES).mkdir(exist_ok=True)
     texts = {"suite.json": json_line(summary.to_dict()), "report.html": render_summary(summary)}
-    texts |= {f"{PAGES}/{drive.job.key}.html": render_page(drive.score, plots=False) for drive in linked(summary)}
+    texts |= {f"{PAGES}/{result.job.key}.html": render_page(result.score, plots=False) for result in linked(summary)}
     for name, text in texts.items():
         write_text(text, folder / name)
     write_parquet(summary, folder / "results.parquet")
@@ -49,7 +49,7 @@ def render_summary(summary: Summary) -> str:
 def _error_plots(summary: Summary) -> list[Plot]:
     # runs are labelled by their number in the table `groups`, so that no user text is in the plot
     numbers = {group.key: n for n, group in enumerate(summary.groups, 1)}
-    each = [(numbers[drive.group_key], drive.figure) for drive in summary.results if drive.figure]
+    each = [(numbers[result.group_key], result.position_m) for result in summary.results if result.position_m]
     each.sort(key=itemgetter(0))
     if not each:
         return []

@@ -186,9 +186,9 @@ def suite_tables(summary: Summary) -> list[Table]:
                 pooled.append(figure.as_dict() | head | named | {"ci95": figure.interval, "shown": shown})
     failures = [to_plain(item) | {"folder": "failures"} for item in summary.failures]
     failures += [{"label": item.path, "cause": "source refused", "message": item.reason} for item in summary.refusals]
-    pages = {drive.job.key for drive in linked(summary)}
-    maps = [drive for drive in summary.results if drive.score.has(Subject.MAP)]
-    maps.sort(key=lambda drive: -map_error_of(drive.score))
+    pages = {result.job.key for result in linked(summary)}
+    maps = [result for result in summary.results if result.score.has(Subject.MAP)]
+    maps.sort(key=lambda result: -map_error_of(result.score))
     counts = summary.counts | {"sources refused": len(summary.refusals)}
     of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; at least five drives are required."
     of_workers = "Workers with different code were set aside and got no jobs."
@@ -233,13 +233,13 @@ def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
 
 def worst_first(summary: Summary) -> list[ScoredJob]:
     """Return the drives with a trajectory in the order of decreasing mean + 3 sigma of position."""
-    drives = [drive for drive in summary.results if drive.score.association is not None]
-    return sorted(drives, key=lambda drive: -1.0 if drive.figure is None else drive.figure, reverse=True)
+    drives = [result for result in summary.results if result.score.association is not None]
+    return sorted(drives, key=lambda result: -1.0 if result.position_m is None else result.position_m, reverse=True)
 
 
 def linked(summary: Summary) -> list[ScoredJob]:
     """Return the results that have their own page: the worst drives, and the maps."""
-    maps = [drive for drive in summary.results if drive.score.association is None]
+    maps = [result for result in summary.results if result.score.association is None]
     return (worst_first(summary) + maps)[:MAX_PAGES]
 
 
@@ -262,9 +262,9 @@ def result_table(
         columns += [Column(title, unit) for title, unit, *_ in OF_DRIVES]
     columns += [Column("limits missed"), Column("result", words=True)]
     rows = []
-    for drive in drives:
-        job, score = drive.job, drive.score
-        runs = _joined(*drive.group_key, f"repeat {job.repeat}" if job.repeat else "")
+    for result in drives:
+        job, score = result.job, result.score
+        runs = _joined(*result.group_key, f"repeat {job.repeat}" if job.repeat else "")
         link = f"{PAGES}/{job.key}.html" if job.key in pages else ""
         cells = [replace(Cell.head(job.source.name), link=link), Cell(runs)]
         for kind in errors:

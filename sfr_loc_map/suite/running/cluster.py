@@ -143,7 +143,7 @@ class SuiteWorkers:
         with contextlib.suppress(Exception):  # a worker that cannot load the plugin offers no resource
             client.register_plugin(proof_plugin(self.resource, code_facts()))
 
-    def slots(self) -> int:
+    def poll_slots(self) -> int:
         """Return the number of parallel jobs on the present workers; report if no worker may run a job.
 
         Raise InputError if there has been no such worker for longer than the limit.
@@ -173,7 +173,7 @@ class SuiteWorkers:
         return 0
 
     def ask_again(self) -> None:
-        """Request the workers of the scheduler at the next call of `slots`, because a worker has died."""
+        """Request the workers of the scheduler at the next call of `poll_slots`, because a worker has died."""
         self._slots = 0
 
     def count(self, outcome: JobOutcome) -> None:
@@ -223,7 +223,7 @@ def run_jobs(
     deaths: Counter[str] = Counter()
 
     def submit() -> None:
-        slots = workers.slots()
+        slots = workers.poll_slots()
         while waiting and len(submitted) < slots:
             job = waiting.popleft()
             future = client.submit(

@@ -57,14 +57,14 @@ def count_without_runs(terms: Terms) -> DriveCount:
     )
 
 
-def drive_counts(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[DriveCount]:
+def drive_counts(results: Sequence[ScoredJob], limits: Limits | None) -> Iterator[DriveCount]:
     """Yield the number of drives for each group and limit with `prob`; raise a ConfigError without such a limit."""
     chosen = [] if limits is None else [item for item in limits.limits if item.terms is not None]
     if not chosen:
         raise ConfigError("the suite has no limit with 'prob', such as position_bound_m: {limit: 0.1, prob: 0.95}")
     members: dict[tuple[str, str, str], list[ScoredJob]] = {}
-    for drive in drives:
-        members.setdefault(drive.group_key, []).append(drive)
+    for result in results:
+        members.setdefault(result.group_key, []).append(result)
     for key, jobs in members.items():
         for limit in chosen:
             terms = limit.terms or Terms()

@@ -53,8 +53,8 @@ class ScoredJob:
         return group_key_of(self.job)
 
     @property
-    def figure(self) -> float | None:
-        """Mean + 3 sigma of the position over the first condition, None without a trajectory."""
+    def position_m(self) -> float | None:
+        """Mean + 3 sigma of the position error over the first condition, m; None without a trajectory."""
         return self.score.number("position", "mean_plus_3sigma")
 
     def names(self) -> dict[str, object]:
@@ -144,20 +144,20 @@ class Summary:
         """Return the summary as JSON values, for each drive with names, figures, verdicts and the file of its score."""
         named = ("verdict", "groups", "failures", "refusals", "workers", "budgets")
         parts = {name: to_plain(getattr(self, name)) for name in named}
-        drives = [
-            drive.names()
-            | {"path": drive.job.source.path, "pairing": drive.job.pairing, "file": f"results/{drive.job.key}.json"}
-            | {"figures": [[*to_plain(name).values(), value] for name, value in figures_of(drive.score).items()]}
-            | {"verdicts": to_plain(drive.score.verdicts)}
+        results = [
+            result.names()
+            | {"path": result.job.source.path, "pairing": result.job.pairing, "file": f"results/{result.job.key}.json"}
+            | {"figures": [[*to_plain(name).values(), value] for name, value in figures_of(result.score).items()]}
+            | {"verdicts": to_plain(result.score.verdicts)}
             | {
                 name: to_plain(value)
                 for name in ("incomplete", "contradiction", "findings")
-                if (value := getattr(drive.score, name))
+                if (value := getattr(result.score, name))
             }
-            for drive in self.results
+            for result in self.results
         ]
         head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": self.counts}
-        return {**head, **self.run, **parts, "drives": drives}
+        return {**head, **self.run, **parts, "drives": results}
 
 
 def are_decided(groups: Sequence[Group]) -> bool:
@@ -222,19 +222,19 @@ def summarise(store: Store) -> Summary:
     )
 
 
-def budgets_of(drives: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator[Budget]:
+def budgets_of(results: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator[Budget]:
     """Yield the error budget of each configuration and condition; nothing if the suite is not a budget."""
     sources = error_sources_of([job.source.variant for job in planned])
     if not sources:
         return
-    for configuration in dict.fromkeys(drive.job.configuration for drive in drives):
-        used = [drive for drive in drives if drive.job.configuration == configuration and drive.job.repeat == 0]
-        for condition in dict.fromkeys(condition for drive in used for condition in drive.score.conditions):
+    for configuration in dict.fromkeys(result.job.configuration for result in results):
+        used = [result for result in results if result.job.configuration == configuration and result.job.repeat == 0]
+        for condition in dict.fromkeys(condition for result in used for condition in result.score.conditions):
             errors: dict[str, dict[str, DriveErrors]] = {}
-            for drive in used:
-                found = _drive_errors(drive.score, condition)
+            for result in used:
+                found = _drive_errors(result.score, condition)
                 if found is not None:
-                    errors.setdefault(drive.job.source.variant, {})[drive.job.source.name] = found
+                    errors.setdefault(result.job.source.variant, {})[result.job.source.name] = found
             yield budget_of(sources, condition, errors, configuration=configuration)
 
 

@@ -1,4 +1,4 @@
-"""Runs a command without access to other files and TCP: `python shut_in.py RULES COMMAND...`; requires only Linux.
+"""Runs a command without access to other files and TCP: `python supervisor.py RULES COMMAND...`; requires only Linux.
 
 RULES are JSON: folders that may be listed (`names`), paths that may be read (`read`), and paths that may be read and
 written (`write`). Missing paths are ignored. The command runs in a child process in a Landlock domain (Linux 5.13),
@@ -38,7 +38,7 @@ def _checked(result: int, what: str) -> int:
     return result
 
 
-def shut_off(names: list[str], read: list[str], write: list[str]) -> list[str]:
+def restrict(names: list[str], read: list[str], write: list[str]) -> list[str]:
     """Restrict this process and its descendants; return the restrictions. OSError without Landlock."""
     abi = _checked(LIBC.syscall(CREATE_RULESET, None, 0, 1), "Landlock")
     rights_on_files = (1 << RIGHTS_BY_ABI[min(abi, len(RIGHTS_BY_ABI)) - 1]) - 1
@@ -100,7 +100,7 @@ def main() -> None:
     text, *words = sys.argv[1:]
     rules = json.loads(text)
     try:
-        isolation = ", ".join(shut_off(rules["names"], rules["read"], rules["write"]))
+        isolation = ", ".join(restrict(rules["names"], rules["read"], rules["write"]))
     except OSError as error:
         isolation = f"not files ({error})"
     print(json.dumps({"process": os.getpid(), "isolation": isolation}), flush=True)
