@@ -171,7 +171,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._resets_ns: list[int] = []  # last stamp before each reset by the operator
         self._has_estimate = False
         self._has_truth = False
-        self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)
+        self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)  # received before camera_info
         self._configurations: dict[str, Any] = {}
         self._changed = self._unsaved = False
         self._pacing = ScorePacing()
@@ -278,8 +278,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         if (both := self._camera_infos.add(side, message)) is None:
             return
         self._score.map_inputs.set_rig(rig_of_rectified(both, "nav")[0])
-        while self._early_points:
-            self._on_true_points(self._early_points.popleft())
+        while self._early_points:  # in jobs of their own, because each message may be unusable
+            self.worker.enqueue(partial(self._on_true_points, self._early_points.popleft()))
         self._score_maps()
 
     def _on_true_points(self, message: PointCloud2) -> None:

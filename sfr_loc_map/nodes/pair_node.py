@@ -103,7 +103,7 @@ class PairNode(ManagedNode[P], ABC):
 
     @abstractmethod
     def on_pair(self, pair: ReceivedPair) -> None:
-        """Process a pair."""
+        """Enqueue a pair for the worker, at once or when its other input is received."""
 
     @abstractmethod
     def on_rig(self, rig: StereoRig) -> None:

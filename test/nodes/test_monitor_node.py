@@ -17,13 +17,13 @@ from lifecycle_msgs.msg import Transition
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import NavSatFix
+from sensor_msgs.msg import NavSatFix, PointCloud2
 from std_msgs.msg import Float64, String
 
-from helpers.made_scene import PERIOD_NS, START_NS
+from helpers.made_scene import NAV_RIG, PERIOD_NS, START_NS, nav_pair
 from helpers.made_suites import SFR
 from helpers.manager import Capture, LocalNode, Manager
-from helpers.node_scenes import params, raw
+from helpers.node_scenes import params, raw, send_infos
 from helpers.score_rows import row, rows_about
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.rotation import matrix_from_quat
@@ -195,6 +195,20 @@ def test_a_mapping_recording_that_is_played_again_restarts_the_score_with_all_ca
         assert node.text.count("the score restarts") == 1
         assert peer.call("monitor_node/reset").success
         assert not score.map_inputs.pair_stamps_ns
+
+
+def test_true_points_before_camera_info_are_kept_although_one_message_is_unusable(ros: None, capfd: Capture) -> None:
+    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode) as node:
+        score = node.node._score
+        pairs = [nav_pair(index) for index in range(2)]
+        for item, truth in zip(pairs, (pairs[0].truth[:100], pairs[1].truth), strict=True):
+            peer.publish(PointCloud2, "ground_truth/points", raw(bag_messages.points(item.pair.stamp_ns, truth, None)))
+        peer.until(lambda: len(node.node._early_points) == 2, "both messages")
+        send_infos(peer, "nav", NAV_RIG)
+        peer.refused("ground_truth/points is 160 x 100")
+        peer.until(
+            lambda: pairs[1].pair.stamp_ns in score.map_inputs._true_points, "the true points of the second pair"
+        )
 
 
 @contextmanager
