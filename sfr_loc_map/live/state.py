@@ -217,7 +217,7 @@ class LiveState:
     def _localisation_to_plain(self, now_s: float) -> dict[str, Any] | None:
         """Return the last pose with its state and age as JSON values; None before the first pose.
 
-        `stale` states whether a newer pose is overdue, or the node is silent.
+        `stale` states whether a newer pose is overdue, or the node has become silent.
         """
         if not self.path.rows:
             return None
@@ -226,7 +226,7 @@ class LiveState:
         plain = dict(zip(ROW_FIELDS, row.to_plain(), strict=True))
         plain |= state_of_pose(None if node is None else node.call, is_lost=row.lost)
         is_overdue = topic is not None and topic.is_stale(now_s)
-        plain["stale"] = is_overdue or (node is not None and node.is_stale(now_s))
+        plain["stale"] = is_overdue or LOCALISATION_NODE in self._silent_nodes(now_s)
         plain["age_s"] = round(max(now_s - (row.received_s if topic is None else topic.received_s), 0.0), 3)
         plain["distance_m"] += self.path.before_m
         return plain

@@ -6,7 +6,7 @@ from helpers.live_run import STEP_NS, call, health, pose_pair
 from helpers.made_scores import LIMITS, whole_score
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.timeline import MAX_EVENTS, EventKind, Timeline
-from sfr_loc_map.live.updates import PoseSample, Report
+from sfr_loc_map.live.updates import GraphNodes, PoseSample, Report
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
@@ -85,6 +85,20 @@ def test_a_pose_is_lost_by_its_covariance_or_by_its_call_and_its_state_may_be_un
     assert put(6, "lost") == ("lost", "diverged"), "an external localiser may publish a small covariance"
     told = [(event["kind"], event["text"]) for event in state.events_to_plain()]
     assert told[-1] == ("lost", "lost: diverged")
+
+
+def test_a_pose_is_stale_once_poses_or_its_node_stop() -> None:
+    state = LiveState()
+    state.put(GraphNodes(frozenset({"localisation_node"}), 0.0))
+    state.put(pose_pair(0, 0.0)[1])
+    assert not state.live_to_plain(0.1)["localisation"]["stale"], "the node has not reported yet"
+    drive(state, range(1, 20))
+    assert not state.live_to_plain(2.0)["localisation"]["stale"]
+    late = state.live_to_plain(5.9)["localisation"]
+    assert (late["stale"], late["age_s"]) == (True, 4.0)
+    for number in range(20, 60):
+        state.put(pose_pair(number, 0.1 * number)[1])
+    assert state.live_to_plain(5.9)["localisation"]["stale"], "the node is silent although poses arrive"
 
 
 def test_a_call_without_a_pose_leaves_the_poses_stale() -> None:

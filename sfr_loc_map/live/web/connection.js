@@ -59,6 +59,7 @@ export class Connection {
 
   receive(data) {
     this.heardMs = performance.now();
+    this.note(true);
     if (typeof data === "string") {
       this.onMessage(JSON.parse(data));
       return;

@@ -12,6 +12,7 @@ const WORKING = { style: "pass", icon: "✔" };
 const UNKNOWN = { style: "stale", icon: "○" };
 const WAITING = { style: "open", icon: "…" };
 const ENDED = { style: "stale", icon: "■" };
+const count = (nodes) => (nodes.length === 1 ? "1 node" : `${nodes.length} nodes`);
 const shortName = (node) => node.name.replace("_node", "");
 
 /** Show the header. Without a connection, the state of the run is unknown. */
@@ -68,14 +69,14 @@ function nodesPill(run) {
   const warned = nodes.filter((node) => node.level === "warning");
   const names = (some) => some.map(shortName).join(", ");
   if (!nodes.length) return { ...WAITING, text: run.ended ? "no node" : "no node yet" };
-  if (run.ended) return { ...ENDED, text: `${nodes.length} nodes ended` };
+  if (run.ended) return { ...ENDED, text: `${count(nodes)} ended` };
   if (failed.length) return { ...STATES.lost, text: `${names(failed)}: error`, title: failed[0].message };
   if (stale.length) {
     const areGone = stale.every((node) => node.in_graph === false);
     return { ...UNKNOWN, text: `${names(stale)}: ${areGone ? "gone" : "silent"}` };
   }
   if (warned.length) return { ...STATES.degraded, text: `${names(warned)}: warning`, title: warned[0].message };
-  return { ...WORKING, text: `${nodes.length} nodes` };
+  return { ...WORKING, text: count(nodes) };
 }
 
 function connectionPill(run, connection, isCut) {
