@@ -42,7 +42,7 @@ MIN_SUB_TRAJECTORIES = 3  #: Minimum number of sub-trajectories that share no fr
 DEGREES = 6  #: Degrees of freedom of a pose error.
 PLACES = "revisited places"  #: Label of a comparison without a condition.
 SPACING = 5  #: Frames between starts. Half of the spacing of a score, for short recordings.
-Part = tuple[int, int]  #: First and last frame of a sub-trajectory.
+Span = tuple[int, int]  #: First and last frame of a sub-trajectory.
 
 
 class Differences(NamedTuple):
@@ -82,7 +82,7 @@ def compare(first: Run, other: Run, condition: Condition) -> Agreement:
         attitude_deg=np.degrees(np.linalg.norm(errors[:, 3:], axis=1)),
         squares=squares,
         lengths_m=np.stack([np.linalg.norm(move, axis=1) for move in moves], axis=1),
-        independent=len(list(without_common_frame(parts_of(starts, ends)))),
+        independent=len(list(without_common_frame(spans_of(starts, ends)))),
     )
     return Agreement(
         name=f"{first.name} - {other.name}",
@@ -97,15 +97,15 @@ def probability_of(squares: FloatArray) -> float:
     return float(gammaincc(0.5 * DEGREES * len(squares), 0.5 * squares.sum()))
 
 
-def parts_of(starts: IntArray, ends: IntArray) -> list[Part]:
+def spans_of(starts: IntArray, ends: IntArray) -> list[Span]:
     """Return sub-trajectories as pairs of frames."""
     return list(zip(starts.tolist(), ends.tolist(), strict=True))
 
 
-def without_common_frame(parts: Iterable[Part]) -> Iterator[Part]:
-    """Yield the sub-trajectories that share no frame, selected greedily from the first."""
+def without_common_frame(spans: Iterable[Span]) -> Iterator[Span]:
+    """Yield the sub-trajectories that share no frame but an end, selected greedily from the first."""
     free_from = 0
-    for start, end in parts:
+    for start, end in spans:
         if start >= free_from:
             yield start, end
             free_from = end
@@ -137,8 +137,8 @@ def squares_of(first: Run, other: Run, frames: Frames, starts: IntArray, ends: I
     sums_of_other = sums_of_steps(other.estimates, other.estimates.steps, rows_of_other[compared])
     lost = first.estimates.lost[rows] | other.estimates.lost[rows_of_other]
     turns = matrix_from_quat(frames.attitude) @ np.swapaxes(matrix_from_quat(frames.true_attitude), -1, -2)
-    covariances: dict[Part, FloatArray] = {}
-    for start, end in parts_of(starts, ends):
+    covariances: dict[Span, FloatArray] = {}
+    for start, end in spans_of(starts, ends):
         if lost[start : end + 1].any():
             continue
         own = growth(sums[int(rows[start])], sums[int(rows[end])], frames.position[end])
