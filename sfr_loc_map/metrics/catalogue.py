@@ -59,6 +59,7 @@ def of_completeness(name: str, title: str, *, unit: str = "1", is_count: bool = 
 
 ERRORS_BEYOND = "errors_beyond"
 """Fraction of the frames whose error far exceeds the judged errors; no judged sub-trajectory starts or ends at them."""
+STANDING = "standing"  #: Fraction of the sub-trajectories in which the rover is stationary.
 ALIGNED = ("ape", "rpe")  #: Figures of the aligned estimate, which cannot be limited.
 TOTAL = "mean_plus_3sigma"  #: The statistic that the specification limits.
 OF_ERRORS = ("mean", "sigma", TOTAL)  #: Displayed statistics of errors and of the times of API calls.
@@ -130,7 +131,7 @@ CATALOGUE = (
     of_completeness("poses_of_truth", "poses that are copies of the ground truth"),
     of_completeness("errors_of_truth", "judged motions that are copies of the ground truth"),
     of_completeness(ERRORS_BEYOND, "unjudged frames with an error far above the judged ones"),
-    of_completeness("standing", "sub-trajectories of a stationary rover"),
+    of_completeness(STANDING, "sub-trajectories of a stationary rover"),
     of_completeness("path_without_images", "true path without images"),
     of_completeness("longest_gap", "longest gap", unit="m"),
     of_completeness("points_without_truth", "map points without ground truth"),
@@ -193,8 +194,8 @@ KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
 """The catalogue by the unique names of its figures."""
 ANY = "*"  #: Wildcard of a look-up.
 DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls", "memory"
-"""Parts of the rows `judged` (`RowPart.what`); the kind of call follows the last two."""
-STANDING = "standing"  #: Fraction of the sub-trajectories in which the rover is stationary.
+"""Parts of the rows `judged` (`RowPart.what`): the parts of a score that are complete or incomplete. The kind of call
+follows the last two."""
 MOVING = "moving"  #: Part of the rows with the errors of the sub-trajectories in which the rover moves.
 SUB_TRAJECTORIES = "sub-trajectories"  #: Part of the row `standing` of one condition.
 OTHER_FRAMES = "other frames"  #: Part of the rows with the errors at frames without a judged error.

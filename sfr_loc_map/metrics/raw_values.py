@@ -123,6 +123,7 @@ def _required_shortfalls(score: Score, part: RowPart) -> list[ShortfallKind]:
 
 
 def _of_sub_trajectories(score: Score) -> Iterator[str]:
+    """Yield the contradictions between the judged rows of sub-trajectories and their errors, or the sample of these."""
     details = None if score.details is None else score.details.trajectory
     thinned = {} if details is None else {rows.condition: rows for rows in details.sub_trajectories if rows.every > 1}
     exact = {(item.figure, item.condition) for item in score.errors}
@@ -138,6 +139,7 @@ def _of_sub_trajectories(score: Score) -> Iterator[str]:
 
 
 def _of_thinned(row: Figure, rows: SubTrajectoryRows) -> Iterator[str]:
+    """Yield the contradictions between a row and the data of the plots, which have every n-th of its errors."""
     columns = rows.errors_of(row.figure)
     if not columns or any(None in column for column in columns):
         return
@@ -179,6 +181,7 @@ def _as_the_sample(row: Figure, sizes: FloatArray, rounding: float) -> Iterator[
 
 
 def _of_points(score: Score) -> Iterator[str]:
+    """Yield the contradictions between the point error and the map points in the data of the plots."""
     details = None if score.details is None else score.details.map
     row = score.figure("point_error", part=None)
     if details is None or row is None or None in details.cloud.error_m:
@@ -236,6 +239,7 @@ def _of_parts(row: Figure, parts: Sequence[Figure]) -> Iterator[str]:
 
 
 def _of_calls(score: Score) -> Iterator[str]:
+    """Yield the contradictions between time and memory of calls and the data of the plots."""
     for kind, plots in () if score.details is None else score.details.calls.items():
         row = score.figure(kind, part=None)
         if row is not None:
@@ -279,6 +283,7 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
 
 
 def _of_counts(score: Score) -> Iterator[str]:
+    """Yield the contradictions between fractions, their counts, and the counts of the association."""
     for name in [kind.figure for kind in SHORTFALLS]:
         share, count = score.figure(name, part=None), score.figure(name, part="count")
         if share is None or count is None or count.value is None or not count.n:

@@ -1,4 +1,8 @@
-"""Check that the verdicts of a stored score follow from its figures and rules."""
+"""Check that a stored score does not contradict itself.
+
+Mean + 3 sigma must follow from mean and sigma, the figures from the raw values (`metrics.raw_values`), and tolerance
+bounds and verdicts from figures and rules. `metrics.score_json` also compares the hash of the values of a file.
+"""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ def limits_of(score: Score) -> Rules | None:
 
 
 def task_of(limit: Limit) -> str:
-    """Return `drive` or `map`, the subject of a limit."""
+    """Return the task that a limit is about: `drive` (localisation) or `map`."""
     limited = limit.limited
     if limited.call is not None:
         return DRIVE if limited.call is CallKind.LOCALISATION else MAP
@@ -28,7 +28,7 @@ def task_of(limit: Limit) -> str:
 
 
 def tasks_of(score: Score) -> list[str]:
-    """Return the subjects of a score: `drive`, `map`, or both."""
+    """Return the tasks that a score is about: `drive`, `map`, or both."""
     found = []
     for part, subject in ((DRIVE, Subject.TRAJECTORY), (MAP, Subject.MAP)):
         if score.has(subject) or score.figure("judged", part=part) is not None:
@@ -36,9 +36,9 @@ def tasks_of(score: Score) -> list[str]:
     return found
 
 
-def limits_about(limits: Limits | None, parts: Collection[str]) -> Limits | None:
-    """Return the limits on the given subjects (`drive`, `map`); None if there is no such limit."""
-    chosen = () if limits is None else tuple(limit for limit in limits.limits if task_of(limit) in parts)
+def limits_about(limits: Limits | None, tasks: Collection[str]) -> Limits | None:
+    """Return the limits about the given tasks (`drive`, `map`); None if there is no such limit."""
+    chosen = () if limits is None else tuple(limit for limit in limits.limits if task_of(limit) in tasks)
     return struct_replace(limits, limits=chosen) if limits is not None and chosen else None
 
 
