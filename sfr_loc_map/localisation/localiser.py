@@ -201,7 +201,8 @@ class Localiser:
         """Return the pose at a pair.
 
         The odometry, for example from wheels, is the motion `T_before_now` of RB since the last pair. The odometry is
-        used only as an initial guess. The stamps of successive pairs must increase.
+        used only as an initial guess, which lacks the motion before a refused pair. The stamps of successive pairs must
+        increase.
 
         LocalisationError if the size of the images is not the rig's.
         """

@@ -72,7 +72,8 @@ class LastPose:
     def predict(self, stamp_ns: int, odometry: Transform | None, model: RoverModel) -> Guesses:
         """Return the initial guesses of the next pose.
 
-        The odometry is the motion `T_before_now` of RB since the last pair, from another source.
+        The odometry is the motion `T_before_now` of RB since the last pair, from another source. The motion is applied
+        to the last known pose. If pairs were refused since that pose, this guess lacks the motion before them.
         """
         last = self.T_world_left
         expected = last @ self.T_before_last
