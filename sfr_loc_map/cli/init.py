@@ -41,7 +41,7 @@ def init(
         _init_from(source, folder, sections, (source, calibration), overwrite=overwrite)
         return
     from sfr_loc_map.metrics.judging.limits_template import limits_text
-    from sfr_loc_map.source_setup.first_files import configuration_text
+    from sfr_loc_map.source_setup.initial_files import configuration_text
 
     make_folder(folder, "name")
     configuration, limits = folder / "configuration.yaml", folder / "limits.yaml"
@@ -59,7 +59,7 @@ def _init_from(
 ) -> None:
     """Write the configuration that is inferred from a source, and limits; report what is missing."""
     from sfr_loc_map.io.source_config import NAME
-    from sfr_loc_map.source_setup.first_files import add_limits
+    from sfr_loc_map.source_setup.initial_files import add_limits
     from sfr_loc_map.source_setup.proposal import propose_config
 
     path, limits = folder / NAME, folder / "limits.yaml"

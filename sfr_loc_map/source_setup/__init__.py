@@ -1,1 +1,1 @@
-"""Facts about a source, and the sfr.yaml that is inferred from its topics, frames and stamps."""
+"""What a source contains, and the files that describe it: an inferred sfr.yaml, initial parameters and limits."""

@@ -16,7 +16,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.report.tables import Cell, Column, Table
-from sfr_loc_map.source_setup.proposal import seen_topics
+from sfr_loc_map.source_setup.topic_guess import seen_topics
 
 GAP = 1.5  #: Longest time between two pairs, in periods, that is not a gap.
 

@@ -14,9 +14,8 @@ from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.extrinsics import RigInBody
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
-from sfr_loc_map.io.bag.bag import Bag, Topic, read_frame_tree
+from sfr_loc_map.io.bag.bag import Bag, read_frame_tree
 from sfr_loc_map.io.calibration.calibration_file import CalibrationError
-from sfr_loc_map.io.images.codec import claimed_size
 from sfr_loc_map.io.layouts.bag_source import image_name
 from sfr_loc_map.io.registry import format_of, open_source
 from sfr_loc_map.io.sequence import SourceFormat
@@ -25,7 +24,7 @@ from sfr_loc_map.io.truth.names import is_tracker
 from sfr_loc_map.io.truth.of_bag import could_be_truth
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 from sfr_loc_map.metrics.association import nearest_stamps
-from sfr_loc_map.source_setup.topic_guess import SeenTopic, guess_topics
+from sfr_loc_map.source_setup.topic_guess import guess_topics, seen_topics
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, below_half_period
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
@@ -101,23 +100,6 @@ def propose_config(
         _sync(found, bag)
     _mounting_and_truth(found, is_bag=is_bag)
     return found
-
-
-def seen_topics(bag: Bag) -> list[SeenTopic]:
-    """Return the topics of a bag: type, number of messages, and frame and size of the first message."""
-    looked_at = [
-        Topic(name, name, kind) for name, kind in bag.topics.items() if kind in (IMAGE, COMPRESSED, CAMERA_INFO)
-    ]
-    frames, sizes = {}, {}
-    for name, message in bag.first(looked_at).items():
-        frames[name] = str(message.header.frame_id)
-        if bag.topics[name] != COMPRESSED:
-            sizes[name] = (int(message.width), int(message.height))
-        elif size := claimed_size(bytes(message.data)):
-            sizes[name] = size
-    return [
-        SeenTopic(n, kind, bag.counts[n], frames.get(n, ""), sizes.get(n, (0, 0))) for n, kind in bag.topics.items()
-    ]
 
 
 def _topics(found: Proposal, bag: Bag) -> None:

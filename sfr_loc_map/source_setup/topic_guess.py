@@ -9,6 +9,8 @@ from enum import IntEnum
 from os.path import commonprefix
 from typing import NamedTuple
 
+from sfr_loc_map.io.bag.bag import Bag, Topic
+from sfr_loc_map.io.images.codec import claimed_size
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES
 from sfr_loc_map.io.truth.names import NO_TRUTH, TRUTH_WORDS, plain_name, words
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, FIX, IMAGE, JOINTS, POINT, POINTS, POSE
@@ -47,6 +49,23 @@ class SeenTopic:
     count: int = 0
     frame: str = ""
     size: tuple[int, int] = (0, 0)
+
+
+def seen_topics(bag: Bag) -> list[SeenTopic]:
+    """Return the topics of a bag: type, number of messages, and frame and size of the first message."""
+    looked_at = [
+        Topic(name, name, kind) for name, kind in bag.topics.items() if kind in (IMAGE, COMPRESSED, CAMERA_INFO)
+    ]
+    frames, sizes = {}, {}
+    for name, message in bag.first(looked_at).items():
+        frames[name] = str(message.header.frame_id)
+        if bag.topics[name] != COMPRESSED:
+            sizes[name] = (int(message.width), int(message.height))
+        elif size := claimed_size(bytes(message.data)):
+            sizes[name] = size
+    return [
+        SeenTopic(n, kind, bag.counts[n], frames.get(n, ""), sizes.get(n, (0, 0))) for n, kind in bag.topics.items()
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +269,11 @@ def _texts(image: SeenTopic) -> list[tuple[_Basis, str]]:
 
 
 def _candidates(image: SeenTopic) -> Iterator[_Candidate]:
-    """Yield the candidates for the right image if an image is the left one."""
+    """Yield the candidates for the right image if an image is the left one.
+
+    The side word is replaced in one place (`/stereo/left/image_left` is the pair of `/stereo/left/image_right`), or
+    everywhere (`/left/image_left` is the pair of `/right/image_right`).
+    """
     for basis, text in _texts(image):
         matches = [*(NUMBERS if basis is _Basis.NUMBER else SIDE_WORDS).finditer(text)]
         if basis is not _Basis.NUMBER:
