@@ -148,8 +148,7 @@ def in_bag(path: Path, rows: Sequence[OdometryRow], calls: Sequence[CallRecord])
 def in_replay(rows: Sequence[OdometryRow], calls: Sequence[CallRecord], *, is_external: bool) -> Estimates:
     results = ReceivedResults(external_task=Task.LOCALISATION if is_external else None)
     for stamp_ns, position, quat, covariance in rows:
-        results.rows.append((stamp_ns, tuple(position), tuple(quat)))
-        results.covariances[stamp_ns] = covariance
+        results.add_pose((stamp_ns, tuple(position), tuple(quat)), covariance)
     results.calls[Task.LOCALISATION] = {("", call.stamp_ns): call for call in calls}
     return estimates_of(results.trajectory, stats_of(results.records))
 

@@ -4,9 +4,9 @@
 
 1. `started_nodes` starts each node as a process (`node_arguments` has its parameters), and an external node if there is
    one (`external`). `replay_peer` is the ROS node of the replay.
-2. `play` publishes the messages of the source when they are due (`player`). After each complete pair the
-   `collector` notes the pair and, in lock step, waits for its results.
-3. At the end of the source, the collector waits for the missing results.
+2. `play_and_collect` publishes the messages of the source when they are due (`player`). After each complete pair, the
+   `collector` notes the pair and, in lock step, waits for its results. At the end of the source, the collector waits
+   for the missing results.
 
 `received` stores the published pairs and the received results. `run` owns these results, so that they are saved even if
 the replay fails. `answer_book` counts the answers of an external node, and `process_watch` measures its process.

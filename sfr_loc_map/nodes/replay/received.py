@@ -14,6 +14,9 @@ from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.runs.calls import CallRecord, published_or_of_call
 from sfr_loc_map.runs.replay_result import ExternalResult, ReplayResult
 
+StampedPose = tuple[int, tuple[float, ...], tuple[float, ...]]
+"""Stamp (ns), position (m) and quaternion (x, y, z, w)."""
+
 
 @dataclass(slots=True)
 class ReceivedResults:
@@ -23,9 +26,8 @@ class ReceivedResults:
     """
 
     external_task: Task | None = None  #: Task of the external node, None without one.
-    #: Stamp, position (m) and quaternion (x, y, z, w) of each odometry message, as received. The poses of an external
-    #: node are not converted.
-    rows: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = field(default_factory=list)
+    #: Pose of each odometry message, as received. The poses of an external node are not converted.
+    poses: list[StampedPose] = field(default_factory=list)
     covariances: dict[int, FloatArray] = field(default_factory=dict)  #: Covariance `(6, 6)` of each pose by stamp.
     #: Calls of each task by state (empty for localisation) and stamp.
     calls: dict[Task, dict[tuple[str, int], CallRecord]] = field(default_factory=lambda: {task: {} for task in Task})
@@ -36,10 +38,10 @@ class ReceivedResults:
     points: list[tuple[int, FloatArray]] = field(default_factory=list)
     external: ExternalResult | None = None  #: Answers and process of the external node; set at the end of the replay.
 
-    def add_pose(self, row: tuple[int, tuple[float, ...], tuple[float, ...]], covariance: FloatArray) -> None:
-        """Add stamp, position and quaternion of a pose, with its covariance `(6, 6)`."""
-        self.rows.append(row)
-        self.covariances[row[0]] = covariance
+    def add_pose(self, pose: StampedPose, covariance: FloatArray) -> None:
+        """Add a pose with its covariance `(6, 6)`."""
+        self.poses.append(pose)
+        self.covariances[pose[0]] = covariance
 
     def add_cloud(self, stamp_ns: int, cloud: PointCloud) -> None:
         """Add a cloud."""
@@ -60,9 +62,9 @@ class ReceivedResults:
     @property
     def trajectory(self) -> Trajectory:
         """The estimated trajectory."""
-        if not self.rows:
+        if not self.poses:
             return Trajectory.empty()
-        stamps, positions, quats = zip(*self.rows, strict=True)
+        stamps, positions, quats = zip(*self.poses, strict=True)
         return Trajectory(np.array(stamps, np.int64), np.array(positions), np.array(quats))
 
     @property
@@ -85,7 +87,7 @@ class ReceivedResults:
     def count(self) -> int:
         """Number of results."""
         calls = sum(map(len, self.calls.values()))
-        return calls + len(self.rows) + len(self.clouds) + len(self.points)
+        return calls + len(self.poses) + len(self.clouds) + len(self.points)
 
     @property
     def map_count(self) -> int:

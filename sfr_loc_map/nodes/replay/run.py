@@ -96,7 +96,7 @@ def _remarks(results: ReceivedResults, options: ReplayOptions) -> Iterator[str]:
     """Yield remarks on missing results and on the answers of an external node; raise a NodeError without a cloud."""
     theirs = None if options.external is None else options.external.task  # its answers are counted in the score
     played = len(results.sent_stamps(Task.LOCALISATION.rig))
-    if (missing := played - len(results.rows)) > 0 and theirs is not Task.LOCALISATION:
+    if (missing := played - len(results.poses)) > 0 and theirs is not Task.LOCALISATION:
         yield f"{missing} of {played} pairs have no odometry: the nodes could not keep up"
     if results.sent_stamps(Task.MAPPING.rig) and not results.clouds and theirs is not Task.MAPPING:
         raise NodeError("mapping_node published no cloud: play slower (--rate) or in lock step (--rate 0)")

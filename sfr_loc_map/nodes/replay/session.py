@@ -51,7 +51,7 @@ def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, 
     with started_nodes(source, options, results, say) as participants:
         with signals.stopping(participants.player.stop) as interrupted:
             say(f"playing from {options.offset_s:g} s")
-            play(source, options, participants, progress)
+            play_and_collect(source, options, participants, progress)
             was_interrupted = interrupted()
             signals.hold()  # the played part is still scored
         if options.page is not None:
@@ -61,7 +61,7 @@ def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, 
         return was_interrupted
 
 
-def play(source: Source, options: ReplayOptions, participants: Participants, progress: Progress) -> None:
+def play_and_collect(source: Source, options: ReplayOptions, participants: Participants, progress: Progress) -> None:
     """Publish a source until its end or until the player is stopped, then wait for the missing results."""
     _, player, collector = participants
     pairs = message_stream.PairTracker(message_stream.parts_of_pairs(source))
@@ -127,7 +127,7 @@ def started_nodes(source: Source, options: ReplayOptions, results: ReceivedResul
 def _missing_poses(source: Source, results: ReceivedResults) -> str:
     """Return what the estimate lacks, as a text for the page; empty if nearly every image has a pose."""
     images = 0 if source.loc is None else len(source.loc)
-    posed = len({stamp_ns for stamp_ns, _, _ in results.rows})
+    posed = len({stamp_ns for stamp_ns, _, _ in results.poses})
     return "" if images - posed <= MISSING_SHARE * images else "not every image of the source has a pose"
 
 

@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.config import score_config
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.nodes.replay.options import ReplayOptions
 from sfr_loc_map.nodes.replay.received import ReceivedResults
-from sfr_loc_map.nodes.replay.session import Participants, play, started_nodes
+from sfr_loc_map.nodes.replay.session import Participants, play_and_collect, started_nodes
 from sfr_loc_map.runs.offline import start_pose
 from sfr_loc_map.scoring.score_collected import score_replay
 
@@ -75,7 +75,7 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
     with started_nodes(source, options, results, lambda line: None) as parts:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         parts.peer.ros_node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
-        play(source, options, parts, lambda rig: None)
+        play_and_collect(source, options, parts, lambda rig: None)
         live = final_report(parts, reports)
     offline = to_dict(score_replay(source, results.replay_result(), config, None))
     found, expected = dict(numbers(live)), dict(numbers(offline))
