@@ -29,7 +29,7 @@ SIGNATURES = {
 def figures(text: str) -> dict[str, Any]:
     """Return a score without what it was made of."""
     content: dict[str, Any] = json.loads(text)
-    del content["provenance"]
+    del content["provenance"], content["content_sha256"]
     return content
 
 

@@ -36,6 +36,7 @@ def results(folder: Path) -> dict[str, object]:
     for path in sorted((folder / "results").glob("*.json")):
         score = json.loads(path.read_text())
         score["figures"] = [item for item in score["figures"] if item["subject"] not in MEASURED]
+        del score["content_sha256"]
         score["provenance"].pop("time")
         score["provenance"]["host"].pop("load", None)
         scores[path.stem] = score
