@@ -1,4 +1,4 @@
-"""The benchmark of faults: what it calls silent, and that the localiser survives the faults."""
+"""`sfr bench faults`: silent errors, and figures of the localiser with each fault."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Methods beside each other from end to end on tiny sources, and methods that are missing or fail."""
+"""`sfr bench localise` and `map` on small sources: accuracy, time and memory, and methods that are missing or fail."""
 
 import json
 import time

@@ -1,4 +1,4 @@
-"""The outside of `sfr`: exit codes, what goes to which stream, quick help."""
+"""What all commands share: exit codes, output streams, fast help."""
 
 from __future__ import annotations
 

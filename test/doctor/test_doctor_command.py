@@ -1,4 +1,4 @@
-"""`sfr info` on bags, `sfr doctor` on graphs with one thing wrong in each: the right cause, and no other."""
+"""`sfr info` on bags and `sfr doctor` on running graphs, with one fault in each: exactly its cause is reported."""
 
 from __future__ import annotations
 

@@ -1,24 +1,26 @@
-"""Worlds, drives, processes and checks that the tests share.
+"""Sources, scores, processes and checks that several tests use.
 
 Images of known geometry
-    made_scene: a rover before a textured wall, as pairs, folder or bag. The usual source of a test.
-    loc_drive: pairs of `made_scene` for the localiser. node_scenes: the same as messages.
+    made_scene: a rover in front of a textured wall, as pairs, folder or bag. The default source of a test.
+    loc_drive: its pairs for the localiser. node_scenes: its pairs as ROS messages.
     made_worlds: random pairs in each format that is written, and blobs at known pixels.
     wall, disparity_world, map_scenes: surfaces for the parts of the mapper and for its score.
-Sources of others, and broken ones
-    kalibr_chains, made_layouts, made_ros1, message_bags, pose_tables: as other programs write them.
-    broken_sources: with one thing wrong in each.
+Sources of other programs, and invalid sources
+    kalibr_chains, made_layouts, made_ros1, message_bags, pose_tables: files as other programs write them.
+    broken_sources: sources with one fault each.
 Trajectories and scores
     scored_drives, judge: drives with their limits, for tests of `sfr score`.
-    random_drives, honest_drives, trajectory_pairs, strategies: random ones, and ten that differ in all respects.
-    metrics_reference: the figures once more, by loops. hazard_truth: the hazards of the true points.
+    random_drives: random estimates. honest_drives: estimates without a convention mismatch.
+    trajectory_pairs: ten pairs that differ in length, rate, gaps, stamps, scale and position.
+    strategies: random transforms for hypothesis.
+    metrics_reference: the formulas of the specification with loops. hazard_truth: hazards of the true points.
     made_scores, score_rows: scores with every part, and their rows. made_suites: suites of estimates.
 Processes
     cli_result, processes: commands, and nodes as processes. compile_c: libraries in C.
-    peer: a node that publishes and listens. manager: a peer that manages one node in the process of the test.
-    own_domain, ros_domain, dds_client, rover_process: DDS of its own, and who takes part in it.
+    peer: a node that publishes and receives. manager: a peer that manages one node in the process of the test.
+    own_domain, ros_domain, dds_client, rover_process: ROS domains, and other participants in them.
     misbehaving_class, misbehaving_node, misbehaving_jobs, faulty_external_node: methods, nodes and jobs that fail.
-    faulty_candidate.c, slow_clock.c, repaid_clock.c: a library under test, and two that slow the clock.
+    faulty_candidate.c, slow_clock.c, repaid_clock.c: a library under test, and two libraries that slow the clock.
 Live page
     live_run, page_server, browser, foxglove_client.
 

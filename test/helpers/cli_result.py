@@ -1,4 +1,4 @@
-"""What a command gave, as the tests see it."""
+"""The result of a command in a test: exit code, output, errors."""
 
 from __future__ import annotations
 

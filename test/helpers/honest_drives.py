@@ -1,4 +1,4 @@
-"""Random drives whose estimate is honest: its errors are those of a method, not of a convention."""
+"""Random drives whose estimates have the errors of a method and no convention mismatch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A drive of 60 m over hills, an estimate whose steps err by 0.3 mm, and `sfr score` of files of them."""
+"""A drive of 60 m over hills, an estimate with step errors of 0.3 mm, and `sfr score` on their files."""
 
 from __future__ import annotations
 

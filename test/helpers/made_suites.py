@@ -1,4 +1,4 @@
-"""Small suites of estimates and their truth, made without any image."""
+"""Small suites of estimates with their ground truth, and a job as a template."""
 
 from __future__ import annotations
 

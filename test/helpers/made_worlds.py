@@ -1,4 +1,4 @@
-"""Small made-up data sets."""
+"""Random stereo pairs in each format that is written, and blobs at known pixels."""
 
 from __future__ import annotations
 

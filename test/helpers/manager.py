@@ -1,4 +1,4 @@
-"""A peer that manages one node: its state, parameters and calls; and what the localiser gives offline."""
+"""A peer that manages one node (state, parameters, calls), and the offline result of the localiser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Workers of Dask whose jobs do what their source is called."""
+"""A Dask plugin whose jobs fail as the name of their source states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A localiser as a node that stands still and misbehaves: `python misbehaving_node.py HOW`."""
+"""A localisation node that is stationary and misbehaves: `python misbehaving_node.py HOW`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The surroundings of a campaign of nodes: ROS of its own, a folder that is removed, one line at the end."""
+"""The environment of a campaign with nodes: its own ROS domain and folder, and one line at the end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A node in the test's process that publishes to the nodes under test and receives what they publish."""
+"""A ROS node in the process of a test, which publishes to the nodes under test and receives their messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Libraries that crash, hang, leak or answer wrongly: each call is named, every pair has an estimate."""
+"""Libraries that crash, hang, leak or give invalid results: a finding for the call, and an estimate for every pair."""
 
 import hashlib
 import json

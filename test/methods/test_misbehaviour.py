@@ -1,4 +1,4 @@
-"""Methods under test that misbehave, by the commands: they do not pass, and cheaters open no truth.
+"""Misbehaving methods, by the commands: they do not pass, and those that search for the ground truth do not open it.
 
 `campaigns.misbehaviour.CASES` is the table; `make misbehaviour` runs the cases that are not run daily, too. The
 answers of a library, each with its message, are in `test_faulty_candidates.py`.

@@ -1,4 +1,4 @@
-"""Files that the process of a method can and cannot read."""
+"""Files that the process of a method can and cannot read: its own code, the working directory, simulated sources."""
 
 from __future__ import annotations
 

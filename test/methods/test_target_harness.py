@@ -1,4 +1,4 @@
-"""The harness for a target: on this host, and big-endian on SPARC under an emulator, from pairs to one report."""
+"""The C harness for a target (examples/c_candidate): on this host, and big-endian on SPARC under an emulator."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""`sfr report`: the page beside the score, tables, names that are refused."""
+"""`sfr report`: the page beside the score, tables in each format, and refused names."""
 
 from pathlib import Path
 

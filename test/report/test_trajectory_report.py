@@ -1,4 +1,4 @@
-"""`sfr report` of trajectories and the exchange of trajectories with other tools."""
+"""`sfr report` of trajectories, and the exchange of trajectories with other tools."""
 
 from __future__ import annotations
 

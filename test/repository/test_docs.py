@@ -1,4 +1,4 @@
-"""The pages name files and targets that are there."""
+"""The pages name only existing files, links and targets."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""The commands of docs/install.md where the Python of the system refuses pip (PEP 668), as on Ubuntu 24.04."""
+"""The commands of docs/install.md work on a system whose Python refuses pip (PEP 668)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Constants of the mapper that cite a trial."""
+"""The record of the trials of the mapper names each constant that cites it."""
 
 import ast
 from collections.abc import Iterator

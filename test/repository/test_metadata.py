@@ -1,4 +1,4 @@
-"""One source of the version; what installers of both kinds are told agrees."""
+"""The version has one source, and the metadata of pip and ROS agree."""
 
 import ast
 import re

@@ -1,4 +1,4 @@
-"""The mutations of `make mutants`: each names a text that its file has once, so that none of them is out of date."""
+"""The mutations of `make mutants`: the text of each mutation occurs once in its file."""
 
 import importlib.util
 import sys

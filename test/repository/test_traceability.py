@@ -1,4 +1,4 @@
-"""The page of traceability is that of the clauses and the markers, and no clause of the software is without a test."""
+"""The page of traceability is up to date, and every clause of the software has a test."""
 
 import traceability
 

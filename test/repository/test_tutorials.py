@@ -1,4 +1,4 @@
-"""The commands of the tutorials work, on a tiny drive; `make docs-test` runs them as they stand."""
+"""The commands of the tutorials work on a small drive; `make docs-test` runs them unchanged."""
 
 import os
 import re

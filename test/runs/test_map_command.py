@@ -1,4 +1,4 @@
-"""`sfr map` and what comes with the cloud."""
+"""`sfr map`: the files beside the cloud."""
 
 from pathlib import Path
 

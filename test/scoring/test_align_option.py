@@ -1,4 +1,4 @@
-"""`sfr score --align`: APE and RPE beside the figures of the specification, which stay as they are."""
+"""`sfr score --align`: APE and RPE beside the figures of the specification, which do not change."""
 
 from __future__ import annotations
 

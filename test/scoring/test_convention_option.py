@@ -1,4 +1,4 @@
-"""Estimates of another convention: declared or diagnosed, converted before they are scored, never silently."""
+"""`sfr score --convention`: estimates of another convention are declared or diagnosed, then converted and scored."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings of the simulation: a change of each changes what is written."""
+"""Settings of the simulation: each setting has an effect on the files."""
 
 from __future__ import annotations
 

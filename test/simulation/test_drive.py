@@ -1,4 +1,4 @@
-"""The way of the rover obeys the frame laws; its frames have the places worked out by hand."""
+"""Poses of the rover and of its cameras: frame conventions, and positions that were computed by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The triangles of the ground: tiles of different size meet without cracks."""
+"""The triangles of the ground: tiles of different sizes meet without gaps."""
 
 import numpy as np
 import pytest

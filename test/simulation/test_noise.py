@@ -1,4 +1,4 @@
-"""Noise: a pure function of position and seed, within its range, continuous across cells, with the right gradient."""
+"""Noise: a function of position and seed, within its range, continuous across cells, with the correct gradient."""
 
 from __future__ import annotations
 

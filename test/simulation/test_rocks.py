@@ -1,4 +1,4 @@
-"""Rocks: their number by size follows the law."""
+"""Rocks: their number by size follows the distribution of Golombek and Rapp."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The sensor: each part has its own effect and its own statistics."""
+"""The sensor: the effect and the statistics of each part."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A simulated data set: read back, the same for any number of workers, continued after a kill, refused when unlike."""
+"""A simulated data set: read back, identical for any number of workers, continued after a kill."""
 
 import hashlib
 import signal

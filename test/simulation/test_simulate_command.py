@@ -1,4 +1,4 @@
-"""`sfr simulate` as users call it: what they make, and one line for what they cannot do."""
+"""`sfr simulate`: scenarios, faults in copies of a source, and one-line errors."""
 
 from __future__ import annotations
 

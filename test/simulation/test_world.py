@@ -1,4 +1,4 @@
-"""The truth is exact: it lies on the ray of its own pixel, on the surface, and where the right image shows it."""
+"""The ground truth is exact: on the ray of its pixel, on the surface, and at the matching pixel of the right image."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""A suite is run from a program as by the command, which only prints."""
+"""`run_suite` gives the same results from Python as the command, and runs no job twice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`sfr suite` as users call it: resumed where they stopped, the same results however they ran."""
+"""`sfr suite run`, `report`, `history`, `plan` and `search`: interruption, results on Dask, failures and exit codes."""
 
 from __future__ import annotations
 

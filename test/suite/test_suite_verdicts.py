@@ -1,4 +1,4 @@
-"""Verdicts of a suite, by `sfr suite run`: every planned drive and every limit counts, whatever the order."""
+"""Verdicts of `sfr suite run`: every planned drive and every limit counts, and copies of a drive count once."""
 
 from __future__ import annotations
 

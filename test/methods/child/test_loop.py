@@ -1,4 +1,4 @@
-"""The loop in a method's process: what a method is shown, and what is answered."""
+"""The loop in the process of a method: copies of the images, and a reply to each order."""
 
 from __future__ import annotations
 

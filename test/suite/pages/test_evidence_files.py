@@ -1,4 +1,4 @@
-"""Evidence of a test report: what check, budget and search wrote, in the order of a review, without a verdict."""
+"""Evidence in a test report: the files of check, budget and search, in a fixed order and without a verdict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A suite for other programs: JUnit XML, MLflow, Parquet with the same columns whatever the results hold."""
+"""Exports of a suite: JUnit XML, MLflow, and Parquet with the same columns for all suites."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bars of an error budget: named, the largest source first, with their intervals."""
+"""The bars of an error budget: names, order by size, and intervals."""
 
 from __future__ import annotations
 

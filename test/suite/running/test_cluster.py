@@ -1,4 +1,4 @@
-"""A job that eats memory, hangs, crashes or has bad input fails alone, in its limit, with its cause."""
+"""Failures of jobs on local Dask workers: memory, time, crash and bad input fail one job, each with its cause."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Copies of one drive are one drive: small changes of their truth or pixels do not make them independent."""
+"""Copies of a drive are detected by their ground truth and images, so that they are not independent drives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tasks of a suite: all combinations, one key for the same work, another for other work."""
+"""Jobs of a suite: all combinations, and a key that depends on the inputs of the result alone."""
 
 from __future__ import annotations
 

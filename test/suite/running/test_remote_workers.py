@@ -1,4 +1,4 @@
-"""A cluster of workers of which one has other code, one is killed and one joins late: the serial results."""
+"""Workers of a Dask scheduler: other code gets no job, and a killed worker and a late worker change no result."""
 
 from __future__ import annotations
 
@@ -10,23 +10,17 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import sfr_loc_map
 from helpers.made_suites import SFR, made_suite, results
+from helpers.processes import wait_until
 
 DRIVES = 12
 HERE = str(Path(sfr_loc_map.__file__).parents[1])  # the package under test, not one that is installed
-
-
-def wait_for(condition: Callable[[], object], seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.02)
 
 
 @pytest.fixture
@@ -65,12 +59,12 @@ def test_other_code_gets_no_task_and_the_results_are_those_of_one_process(addres
 
         begun = time.monotonic()
         run = start(*SFR, "suite", "run", str(suite), "--out", str(out), "--scheduler", address)
-        wait_for(lambda: "no worker at the scheduler" in said.read_text())
+        wait_until(lambda: "no worker at the scheduler" in said.read_text(), "the message about no worker")
         assert time.monotonic() - begun < 15, "5 s after the start of Python and the plan, on a busy host"
         worker("other-code", PYTHONPATH=str(tmp_path / "code"))
-        wait_for(lambda: "none of 1 workers may run a job" in said.read_text())
+        wait_until(lambda: "none of 1 workers may run a job" in said.read_text(), "the message about other code")
         killed = worker("killed")
-        wait_for(lambda: list((out / "results").glob("*.json")))
+        wait_until(lambda: list((out / "results").glob("*.json")), "the first result")
         killed.send_signal(signal.SIGKILL)
         worker("late")
         assert run.wait(90) == 0, said.read_text()

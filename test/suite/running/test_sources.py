@@ -1,4 +1,4 @@
-"""Remote sources are fetched whole, once for all jobs."""
+"""Remote sources are fetched completely, once for all jobs, and again after a change on the server."""
 
 from __future__ import annotations
 

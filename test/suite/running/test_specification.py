@@ -1,4 +1,4 @@
-"""The file of a suite: what it means, and one line for what is wrong with it."""
+"""The file of a suite: the effect of each key, and one-line errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The folder of a suite: results of no job are reported, and a plan is compared with the files it was made of."""
+"""The folder of a suite: results and failures without a job are reported, and a plan is compared with its files."""
 
 from __future__ import annotations
 

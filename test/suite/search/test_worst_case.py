@@ -1,4 +1,4 @@
-"""The search on made functions with a planted weakness: found sooner than by chance, reduced, its border mapped."""
+"""The search on functions with a known weakness: number of runs, reduced case, slices and coverage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shares of sources of error that are known by construction."""
+"""Error budgets of drives whose fractions are known by construction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Suites compared: paired by drive, decided over all of them."""
+"""Comparison of two suites: paired by drive, with a test over all drives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`sfr suite plan` from the drives of a suite: the numbers, by limit and runs."""
+"""`sfr suite plan`: the numbers of drives by limit and group."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Changes of a history: the night, the figure, the drives, the commit; few of them where nothing changed."""
+"""Changes in a history: night, figure, drives and commits of a change, and the rate of false alarms."""
 
 from __future__ import annotations
 
