@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import Mask
-from sfr_loc_map.localisation.excluded_cells import FIXED_LIFE, MOVING_LIFE, ExcludedCells
+from sfr_loc_map.localisation.excluded_cells import DYNAMIC_LIFE, FIXED_LIFE, ExcludedCells
 from sfr_loc_map.localisation.frontend.cell_change import cell_counts
 
 SHAPE = (128, 160)
@@ -52,7 +52,7 @@ def test_cells_that_are_fixed_do_not_age_while_their_texture_stays() -> None:
     assert not mask.all()
 
 
-@pytest.mark.parametrize(("is_fixed", "life"), [(True, FIXED_LIFE), (False, MOVING_LIFE)])
+@pytest.mark.parametrize(("is_fixed", "life"), [(True, FIXED_LIFE), (False, DYNAMIC_LIFE)])
 def test_the_pair_that_excludes_a_cell_is_the_first_of_its_life(is_fixed: bool, life: int) -> None:
     cells = {"fixed": one_cell()} if is_fixed else {"moving": one_cell()}
     excluded = after(ExcludedCells.none(SHAPE), has_excluded=True, **cells)
