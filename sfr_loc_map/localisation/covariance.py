@@ -65,6 +65,7 @@ errors of different steps are independent.
 - added: the inflation by findings of the two poses of the step (`inflation_of`), the displacement of the previous pose
   by a correction of the yaw, and M while the previous pose was kept (`PublishedPose.unobserved_rb`). Inflation and
   displacement of the previous pose are in `PublishedPose.undone_by_next_step`.
+  The terms of the previous pose are zero if its pair began a window, because the step is measured from its image.
 
 Before the first residuals, the factor before r is 1.
 

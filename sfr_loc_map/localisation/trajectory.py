@@ -70,7 +70,8 @@ class PublishedPose:
     #: this pose is wrong, the next step starts at the wrong pose and contains the same error with the opposite sign.
     #: The part consists of the inflation by findings, and of the displacement by a correction of the yaw.
     undone_by_next_step: FloatArray = field(default_factory=lambda: ZERO)
-    #: `(6, 6)` in RB: covariance of the unobserved motion since the last accepted pose, while that pose was kept.
+    #: `(6, 6)` in RB: covariance of the unobserved motion since the last accepted pose, while that pose was kept; zero
+    #: if a window began at this pose.
     unobserved_rb: FloatArray = field(default_factory=lambda: ZERO)
     noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of the pose, in RB.
     variance_factor: float | None = None  #: Variance factor v (`covariance`); None before the first residuals.
@@ -242,7 +243,10 @@ def kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, 
 def restarted(
     path: PathState, stamp_ns: int, landmark_map: LandmarkMap, model: RoverModel
 ) -> tuple[PathState, StepEstimate]:
-    """Return the path with a new window that begins at the last pose, and the step to it."""
+    """Return the path with a new window that begins at the last pose, and the step to it.
+
+    The next step is measured from the image of this pair. It therefore does not undo errors of the earlier poses.
+    """
     position = path.last.T_world_left.translation
     depth_m = landmark_map.landmarks.median_depth
     until_now = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
@@ -253,6 +257,7 @@ def restarted(
         inflation=model.sources.adjustment_inflation,
     )
     published, step = _step_to_kept_pose(path, stamp_ns, model)
+    published = replace(published, undone_by_next_step=ZERO, unobserved_rb=ZERO)
     last = path.last.restarted(stamp_ns)
     window = path.window + 1
     past = _past_pose(last, errors, window, model, was_known=False)

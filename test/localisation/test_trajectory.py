@@ -17,7 +17,7 @@ from sfr_loc_map.localisation.backend.online_calibration import FIRST_SIGMA_PX, 
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.covariance import pose_covariance
 from sfr_loc_map.localisation.error_sources import ErrorSources
-from sfr_loc_map.localisation.estimate import StartPose
+from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW
@@ -74,6 +74,18 @@ def move(
     inflation: Inflation = Inflation.NONE,
 ) -> PathState:
     """Return the path after the pair of a number was tracked at a pose, or a position."""
+    return tracked(path, number, to, known, rig, inflation)[0]
+
+
+def tracked(
+    path: PathState,
+    number: int,
+    to: Transform | np.ndarray,
+    known: OnlineCalibration | None = None,
+    rig: StereoRig = IN_CAMERA,
+    inflation: Inflation = Inflation.NONE,
+) -> tuple[PathState, StepEstimate]:
+    """Return the path and the step after the pair of a number was tracked at a pose, or a position."""
     pose = Pose(to.rotation, to.translation) if isinstance(to, Transform) else Pose(np.eye(3), to)
     tracks = SimpleNamespace(pose=pose, information=1e18 * np.eye(6), landmarks=SimpleNamespace(median_depth=DEPTH_M))
     pair = AcceptedPair(
@@ -86,7 +98,7 @@ def move(
         other_distance=MotionSize(0.0, 0.0),
     )
     calibration = known or OnlineCalibration(RIG.camera, 7)
-    return trajectory.accepted(path, pair, map_of(NOTHING), calibration, model_of(rig))[0]  # type: ignore[arg-type]
+    return trajectory.accepted(path, pair, map_of(NOTHING), calibration, model_of(rig))  # type: ignore[arg-type]
 
 
 def of_path(path: PathState, known: OnlineCalibration | None = None) -> np.ndarray:
@@ -183,6 +195,25 @@ def test_the_step_to_a_kept_pose_is_the_motion_of_the_pose_by_an_adjustment() ->
     np.testing.assert_allclose(first.motion, [0.001, 0.001, 0.001, 0.0, 0.0, 0.0], atol=1e-15)
     again = trajectory.kept(kept, 3 * PERIOD_NS, model)[1]
     np.testing.assert_array_equal(again.motion, np.zeros(6))
+
+
+@pytest.mark.parametrize("inflation", [Inflation.NONE, Inflation.UNOBSERVED, Inflation.AMBIGUITY])
+def test_a_step_from_the_first_pair_of_a_window_does_not_contain_the_motion_before_the_window(
+    inflation: Inflation,
+) -> None:
+    model = model_of(IN_CAMERA)
+    path = trajectory.lost(move(begun(), 1, STEP, inflation=inflation))
+    path, gap = trajectory.restarted(path, 51 * PERIOD_NS, map_of(NOTHING), model)  # type: ignore[arg-type]
+    step = tracked(path, 52, 1.1 * STEP)[1]
+    of_first_step = tracked(begun(), 1, 0.1 * STEP)[1]
+    assert np.sqrt(gap.covariance[0, 0]) == pytest.approx(5.0 * LENGTH / 0.1)  # 5 s at the last speed
+    np.testing.assert_allclose(step.covariance, of_first_step.covariance, atol=1e-9)
+
+
+def test_a_step_from_a_kept_pose_contains_the_motion_while_the_pose_was_kept() -> None:
+    kept, gap = trajectory.kept(move(begun(), 1, STEP), 2 * PERIOD_NS, model_of(IN_CAMERA))
+    step = tracked(kept, 3, 3.0 * STEP)[1]
+    assert np.linalg.eigvalsh(step.covariance - gap.covariance)[0] > -1e-9
 
 
 def placed_in_the_window_before(start_variance: float) -> tuple[PathState, PathState]:
