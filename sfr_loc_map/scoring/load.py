@@ -22,7 +22,7 @@ from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, source_config
-from sfr_loc_map.io.tables.trajectory_file import LoadedTrajectory, read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_file import ESTIMATE_OPTION, TRUTH_OPTION, LoadedTrajectory, read_trajectory_file
 from sfr_loc_map.io.truth.pose_checks import possible_truth
 from sfr_loc_map.io.truth.read import truth_of_file
 from sfr_loc_map.metrics.association import UPPER, Estimates
@@ -167,7 +167,7 @@ def _read_truth(
                 opened = io.open_source(place, how)
         return true, opened
     if place.is_file():
-        return read_trajectory_file(place, how.truth.columns, "truth"), None
+        return read_trajectory_file(place, how.truth.columns, TRUTH_OPTION), None
     source = io.open_source(place, how)
     if source.loc is None or source.loc.ground_truth is None:
         text = f"'{place}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
@@ -187,7 +187,7 @@ def _read_estimate(
         estimates = load_estimates(inputs.estimate)
         return LoadedTrajectory(inputs.estimate, estimates.trajectory), estimates
     if inputs.estimate is not None:
-        found = read_trajectory_file(inputs.estimate, inputs.columns, "estimate")
+        found = read_trajectory_file(inputs.estimate, inputs.columns, ESTIMATE_OPTION)
     else:
         assert estimate is not None  # by the caller
         found = LoadedTrajectory(Path(IN_MEMORY), estimate)

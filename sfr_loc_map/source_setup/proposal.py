@@ -19,7 +19,7 @@ from sfr_loc_map.io.calibration.calibration_file import CalibrationError
 from sfr_loc_map.io.layouts.bag_source import image_name
 from sfr_loc_map.io.registry import format_of, open_source
 from sfr_loc_map.io.sequence import SourceFormat
-from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_config import SourceConfig, is_truth_file
 from sfr_loc_map.io.truth.names import is_tracker
 from sfr_loc_map.io.truth.of_bag import could_be_truth
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
@@ -90,7 +90,7 @@ def propose_config(
     folder = None if path is None else path.parent.resolve()
     for section, name in (("calibration", "file"), ("truth", "source")):
         file = Path(str(sections.get(section, {}).get(name, "")))
-        if folder is not None and file.is_file() and file.is_relative_to(folder):
+        if folder is not None and is_truth_file(file) and file.is_relative_to(folder):
             sections[section][name] = str(file.relative_to(folder))
     if is_bag:
         bag = Bag(source)
@@ -138,8 +138,11 @@ def _calibration(found: Proposal, bag: Bag) -> None:
 
 def _sync(found: Proposal, bag: Bag) -> None:
     """Propose an offset or a tolerance of stamps if the stamps of left and right differ."""
+    image = image_name(bag, "loc")
+    if image is None:
+        return
     stamps: dict[str, list[int]] = {}
-    images = [bag.find(f"loc/{side}/{image_name(bag, 'loc')}", IMAGE, COMPRESSED) for side in SIDES]
+    images = [bag.find(f"loc/{side}/{image}", IMAGE, COMPRESSED) for side in SIDES]
     topics = [topic for topic in images if topic is not None]
     for topic, stamp_ns, _ in bag.stream(topics):
         stamps.setdefault(topic.name, []).append(stamp_ns)

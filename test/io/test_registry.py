@@ -37,6 +37,7 @@ BROKEN = [
     ("euroc", CAM1, "0.16", "-0.16", "swapped"),
     ("euroc", CAM1, "0.16, 0.0, 1.0, 0.0, -0.02", "0.05, 0.0, 1.0, 0.0, 0.2", "one above the other"),
     ("euroc", CAM0, ALL, "#x\n12,a.png\n", "stamps within"),
+    ("euroc", CAM0, ALL, "#x\n12,a.png\n12,b.png\n", "must be in order"),
 ]
 
 

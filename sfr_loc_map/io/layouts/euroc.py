@@ -27,9 +27,10 @@ from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
 from sfr_loc_map.io.tables.stamps import check_order, parse_stamp_ns
 from sfr_loc_map.io.tables.text_table import read_lines
-from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat, read_trajectory_file, save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import TRUTH_OPTION, read_trajectory_file, save_trajectory
 from sfr_loc_map.io.truth.config import TrackedPoses
 
 CAMERAS = ("cam0", "cam1")
@@ -62,7 +63,7 @@ def _load_truth(folder: Path) -> Trajectory | None:
     file = next((file for name in TRUTHS if (file := folder / name / "data.csv").is_file()), None)
     if file is None:
         return None
-    loaded = read_trajectory_file(file, side="truth")
+    loaded = read_trajectory_file(file, option=TRUTH_OPTION)
     check_order(loaded.trajectory.stamps_ns, f"'{file}'", strict=False)
     if file.parent.name == TRUTH:
         return loaded.trajectory
@@ -79,13 +80,14 @@ def _load_truth(folder: Path) -> Trajectory | None:
 
 
 def _load_list(path: Path) -> dict[int, Path]:
-    files = {}
+    stamps_ns, files = [], []
     for number, line in enumerate(read_lines(path), start=1):
         stamp, _, name = line.partition(",")
         with refusing(f"'{path}' entry {number}"):
-            files[parse_stamp_ns(stamp)] = path.parent / "data" / name.strip()
-    check_order(list(files), f"'{path}'", strict=True)
-    return files
+            stamps_ns.append(parse_stamp_ns(stamp))
+        files.append(path.parent / "data" / name.strip())
+    check_order(stamps_ns, f"'{path}'", strict=True)
+    return dict(zip(stamps_ns, files, strict=True))
 
 
 class EurocWriter(TableWriter):

@@ -30,8 +30,9 @@ from sfr_loc_map.io.images.files import ImageFiles, ImageFileSequence, ImagePair
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.tables.number_text import parse_number
+from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
 from sfr_loc_map.io.tables.stamps import check_order, parse_stamp_ns
-from sfr_loc_map.io.tables.trajectory_file import CSV_HEADER, TrajectoryFormat, read_trajectory_file, save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import CSV_HEADER, read_trajectory_file, save_trajectory
 
 LOC_COLUMNS = ("stamp_ns", "left", "right")
 NAV_COLUMNS = (

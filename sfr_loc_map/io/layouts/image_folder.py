@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import IMAGE_ENDINGS
+from sfr_loc_map.inputs import IMAGE_ENDINGS, refusing
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.images.codec import read_grey
 from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair
@@ -69,7 +69,7 @@ def _images(folder: Path) -> list[Path]:
 def _by_stamp(folder: Path) -> dict[int, Path]:
     """Return the images of a folder by stamp, ns, which is given by the file name."""
     files = _images(folder)
-    wrong = [file.name for file in files if not file.stem.replace(".", "", 1).isdecimal()]
+    wrong = [file.name for file in files if not (file.stem.isascii() and file.stem.replace(".", "", 1).isdecimal())]
     stems = sorted((file.stem for file in files), key=lambda stem: (len(stem.partition(".")[0]), stem))
     unit = "" if wrong else time_unit(stems, is_seconds=False)
     if not unit:
@@ -78,4 +78,11 @@ def _by_stamp(folder: Path) -> dict[int, Path]:
             f"images of '{folder}' are named {shown}: stamps in one unit (s, ms, us, ns) are required as names; "
             "rename them, or write a pairs.csv and rig.json (docs/formats.md)"
         )
-    return {parse_decimal(file.stem, TIMES[unit]): file for file in files}
+    by_stamp: dict[int, Path] = {}
+    for file in files:
+        with refusing(f"'{file}'", "rename the image"):
+            stamp_ns = parse_decimal(file.stem, TIMES[unit])
+        if stamp_ns in by_stamp:
+            raise InputError(f"'{file}' and '{by_stamp[stamp_ns].name}' have the same stamp: remove one of them")
+        by_stamp[stamp_ns] = file
+    return by_stamp

@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from functools import partial
 from typing import NamedTuple
 
@@ -75,19 +76,35 @@ _SCALAR_LAST_TEXT = re.compile(r"\bq?_?x\W+q?_?y\W+q?_?z\W+q?_?w\b|\bxyzw\b", re
 _PREFIXES = ("field", "poseposepose", "posepose", "pose", "transform")
 
 
+class TrajectoryFormat(StrEnum):
+    """The formats of trajectory files."""
+
+    CSV = "csv"
+    TUM = "tum"
+    KITTI = "kitti"
+    EUROC = "euroc"
+    COLUMNS = "columns"
+    MATRIX = "matrix"
+
+
 @dataclass(frozen=True, slots=True)
 class Layout:
     """A layout of lines without a header."""
 
     name: str  #: Name in messages.
     keys: tuple[str, ...]  #: Content of the first columns.
-    separator: str = ""  #: Required separator: "," or " "; empty: any.
+    separator: str = ""  #: Required separator: "," (or semicolon), " " (or tab); empty: any.
     widths: tuple[int, ...] = ()  #: Allowed numbers of columns; empty: at least the number of keys.
     unit: str = ""  #: Unit of the stamps; empty: inferred from their magnitude.
 
 
 _POSE = (*POSITION, *QUATERNION)
 _SCALAR_FIRST = (*POSITION, "qw", "qx", "qy", "qz")
+_ORDERS = (
+    (TrajectoryFormat.EUROC, (STAMP, *_SCALAR_FIRST), (",",)),
+    (TrajectoryFormat.TUM, (STAMP, *_POSE), (None, "\t")),
+)
+"""First columns and separators of the formats without matrices."""
 LAYOUTS = (
     Layout("TUM (t x y z qx qy qz qw)", (STAMP, *_POSE), " "),
     Layout("TUM with commas (t,x,y,z,qx,qy,qz,qw)", (STAMP, *_POSE), ",", (8,)),
@@ -105,8 +122,7 @@ LAYOUTS = (
 HEAD_LINES = 5000  #: Number of lines from which the layout is detected. Later rows that do not fit are invalid.
 MAX_FRAME = 1e7  #: Integers below are frame numbers; larger integers are stamps.
 FIT = 0.9  #: Minimum fraction of rows that must fit a layout; the others are invalid rows.
-#: Minimum fraction if no layout reaches `FIT`, so that error messages can name the invalid rows.
-HALF_FIT = 0.5
+HALF_FIT = 0.5  #: Minimum fraction if no layout reaches `FIT`, so that error messages can name the invalid rows.
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +135,7 @@ class PoseColumns:
     units: Mapping[str, str]  #: Unit of each key, if the header or `--columns` gives a unit.
     width: int  #: Number of columns.
     skip: int = 0  #: Number of lines before the first row.
-    by_header: bool = False  #: Whether a header or `--columns` names the columns.
+    by_header: bool = False  #: Whether a header, `--columns` or `truth.columns` names the columns.
     ignored: tuple[str, ...] = ()  #: Names of columns that are not read.
     inferred: str = ""  #: Unit of the stamps if it was inferred from their magnitude.
 
@@ -127,11 +143,14 @@ class PoseColumns:
         return key in self.places
 
     @property
-    def is_tum(self) -> bool:
-        """Whether the columns are in the order of TUM, whose stamps are in seconds."""
-        order = (STAMP, *POSITION, *QUATERNION)
-        in_order = all(self.places.get(key) == place for place, key in enumerate(order))
-        return in_order and self.separator in (None, "\t")
+    def format(self) -> TrajectoryFormat:
+        """The format with these columns, with or without a header; COLUMNS if the format has no name of its own."""
+        if self.is_matrix:
+            return TrajectoryFormat.KITTI if self.stamp_key is None else TrajectoryFormat.MATRIX
+        for known, order, separators in _ORDERS:
+            if self.separator in separators and all(self.places.get(key) == k for k, key in enumerate(order)):
+                return known
+        return TrajectoryFormat.COLUMNS
 
     @property
     def position_keys(self) -> tuple[str, ...]:
@@ -142,11 +161,6 @@ class PoseColumns:
     def is_matrix(self) -> bool:
         """Whether the poses are 3 x 4 matrices."""
         return MATRIX[0] in self.places
-
-    @property
-    def is_kitti(self) -> bool:
-        """Whether the poses are those of KITTI odometry: matrices of the left camera, without stamps."""
-        return self.is_matrix and self.stamp_key is None
 
     @property
     def stamp_key(self) -> str | None:
@@ -606,7 +620,7 @@ def _with_time_unit(found: PoseColumns, rows: Sequence[Sequence[str]], name: str
     texts = [cells[found.places[STAMP]] for cells in rows if len(cells) > found.places[STAMP]]
     if texts and not _is_number(texts[0]) and _is_time(texts[0]):
         return replace(found, units={**found.units, STAMP: UTC_UNIT}, inferred=UTC_UNIT)
-    unit = time_unit(texts, is_seconds=found.is_tum)
+    unit = time_unit(texts, is_seconds=found.format is TrajectoryFormat.TUM)
     if not unit:
         raise InputError(
             f"{name}: the unit of the stamps {', '.join(texts[:3])} is ambiguous: name the unit "

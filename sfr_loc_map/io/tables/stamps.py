@@ -32,11 +32,12 @@ EARLIEST_CLOCK_S = 3e8  #: Stamps of clocks are in 1979 or later; smaller stamps
 LATEST_CLOCK_S = 4.62e9  #: 146 years after 1970, the limit of stamps; larger numbers have a smaller unit.
 LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps in seconds.
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
+_BELOW_MICROSECONDS = re.compile(r"[.,][0-9]{6}([0-9]{1,3})")
 
 
 def parse_stamp_ns(text: str) -> int:
     """Return integer nanoseconds; surrounding spaces are allowed."""
-    if _WHOLE.fullmatch(text.strip(" \t")) and -STAMP_LIMIT <= int(text) < STAMP_LIMIT:
+    if _WHOLE.fullmatch(text.strip(" \t")) and _is_in_range(int(text)):
         return int(text)
     raise ValueError(f"stamp '{text[:40]}' is not an integer number of nanoseconds within 146 years of 1970")
 
@@ -52,7 +53,7 @@ def parse_seconds(text: str) -> int:
     elif is_decimal(word):
         with suppress(InvalidOperation):
             stamp = int(Decimal(word).scaleb(9).quantize(Decimal(1), ROUND_HALF_EVEN))
-            if -STAMP_LIMIT <= stamp < STAMP_LIMIT:
+            if _is_in_range(stamp):
                 return stamp
     hint = " (are these nanoseconds?)" if word.isdigit() else ""
     raise ValueError(f"stamp '{word[:40]}' is not a number of seconds{hint}")
@@ -64,7 +65,7 @@ def parse_decimal(text: str, unit_ns: int) -> int:
     if is_decimal(word):
         with suppress(InvalidOperation):
             stamp = int((Decimal(word) * unit_ns).quantize(Decimal(1), ROUND_HALF_EVEN))
-            if -STAMP_LIMIT <= stamp < STAMP_LIMIT:
+            if _is_in_range(stamp):
                 return stamp
     raise ValueError(f"stamp '{word[:40]}' is not a number of {UNIT_WORDS[unit_ns]} up to 146 years from 1970")
 
@@ -78,10 +79,22 @@ def parse_nanoseconds(text: str) -> int:
 
 
 def parse_utc(text: str) -> int:
-    """Return the nanoseconds of a time written as `2026-05-04 10:22:01.25`, UTC unless the text has a zone."""
+    """Return the nanoseconds of a time written as `2026-05-04 10:22:01.25`, UTC unless the text has a zone.
+
+    Decimals after the ninth are ignored.
+    """
     moment = datetime.fromisoformat(text.strip())
     since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - datetime.fromtimestamp(0, UTC)
-    return since // timedelta(microseconds=1) * 1000
+    stamp = since // timedelta(microseconds=1) * 1000
+    if below := _BELOW_MICROSECONDS.search(text):  # `fromisoformat` ignores these decimals
+        stamp += int(below[1].ljust(3, "0"))
+    if not _is_in_range(stamp):
+        raise ValueError(f"time '{text.strip()[:40]}' is not within 146 years of 1970")
+    return stamp
+
+
+def _is_in_range(stamp_ns: int) -> bool:
+    return -STAMP_LIMIT <= stamp_ns < STAMP_LIMIT
 
 
 def seconds_text(stamp_ns: int) -> str:

@@ -43,6 +43,7 @@ class Table:
     values: FloatArray  #: `(N, K)` finite numbers.
     missing: int = 0  #: Number of skipped rows without a value in a column that is read.
     broken: tuple[str, ...] = ()  #: The error in each invalid row, with its line number.
+    skipped_lines: tuple[int, ...] = ()  #: Ascending line numbers of the rows that were skipped when they were read.
 
     def without(self, good: Mask, problems: Sequence[str]) -> Table:
         """Return the good rows; `problems` has the error in each of the other rows."""
@@ -58,6 +59,11 @@ class Table:
             several = f" ({count} of {rows} lines are invalid)" if count > 1 else ""
             raise InputError(f"{self.name} {self.broken[0]}; correct or remove the line{several}")
         return self
+
+    @property
+    def row_numbers(self) -> IntArray:
+        """`(N,)` number of each row in the text, from 0; rows that were skipped when they were read are counted."""
+        return np.arange(len(self.lines)) + np.searchsorted(self.skipped_lines, self.lines)
 
     @property
     def left_out(self) -> str:
@@ -89,7 +95,7 @@ def parse_table(
     """
     reader = _RowReader(form, tuple(places), stamp, separator, more, tolerant)
     columns = len(places) - (stamp is not None)
-    number, missing, broken = 0, 0, list[str]()
+    number, missing, broken, skipped = 0, 0, list[str](), list[int]()
     table = Table(name, np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, columns)))
     for block in blocks:
         texts = [text.strip() for text in (block if number else block.removeprefix(BOM)).splitlines()]
@@ -103,6 +109,7 @@ def parse_table(
                 raise InputError(f"{name} {problems[0]}; correct or remove the line") from error
             broken += problems
             missing += found.count(None)
+            skipped += [number + k + 1 for k, row in zip(chosen, found, strict=True) if not isinstance(row, tuple)]
             good = [(k, row) for k, row in zip(chosen, found, strict=True) if isinstance(row, tuple)]
             chosen = [k for k, _ in good]
             stamps_ns = np.array([row[0] for _, row in good] if stamp else [], np.int64)
@@ -113,7 +120,7 @@ def parse_table(
             column.resize((end + len(part), *column.shape[1:]), refcheck=False)
             column[end:] = part
         number += len(texts)
-    return replace(table, missing=missing, broken=tuple(broken)).checked()
+    return replace(table, missing=missing, broken=tuple(broken), skipped_lines=tuple(skipped)).checked()
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,8 @@
 | `tum` | `t x y z qx qy qz qw`, t in seconds, orientation as in ROS messages |
 | `kitti` | twelve numbers per line, the first three rows of a pose matrix, no stamps (Geiger et al. 2012) |
 | `euroc` | csv with nanoseconds and quaternions scalar first (Burri et al. 2016); further columns are ignored |
-| `columns` | csv of a total station or a motion capture system; a header names the columns and their units |
+| `matrix` | 3 x 4 or 4 x 4 matrices after a stamp or a frame number |
+| `columns` | any other table of positions or poses; `pose_columns` detects its columns and their units |
 
 `att_q_DsToRb` converts components in DS to components in RB: the conjugate of the orientation in ROS messages. KITTI
 has poses of the left camera in its first frame, with x right, y down, z forward. Both frames are rotated to the axes of
@@ -17,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -37,8 +37,8 @@ from sfr_loc_map.io.tables.pose_columns import (
     FRAME,
     NANOSECONDS,
     QUATERNION,
-    STAMP,
     PoseColumns,
+    TrajectoryFormat,
     pose_columns,
 )
 from sfr_loc_map.io.tables.stamps import parse_seconds, parse_stamp_ns, seconds_text
@@ -57,27 +57,18 @@ KITTI_SUFFIX, EUROC_SUFFIX = ".kitti", ".euroc.csv"
 FILE_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)  #: File name endings of trajectories.
 
 
-class TrajectoryFormat(StrEnum):
-    """The formats of trajectory files."""
-
-    CSV = "csv"
-    TUM = "tum"
-    KITTI = "kitti"
-    EUROC = "euroc"
-    COLUMNS = "columns"
-    MATRIX = "matrix"
-
-
 ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.COLUMNS, TrajectoryFormat.MATRIX)
 """Formats that commands report when they detect them."""
-CONFIGURED = "configured truth"  #: `side` of a truth named by `truth.source`; commands without --columns use this, too.
+COLUMNS_OPTION = "--columns 'COLUMNS'"
+"""How a user names the columns of a file, for messages; COLUMNS stands for the columns."""
+ESTIMATE_OPTION, TRUTH_OPTION = "--columns 'estimate:COLUMNS'", "--columns 'truth:COLUMNS'"
+CONFIGURED_OPTION = "--set 'truth.columns=COLUMNS'"  #: For a truth that `truth.source` names.
 MOST_NAMED = 8  #: Maximum number of columns that a message lists.
-WORDS = {
+WORDS = {  # all formats but COLUMNS, whose name is that of the detected columns
     TrajectoryFormat.CSV: "csv of the suite",
     TrajectoryFormat.TUM: "TUM",
     TrajectoryFormat.KITTI: "KITTI poses of the left camera, rotated to x forward, y left, z up",
     TrajectoryFormat.EUROC: "EuRoC csv",
-    TrajectoryFormat.COLUMNS: "columns by their names",
     TrajectoryFormat.MATRIX: "3 x 4 matrices with stamps or frame numbers",
 }
 
@@ -99,7 +90,8 @@ class LoadedTrajectory:
     def text(self) -> str:
         """The detected format and content, in one line."""
         kind = "poses" if self.trajectory.has_attitude else "positions"
-        parts = [WORDS[self.format], f"{len(self.trajectory)} {kind}"]
+        name = WORDS.get(self.format) or ("" if self.columns is None else self.columns.name)
+        parts = [name, f"{len(self.trajectory)} {kind}"]
         parts += [f"stamps: {self.stamps}"] if self.stamps else []
         if self.columns is not None:
             unit = self.columns.inferred
@@ -132,11 +124,11 @@ class LoadedTrajectory:
         return replace(self, trajectory=stamped, stamps=f"those of {other.path}, pose by pose", by_index=False)
 
 
-def read_trajectory_file(path: Path, columns: str = "", side: str = "") -> LoadedTrajectory:
+def read_trajectory_file(path: Path, columns: str = "", option: str = COLUMNS_OPTION) -> LoadedTrajectory:
     """Read a trajectory; the format is given by its header, else by the layout that the rows fit (`pose_columns`).
 
-    Stamps may be in any order. `columns` names the columns if the file does not. `side` is "estimate", "truth" or
-    `CONFIGURED`, for messages that say how to give `columns`.
+    Stamps may be in any order. `columns` names the columns if the file does not. Messages say that the user can name
+    them by `option`.
     """
     path = Path(path)
     name = f"'{path}'"
@@ -147,12 +139,9 @@ def read_trajectory_file(path: Path, columns: str = "", side: str = "") -> Loade
     header = next((line.strip().replace(" ", "") for line in lines if line.strip()), "")
     if header == CSV_HEADER and not columns:
         table = parse_table(
-            *(blocks, name, CSV_HEADER, range(8)), stamp=parse_stamp_ns, separator=",", skip=1, tolerant=True
+            blocks, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=1, tolerant=True
         )
         return _loaded(path, table, TrajectoryFormat.CSV, signs=CONJUGATED)
-    option = f"--columns '{side}:COLUMNS'" if side else "--columns 'COLUMNS'"
-    if side == CONFIGURED:
-        option = "--set 'truth.columns=COLUMNS'"
     found = pose_columns(lines, name, columns, option)
     return _read_columns(path, blocks, name, found)
 
@@ -163,7 +152,10 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, found: PoseCol
     stamp_keys = () if found.stamp_key is None else (found.stamp_key,)
     places = [found.places[key] for key in (*stamp_keys, *keys)]
     table = parse_table(
-        *(blocks, name, found.name, places),
+        blocks,
+        name,
+        found.name,
+        places,
         stamp=found.stamp() if stamp_keys else None,
         separator=found.separator,
         more=found.by_header or places != list(range(found.width)),
@@ -172,7 +164,8 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, found: PoseCol
     )
     values = dict(zip(keys, table.values.T, strict=True))
     if found.is_matrix:
-        positions, quats = _of_matrices(table.values[:, :KITTI_COLUMNS], is_optical=found.is_kitti)
+        is_optical = found.format is TrajectoryFormat.KITTI
+        positions, quats = _of_matrices(table.values[:, :KITTI_COLUMNS], is_optical=is_optical)
     else:
         positions = np.stack([values[key] for key in found.position_keys], axis=1) * np.array(found.scales)
         quats = np.stack([values.get(key, np.zeros(len(positions))) for key in QUATERNION], axis=1)
@@ -180,11 +173,13 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, found: PoseCol
     if NANOSECONDS in found:
         stamps_ns = stamps_ns + _fractions_ns(table, values[NANOSECONDS] * found.fraction_ns)
     if not stamp_keys or found.stamp_key == FRAME:
-        numbers = stamps_ns // NS_PER_S if stamp_keys else np.arange(len(positions))
-        stamps_ns, said, by_index = _stamps_of_frames(path, numbers, len(positions) + len(table.broken))
+        numbers = stamps_ns // NS_PER_S if stamp_keys else table.row_numbers
+        rows = len(table.lines) + len(table.skipped_lines)
+        is_consecutive = not stamp_keys or (len(numbers) > 0 and int(numbers[-1]) + 1 == rows)
+        stamps_ns, said, by_index = _stamps_of_frames(path, numbers, rows if is_consecutive else None)
     poses = replace(table, stamps_ns=stamps_ns, values=np.concatenate((positions, quats), axis=1))
     covariance = _covariance(values) if found.has_covariance else None
-    return _loaded(path, poses, _kind(found), columns=found, stamps=said, by_index=by_index, covariance=covariance)
+    return _loaded(path, poses, found.format, columns=found, stamps=said, by_index=by_index, covariance=covariance)
 
 
 def _fractions_ns(table: Table, fractions_ns: FloatArray) -> IntArray:
@@ -214,19 +209,19 @@ def _of_matrices(rows: FloatArray, *, is_optical: bool) -> tuple[FloatArray, Flo
     return positions, np.where(good[:, None], quats, np.nan)
 
 
-def _stamps_of_frames(path: Path, numbers: IntArray, count: int) -> tuple[IntArray, str, bool]:
+def _stamps_of_frames(path: Path, numbers: IntArray, count: int | None) -> tuple[IntArray, str, bool]:
     """Return the stamps of numbered poses from a file of seconds, or 1 s apart if there is no such file.
 
-    `count` is the number of lines with poses. The file of seconds must have as many lines if frames are consecutive.
+    `count` is the number of times that the file of seconds must have: that of the lines with poses, including skipped
+    lines. It is None if the numbers of the images are not consecutive.
     """
     benchmark = path.parent.parent / "sequences" / path.stem / "times.txt"
     files = (times_beside(path), path.with_name("times.txt"), benchmark)
     times = next((file for file in files if file.is_file() and file != path), None)
     if times is None:
         return numbers.astype(np.int64) * NS_PER_S, "line numbers, 1 s apart", True
-    is_numbered = len(numbers) > 0 and int(numbers[-1]) + 1 != len(numbers)
-    stamps_ns = read_times(times, None if is_numbered else count)
-    if is_numbered and int(numbers.max()) >= len(stamps_ns):
+    stamps_ns = read_times(times, count)
+    if len(numbers) and int(numbers.max()) >= len(stamps_ns):
         raise InputError(
             f"'{times}' has {len(stamps_ns)} times, but '{path}' has a pose of image {int(numbers.max())}: give "
             "the times of all images"
@@ -243,15 +238,6 @@ def _covariance(values: Mapping[str, FloatArray]) -> FloatArray:
             row, column = (start + int(digit) - 1 for digit in index)
             covariance[:, row, column] = covariance[:, column, row] = values[f"{prefix}{index}"]
     return covariance
-
-
-def _kind(found: PoseColumns) -> TrajectoryFormat:
-    if found.is_matrix:
-        return TrajectoryFormat.KITTI if found.is_kitti else TrajectoryFormat.MATRIX
-    euroc = {STAMP: 0, "x": 1, "y": 2, "z": 3, "qw": 4, "qx": 5, "qy": 6, "qz": 7}
-    if found.separator == "," and all(found.places.get(key) == place for key, place in euroc.items()):
-        return TrajectoryFormat.EUROC
-    return TrajectoryFormat.TUM if found.is_tum else TrajectoryFormat.COLUMNS
 
 
 def _loaded(

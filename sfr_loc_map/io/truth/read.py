@@ -9,7 +9,7 @@ from pathlib import Path
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.bag.files import is_bag
-from sfr_loc_map.io.tables.trajectory_file import CONFIGURED, read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_file import CONFIGURED_OPTION, TRUTH_OPTION, read_trajectory_file
 from sfr_loc_map.io.truth.config import AS_THE_SOURCE_HAS_IT, TrackedPoses, TruthConfig
 from sfr_loc_map.io.truth.pose_checks import possible_truth
 
@@ -44,7 +44,7 @@ def truth_of_file(
 
     InputError if there is no truth.
     """
-    side = "truth"
+    option = TRUTH_OPTION
     if is_bag(place):
         from sfr_loc_map.io.bag.bag import Bag  # rosbags is imported only for bags
         from sfr_loc_map.io.truth.of_bag import truth_of_bag
@@ -58,6 +58,6 @@ def truth_of_file(
             raise InputError(f"truth '{file}' is neither a file nor a topic of '{place}': give a file or a topic")
         if is_bag(file):
             return truth_of_file(file, replace(config, source=""))
-        place, side = file, CONFIGURED
-    loaded = read_trajectory_file(place, config.columns, side)
+        place, option = file, CONFIGURED_OPTION
+    loaded = read_trajectory_file(place, config.columns, option)
     return config.applied(loaded.trajectory, read_from=loaded.text)

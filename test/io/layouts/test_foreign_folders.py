@@ -10,9 +10,11 @@ import pytest
 
 from helpers.cli_result import Sfr
 from helpers.kalibr_chains import CHAINS, LENSES, kalibr
+from helpers.message_bags import write_messages
 from helpers.pose_tables import COUNT, drive, rows, seconds
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.clouds.cloud_file import load_cloud
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.registry import open_source
@@ -101,6 +103,39 @@ def test_images_that_are_not_named_by_a_time_are_refused(tmp_path: Path, sfr: Sf
     done = sfr("info", tmp_path / "drive")
     assert done.code == 1
     assert "frame_a.png: stamps in one unit" in " ".join(done.out.split())
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (["4611686018427387904"], "is not a number of nanoseconds up to 146 years from 1970; rename the image"),
+        (["\u0661\u0662"], "stamps in one unit"),
+        (["1700000000000000000", "01700000000000000000"], "have the same stamp"),
+    ],
+)
+def test_names_of_images_that_give_no_unique_stamp_are_refused(tmp_path: Path, names: list[str], words: str) -> None:
+    for side in ("left", "right"):
+        (tmp_path / "drive" / side).mkdir(parents=True)
+        for name in names:
+            (tmp_path / "drive" / side / f"{name}.png").write_bytes(encode_png(np.zeros((8, 8), np.uint8)))
+    (tmp_path / "c.yaml").write_text(kalibr("TUM-VI", *CHAINS["T_cn_cnm1"]))
+    with pytest.raises(InputError, match=words):
+        open_source(tmp_path / "drive", SourceConfig(calibration=CalibrationConfig(file=str(tmp_path / "c.yaml"))))
+
+
+def test_the_folder_of_a_bag_with_the_truth_is_relative_to_the_configuration(tmp_path: Path) -> None:
+    """A truth in a bag, which is a folder, is found from every working directory."""
+    images(tmp_path / "drive", "ns")
+    (tmp_path / "c.yaml").write_text(kalibr("TUM-VI", *CHAINS["T_cn_cnm1"]))
+    poses = drive()
+    rows_of_bag = zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True)
+    entries = [("/ground_truth/odometry", stamp, messages.odometry(stamp, *row)) for stamp, *row in rows_of_bag]
+    write_messages(tmp_path / "truth_bag", entries)
+    (tmp_path / "sfr.yaml").write_text("calibration: {file: c.yaml}\ntruth: {source: truth_bag}\n")
+    source = open_source(tmp_path / "drive")
+    assert source.truth is not None
+    np.testing.assert_array_equal(source.truth.positions, poses.positions)
+    assert source.truth_files == (tmp_path / "truth_bag",)
 
 
 def test_a_configuration_of_a_bag_is_not_one_of_a_folder_beside_it(tmp_path: Path, sfr: Sfr) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import read_table
-from sfr_loc_map.io.tables.stamps import parse_seconds, parse_stamp_ns, seconds_text
+from sfr_loc_map.io.tables.stamps import parse_seconds, parse_stamp_ns, parse_utc, seconds_text
 from sfr_loc_map.io.tables.text_table import parse_table
 
 finite = st.floats(-1e308, 1e308)  # which no form rounds to infinity
@@ -28,6 +28,14 @@ forms = st.sampled_from(("{!r}", "{:.9f}", "{:.17e}", "{:.3g}", "{:.0f}"))
 )
 def test_seconds_are_exact(text: str, stamp_ns: int) -> None:
     assert parse_seconds(text) == stamp_ns
+
+
+def test_times_are_exact_and_limited() -> None:
+    assert parse_utc("2023-11-14 22:13:20.123456789+00:00") == 1_700_000_000_123_456_789
+    assert parse_utc("2023-11-14T22:13:20.5") == 1_700_000_000_500_000_000
+    for text in ("2117-01-01 00:00:00", "2263-01-01 00:00:00"):
+        with pytest.raises(ValueError, match="146 years"):
+            parse_utc(text)
 
 
 @given(st.integers(-(2**62), 2**62 - 1))

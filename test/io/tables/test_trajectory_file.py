@@ -115,3 +115,23 @@ def test_stamps_of_kitti_poses(tmp_path: Path) -> None:
     times.write_text("0.0\n")
     with pytest.raises(InputError, match="1 times for 5 poses"):
         read_trajectory_file(poses)
+
+
+@pytest.mark.parametrize("skipped", ["not a pose", " ".join(["nan"] * 12)])
+def test_a_skipped_line_of_kitti_poses_keeps_the_stamps_of_the_later_lines(tmp_path: Path, skipped: str) -> None:
+    file, drive = tmp_path / "t.kitti", curve(20)
+    save_trajectory(file, drive)
+    lines = file.read_text().splitlines()
+    lines[4] = skipped
+    file.write_text("\n".join(lines) + "\n")
+    read = read_trajectory_file(file).trajectory
+    kept = np.delete(np.arange(20), 4)
+    assert read.stamps_ns.tolist() == drive.stamps_ns[kept].tolist()
+    np.testing.assert_allclose(read.positions, drive.positions[kept], atol=1e-12)
+    (tmp_path / "t.times.txt").unlink()
+    assert read_trajectory_file(file).trajectory.stamps_ns.tolist() == (kept * 10**9).tolist()
+
+
+def test_the_detected_columns_of_a_table_without_a_header_are_named(tmp_path: Path) -> None:
+    (tmp_path / "t.txt").write_text("".join(f"{k}.5 {k} 0 0\n" for k in range(5)))
+    assert "t.txt: t x y z, 5 positions" in read_trajectory_file(tmp_path / "t.txt").text
