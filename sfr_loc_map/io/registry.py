@@ -6,20 +6,22 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import check_regular, refusing
 from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.images.files import ImageFileSequence
 from sfr_loc_map.io.layouts.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.layouts.folder import is_folder, open_folder
 from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_folder
 from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig, SyncConfig, source_config
-from sfr_loc_map.io.truth.config import AS_THE_SOURCE_HAS_IT, RB_ITSELF, TruthConfig
-from sfr_loc_map.io.truth.read import resolve_truth, truth_of_file
+from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
+from sfr_loc_map.io.truth.read import truth_of_data_set, truth_of_path
+from sfr_loc_map.io.truth.tracked_body import RB_ITSELF
 
 _log = logging.getLogger(__name__)
 
@@ -37,11 +39,11 @@ def _configured(open_files: Opener) -> Opener:
 
     def open_configured(path: Path, config: SourceConfig) -> Source:
         source = open_files(path, config)
-        loc: Any = source.loc
+        loc = source.loc
         if loc is None:
             return source
-        own = loc.ground_truth
-        loc = replace(loc, ground_truth=resolve_truth(path, lambda: own, config.truth))
+        assert isinstance(loc, ImageFileSequence)  # of every layout of files
+        loc = replace(loc, ground_truth=truth_of_data_set(path, loc.ground_truth, config.truth))
         T_rb_sb = config.extrinsics.transform()
         if T_rb_sb is not None:
             loc = replace(loc, rig=replace(loc.rig, T_rb_sb=T_rb_sb))
@@ -54,7 +56,7 @@ class Reader(NamedTuple):
     """The reader of a layout."""
 
     matches: Callable[[Path], bool]  #: Whether a path has this layout.
-    open: Opener
+    open: Opener  #: The drive of a layout of files must be an `ImageFileSequence`, see `_configured`.
 
 
 READERS: dict[SourceFormat, Reader] = {
@@ -106,12 +108,13 @@ def format_of(path: Path) -> SourceFormat:
 
 
 def read_truth(place: Path, config: TruthConfig | None = None, remap: Mapping[str, str] | None = None) -> Truth:
-    """Read the truth of a source (bag, folder or pose file), or the truth that its configuration names.
+    """Read the truth of a source (bag, folder or pose file), or the truth that `config` names.
 
+    Without `config`, a folder is read by the `sfr.yaml` beside it; a bag or a file is read without configuration.
     InputError if there is no truth.
     """
     if place.is_file() or is_bag(place) or (config is not None and config.source):
-        return truth_of_file(place, config or AS_THE_SOURCE_HAS_IT, remap)
+        return truth_of_path(place, config or DEFAULT_TRUTH, remap)
     how = source_config(place)
     found = open_source(place, how if config is None else replace(how, truth=config)).truth
     if found is None:

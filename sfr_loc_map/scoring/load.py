@@ -24,7 +24,7 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, source_config
 from sfr_loc_map.io.tables.trajectory_file import ESTIMATE_OPTION, TRUTH_OPTION, LoadedTrajectory, read_trajectory_file
 from sfr_loc_map.io.truth.pose_checks import possible_truth
-from sfr_loc_map.io.truth.read import truth_of_file
+from sfr_loc_map.io.truth.read import truth_of_path
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, truths_of
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TargetRecord
@@ -161,7 +161,7 @@ def _read_truth(
         assert truth is not None  # by the caller
         return LoadedTrajectory(Path(IN_MEMORY), truth), None
     if is_bag(place) or how.truth.source:
-        true, opened = LoadedTrajectory(place, truth_of_file(place, how.truth, how.remap)), None
+        true, opened = LoadedTrajectory(place, truth_of_path(place, how.truth, how.remap)), None
         if is_bag(place) or not place.is_file():
             with suppress(SfrError):  # without images only the true poses are used
                 opened = io.open_source(place, how)

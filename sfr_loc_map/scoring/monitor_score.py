@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.io.truth.config import RB_ITSELF, TrackedBody
+from sfr_loc_map.io.truth.tracked_body import RB_ITSELF, TrackedBody
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates
 from sfr_loc_map.metrics.call_meter import METHOD

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES
-from sfr_loc_map.io.truth.config import TrackedBody
+from sfr_loc_map.io.truth.tracked_body import TrackedBody
 from sfr_loc_map.live.media import cloud_samples, with_layer
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages

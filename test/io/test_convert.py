@@ -19,12 +19,11 @@ from helpers.made_worlds import (
 )
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.inputs import hash_path
-from sfr_loc_map.io.bag.bag import Bag, read_trajectory
+from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.convert import ConvertOptions, Layout, convert, convert_trajectory
-from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.registry import open_source, read_truth
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
-from sfr_loc_map.topics import TRUE_POSES
 
 
 @pytest.fixture
@@ -87,7 +86,7 @@ def test_options_of_the_command_and_trajectories(tmp_path: Path, world: World, s
     assert_same_trajectory(read_trajectory_file(tum).trajectory, world.truth)
     assert_same_trajectory(read_trajectory_file(tmp_path / "t" / "groundtruth.csv").trajectory, world.truth)
     assert convert_trajectory(world.truth, tmp_path / "t.mcap") == 4
-    assert_same_trajectory(read_trajectory(Bag(tmp_path / "t.mcap"), TRUE_POSES), world.truth)
+    assert_same_trajectory(read_truth(tmp_path / "t.mcap"), world.truth)
     no_truth = sfr("convert", write_folder(tmp_path / "n", world, loc=False), tmp_path / "n.txt")
     assert (no_truth.code, "no ground-truth trajectory" in no_truth.err) == (2, True)
 

@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, Task
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.messages import odometry
-from sfr_loc_map.io.truth.config import TrackedBody
+from sfr_loc_map.io.truth.tracked_body import TrackedBody
 from sfr_loc_map.message_types import STRING
 from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig

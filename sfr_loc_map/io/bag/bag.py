@@ -27,7 +27,6 @@ from sfr_loc_map.io.bag.encoding import TYPESTORE, readable
 from sfr_loc_map.io.bag.files import is_unfinished, reader_paths
 from sfr_loc_map.io.bag.frames import Frame, FrameSeries, pose_row, trajectory_of
 from sfr_loc_map.io.bag.readers import BagReader, reader_of
-from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.message_types import (
     CAMERA_INFO,
     COMPRESSED,
@@ -89,10 +88,10 @@ class Bag:
             raise InputError(f"bag '{path}' has no messages: record it again")
         self._names = self._renamed(remap or {})
 
-    def by_record(self) -> Bag:
-        """Return the bag with the times of recording as the stamps of its messages."""
+    def stamped_by(self, stamps: str) -> Bag:
+        """Return the bag with the stamps of the headers ("header") or the times of recording ("record")."""
         other = copy(self)
-        other._by_record = True
+        other._by_record = stamps == "record"
         return other
 
     def matches(self, name: str) -> list[str]:
@@ -241,16 +240,6 @@ def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
     with refusing(where, "record it again"):
         trajectory = trajectory_of(rows)
     return trajectory, np.array(covariances, np.float64).reshape(-1, 6, 6)
-
-
-def read_trajectory(bag: Bag, name: str) -> Trajectory | None:
-    """Read the poses of an odometry topic by its relative name, in any namespace; None if there are no poses."""
-    topic = bag.find(name, ODOMETRY)
-    if topic is None:
-        return None
-    trajectory, _ = read_odometry(bag, topic)
-    check_order(trajectory.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'", strict=False)
-    return trajectory if len(trajectory) else None
 
 
 def read_frame_tree(bag: Bag) -> FrameTree:

@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, refusing
-from sfr_loc_map.io.bag.bag import Bag, Topic, pose_of, read_extrinsics, read_trajectory
+from sfr_loc_map.io.bag.bag import Bag, Topic, pose_of, read_extrinsics
 from sfr_loc_map.io.calibration.calibration_file import Calibration, read_calibration
 from sfr_loc_map.io.clouds.point_image import points_image
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of
@@ -29,9 +29,9 @@ from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.sequence import RecordedBag, Source, SourceFormat
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 from sfr_loc_map.io.tables.stamps import check_order
-from sfr_loc_map.io.truth.config import AS_THE_SOURCE_HAS_IT
-from sfr_loc_map.io.truth.read import resolve_truth, truth_of_file
-from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
+from sfr_loc_map.io.truth.config import DEFAULT_TRUTH
+from sfr_loc_map.io.truth.read import truth_of_recording
+from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, POINTS, POSE
 from sfr_loc_map.stamp_pairing import match_stamps
 from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
@@ -187,19 +187,12 @@ class BagLocSequence(_BagPairs):
 
     @cached_property
     def ground_truth(self) -> Trajectory | None:
-        """True poses from the configured origin, or else from `ground_truth/odometry`; None without either."""
-        return resolve_truth(self._bag.path, self._own_truth, self._config.truth, self._config.remap)
-
-    def _own_truth(self) -> Trajectory | None:
+        """True poses, from the configured origin or from `ground_truth/odometry`; None without either."""
         config = self._config.truth
-        if config != AS_THE_SOURCE_HAS_IT:
-            return truth_of_file(self._bag.path, config, self._config.remap)
-        names = self._bag.matches(TRUE_POSES)
-        if not names:
+        has_own = any(self._bag.counts[topic] for topic in self._bag.matches(TRUE_POSES))
+        if config == DEFAULT_TRUTH and not has_own:
             return None
-        if self._bag.topics[names[0]] == ODOMETRY:
-            return read_trajectory(self._bag, TRUE_POSES)
-        return truth_of_file(self._bag.path, config, self._config.remap)
+        return truth_of_recording(self._bag, config)
 
     def pairs(self) -> Iterator[StereoPair]:
         """Yield the pairs in the order of stamps."""
@@ -265,9 +258,7 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
         )
     loc = BagLocSequence(bag, config) if kinds[Task.LOCALISATION] else None
     nav = BagNavSequence(bag, config) if kinds[Task.MAPPING] else None
-    is_adapted = (
-        any(part is not None and part.is_adapted for part in (loc, nav)) or config.truth != AS_THE_SOURCE_HAS_IT
-    )
+    is_adapted = any(part is not None and part.is_adapted for part in (loc, nav)) or config.truth != DEFAULT_TRUTH
     calibration = "" if loc is None else loc.calibrated_by
     if RAW in kinds.values():
         return Source(path, SourceFormat.RAW_BAG, loc, nav, calibration=calibration)

@@ -31,7 +31,7 @@ from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
 from sfr_loc_map.io.tables.stamps import check_order, parse_stamp_ns
 from sfr_loc_map.io.tables.text_table import read_lines
 from sfr_loc_map.io.tables.trajectory_file import TRUTH_OPTION, read_trajectory_file, save_trajectory
-from sfr_loc_map.io.truth.config import TrackedPoses
+from sfr_loc_map.io.truth.tracked_body import TrackedPoses
 
 CAMERAS = ("cam0", "cam1")
 TRUTH = "state_groundtruth_estimate0"

@@ -15,7 +15,7 @@ from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic, read_frames, read_odometry
 from sfr_loc_map.io.bag.frames import chain_above, chain_poses, trajectory_of
 from sfr_loc_map.io.tables.stamps import check_order
-from sfr_loc_map.io.truth.config import AS_THE_SOURCE_HAS_IT, TruthConfig
+from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TruePoses
 from sfr_loc_map.io.truth.names import is_own
 from sfr_loc_map.message_types import ODOMETRY, PATH, POSE_WITH_COVARIANCE
@@ -24,15 +24,17 @@ from sfr_loc_map.topics import TRUE_POSES
 _log = logging.getLogger(__name__)
 
 
-def truth_of_bag(bag: Bag, config: TruthConfig = AS_THE_SOURCE_HAS_IT) -> Truth:
-    """Read the truth of an opened bag; InputError if the bag has no truth."""
+def truth_of_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> Truth:
+    """Read the truth of an opened bag; InputError if the bag has no truth.
+
+    `truth.stamps` determines the stamps, even if the images of the bag are read by the times of recording.
+    """
     uses_record = config.stamps == "record"
     if config.frame:
         if uses_record:
             raise _no_times_of_recording(f"frame {config.frame} on /tf of bag '{bag.path}'")
         return config.applied(_tf_poses(bag, config.frame), None, f"{bag.path}, frame {config.frame} on /tf")
-    if uses_record:
-        bag = bag.by_record()
+    bag = bag.stamped_by(config.stamps)
     topic = bag.find(config.source.strip("/") or TRUE_POSES, *TRUTH_TYPES)
     if topic is None:
         text = f"bag '{bag.path}' has no true poses on '{TRUE_POSES}'"
@@ -95,7 +97,8 @@ def _last_message(bag: Bag, topic: Topic) -> list[Any]:
 
 def _tf_poses(bag: Bag, frame: str) -> Trajectory:
     """Return the poses of a frame on /tf and /tf_static, in the root of its tree or in a parent (`PARENT:CHILD`)."""
-    parent, _, child = (name.strip("/") for name in frame.rpartition(":"))
+    before, _, after = frame.rpartition(":")
+    parent, child = before.strip("/"), after.strip("/")
     frames = read_frames(bag, child, parent)
     with refusing(f"/tf of bag '{bag.path}'", "choose one with truth.frame=PARENT:CHILD"):
         chain = chain_above(frames, child, parent)

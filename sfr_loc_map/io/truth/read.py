@@ -1,63 +1,77 @@
-"""The truth of a source: the topic, bag or pose file that its configuration names, else the source's own truth."""
+"""The truth of a source, from its configuration or from the source itself.
+
+Of several origins, the first in this list has priority:
+
+1. the topic of the bag that `truth.source` names,
+2. the file, or another bag, that `truth.source` names,
+3. the source itself: `truth.frame` or `ground_truth/odometry` of a bag, the poses in a file, or those of a data set.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.tables.trajectory_file import CONFIGURED_OPTION, TRUTH_OPTION, read_trajectory_file
-from sfr_loc_map.io.truth.config import AS_THE_SOURCE_HAS_IT, TrackedPoses, TruthConfig
+from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.pose_checks import possible_truth
+from sfr_loc_map.io.truth.tracked_body import TrackedPoses
+
+if TYPE_CHECKING:
+    from sfr_loc_map.io.bag.bag import Bag
 
 
-def resolve_truth(
-    place: Path,
-    own: Callable[[], Trajectory | None],
-    config: TruthConfig = AS_THE_SOURCE_HAS_IT,
-    remap: Mapping[str, str] | None = None,
-) -> Trajectory | None:
-    """Return the truth of a source: the truth that the configuration names, else the source's own; None without either.
+def truth_of_recording(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> Truth:
+    """Return the truth of an opened bag; InputError if there is no truth."""
+    from sfr_loc_map.io.truth.of_bag import truth_of_bag  # rosbags is imported only for bags
 
-    `own` reads the true poses of the source itself, or returns None. A `Truth` from `own` is returned unchanged,
-    because the configuration was already applied.
-    """
+    if not config.source or bag.matches(config.source.strip("/")):
+        return truth_of_bag(bag, config)
+    return _configured_truth(bag.path, config)
+
+
+def truth_of_data_set(place: Path, own: Trajectory | None, config: TruthConfig = DEFAULT_TRUTH) -> Trajectory | None:
+    """Return the truth of a data set whose files have the poses `own`; None without truth."""
     if config.source:
-        return truth_of_file(place, config, remap)
-    poses = own()
-    if poses is None or isinstance(poses, Truth):
-        return poses
-    if isinstance(poses, TrackedPoses):
-        return config.at(poses.T_rb_body).applied(poses, read_from=poses.read_from)
-    if config != AS_THE_SOURCE_HAS_IT:
-        return config.applied(poses, read_from=str(place))
-    return possible_truth(poses, f"of '{place}'").trajectory
+        return _configured_truth(place, config)
+    if own is None:
+        return None
+    if isinstance(own, TrackedPoses):
+        return config.at(own.T_rb_body).applied(own, read_from=own.read_from)
+    if config != DEFAULT_TRUTH:
+        return config.applied(own, read_from=str(place))
+    return possible_truth(own, f"of '{place}'").trajectory
 
 
-def truth_of_file(
-    place: Path, config: TruthConfig = AS_THE_SOURCE_HAS_IT, remap: Mapping[str, str] | None = None
-) -> Truth:
-    """Read the truth of a bag or a file of poses, or of the topic, bag or file that the configuration names.
+def truth_of_path(place: Path, config: TruthConfig = DEFAULT_TRUTH, remap: Mapping[str, str] | None = None) -> Truth:
+    """Return the truth of a bag or a file of poses; InputError if there is no truth.
 
-    InputError if there is no truth.
+    `place` may also be another path if the configuration names a file or a bag.
     """
-    option = TRUTH_OPTION
     if is_bag(place):
         from sfr_loc_map.io.bag.bag import Bag  # rosbags is imported only for bags
-        from sfr_loc_map.io.truth.of_bag import truth_of_bag
 
-        bag = Bag(place, remap)
-        if not config.source or bag.matches(config.source.strip("/")):
-            return truth_of_bag(bag, config)
+        return truth_of_recording(Bag(place, remap), config)
     if config.source:
-        file = Path(config.source)
-        if not file.exists():
-            raise InputError(f"truth '{file}' is neither a file nor a topic of '{place}': give a file or a topic")
-        if is_bag(file):
-            return truth_of_file(file, replace(config, source=""))
-        place, option = file, CONFIGURED_OPTION
-    loaded = read_trajectory_file(place, config.columns, option)
+        return _configured_truth(place, config)
+    return _poses_of_file(place, config, TRUTH_OPTION)
+
+
+def _configured_truth(place: Path, config: TruthConfig) -> Truth:
+    """Return the truth in the file or bag that the configuration of the source `place` names."""
+    file = Path(config.source)
+    if not file.exists():
+        raise InputError(f"truth '{file}' is neither a file nor a topic of '{place}': give a file or a topic")
+    if is_bag(file):
+        return truth_of_path(file, replace(config, source=""))
+    return _poses_of_file(file, config, CONFIGURED_OPTION)
+
+
+def _poses_of_file(file: Path, config: TruthConfig, option: str) -> Truth:
+    loaded = read_trajectory_file(file, config.columns, option)
     return config.applied(loaded.trajectory, read_from=loaded.text)

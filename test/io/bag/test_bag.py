@@ -18,12 +18,12 @@ from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.bag.bag import Bag, read_odometry
 from sfr_loc_map.io.bag.encoding import TYPESTORE
-from sfr_loc_map.io.bag.writer import CheckedWriter
+from sfr_loc_map.io.bag.writer import BagWriter, CheckedWriter
 from sfr_loc_map.io.calibration.rectification import rectified_rig
 from sfr_loc_map.io.layouts.bag_source import open_bag
 from sfr_loc_map.io.message_stream import messages_of
-from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.registry import open_source, read_truth
+from sfr_loc_map.io.source_config import SourceConfig, SyncConfig
 from sfr_loc_map.message_types import ODOMETRY
 
 Entry = tuple[str, int, Any]
@@ -160,6 +160,33 @@ def test_flipped_bytes_in_mcap_are_noticed_wherever_they_are(tmp_path: Path, wor
         storage.write_bytes(broken)
         with pytest.raises(InputError, match=str(bag)):
             read_all(bag)
+
+
+@pytest.mark.parametrize("images_by", ["header", "record"])
+def test_a_source_and_a_score_read_the_same_truth_of_a_bag(tmp_path: Path, world: World, images_by: str) -> None:
+    """The noise of the truth is that in its messages, and its stamps do not depend on those of the images."""
+    entries = loc_entries(world)
+    rows = zip(world.truth.stamps_ns.tolist(), world.truth.positions, world.truth.quats_xyzw, strict=True)
+    for stamp, *row in rows:
+        message = messages.odometry(stamp, *row)
+        message.pose.covariance[:] = np.diag([4e-4] * 3 + [1e-6] * 3).ravel()
+        entries.append(("/ground_truth/odometry", stamp + 70_000, message))
+    bag = write_messages(tmp_path / "x", entries)
+    of_source = open_source(bag, SourceConfig(sync=SyncConfig(stamps=images_by))).truth
+    alone = read_truth(bag)
+    assert of_source.sigma_m == alone.sigma_m == pytest.approx(0.02)
+    assert of_source.sigma_deg == alone.sigma_deg > 0.0
+    assert of_source.read_from == alone.read_from
+    assert of_source.stamps_ns.tolist() == alone.stamps_ns.tolist() == world.truth.stamps_ns.tolist()
+    np.testing.assert_array_equal(of_source.positions, alone.positions)
+
+
+def test_a_topic_of_the_truth_without_messages_is_no_truth(tmp_path: Path, world: World) -> None:
+    path = tmp_path / "x"
+    with BagWriter(path) as writer:
+        writer.write_loc_rig(world.loc_rig)
+        writer.write_loc_pair(world.pairs[0])
+    assert open_source(path).truth is None
 
 
 def test_poses_that_are_none_are_left_out_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
