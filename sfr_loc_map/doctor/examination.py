@@ -16,7 +16,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage, IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
-from sfr_loc_map.io.calibration.rectification import StereoRectifier, rectified_rig, rig_of_rectified
+from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
 from sfr_loc_map.message_types import COMPRESSED, IMAGE
 from sfr_loc_map.metrics.association import nearest_stamps
@@ -176,7 +176,7 @@ def _stereo(seen: Observation, rig: str) -> Findings:
     if len(infos) == len(SIDES):
         messages = [topic.messages[0] for topic in infos]
         try:
-            describe = rectified_rig if seen.image_name(rig) == RAW else rig_of_rectified
+            describe = rig_of_raw_infos if seen.image_name(rig) == RAW else rig_of_rectified_infos
             cameras, rectifier = describe(messages, rig)
         except InputError as error:
             text, _, fix = str(error).partition(": ")

@@ -26,13 +26,12 @@ import numpy as np
 import yaml
 
 from sfr_loc_map.errors import InputError, naming
-from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, parse_yaml, read_text, refusing
 from sfr_loc_map.io.calibration.camera_info import projection, rig_from_projections
-from sfr_loc_map.io.calibration.rectification import RawCamera, StereoRectifier, rectified_rig, rig_of_rectified
+from sfr_loc_map.io.calibration.rectification import RawCamera
 from sfr_loc_map.io.calibration.rig_file import read_rig
-from sfr_loc_map.io.calibration.stereo_calibration import CalibratedCamera, rectified_cameras
+from sfr_loc_map.io.calibration.stereo_calibration import CalibratedCamera, Calibration, rectified_cameras
 
 _log = logging.getLogger(__name__)
 ENDINGS = (".yaml", ".yml", ".xml", ".json", ".txt")
@@ -50,22 +49,6 @@ Cameras = tuple[RawCamera, RawCamera]
 
 class CalibrationError(InputError):
     """A calibration file cannot be used."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Calibration:
-    """The calibration of a stereo pair."""
-
-    infos: tuple[Any, Any]  #: Left and right, with the fields of a sensor_msgs/CameraInfo.
-    is_rectified: bool  #: Whether the images are rectified; `infos` are then those of a rectified pair.
-    T_rb_sb: Transform | None  #: Pose of the rig in RB, if the file has it.
-    text: str  #: Program, file, left and right camera: `Kalibr 'camchain.yaml', cam0 and cam1`.
-
-    def rig(self, name: str) -> tuple[StereoRig, StereoRectifier | None]:
-        """Return the rectified rig (`loc` or `nav`) and its rectifier; None if the images are rectified."""
-        if self.is_rectified:
-            return rig_of_rectified(self.infos, name)
-        return rectified_rig(self.infos, name)
 
 
 def read_calibration(path: Path, size: tuple[int, int] | None = None) -> Calibration:
@@ -96,7 +79,7 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> Calibration:
     if rig.baseline_m > LARGEST_BASELINE_M:
         raise InputError(f"{where}: the baseline is {rig.baseline_m:g} m: give it in metres")
     T_rb_sb = read_rig(found.file).T_rb_sb if reader.read is _rig else None
-    return Calibration((left.info, right.info), left.is_rectified and right.is_rectified, T_rb_sb, text)
+    return Calibration((left, right), left.is_rectified and right.is_rectified, T_rb_sb, text)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -322,9 +305,7 @@ def _two_files(found: _OpenedFile, names: str) -> list[Path]:
 
 def _rig(found: _OpenedFile) -> tuple[Cameras, str]:
     rig = read_rig(found.file)
-    k, r = (tuple(matrix.reshape(-1).tolist()) for matrix in (rig.camera_matrix, np.eye(3)))
-    ps = (tuple(projection(rig, side).tolist()) for side in SIDES)
-    left, right = (RawCamera((rig.width, rig.height), "plumb_bob", (0.0,) * 5, k, r, p) for p in ps)
+    left, right = (RawCamera.of_rectified((rig.width, rig.height), projection(rig, side)) for side in SIDES)
     return (left, right), f"rig '{found.file.name}'"
 
 
@@ -360,10 +341,8 @@ def _orbslam(found: _OpenedFile) -> tuple[Cameras, str]:
     fx, fy, cx, cy = (_one(content, f"{first}.{item}") for item in ("fx", "fy", "cx", "cy"))
     baseline = content.get("stereo.b")
     shift = fx * float(baseline) if baseline is not None else _one(content, "Camera.bf")
-    k = (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0)
-    r = tuple(np.eye(3).reshape(-1).tolist())
     ps = [(fx, 0.0, cx, -move, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0) for move in (0.0, shift)]
-    left, right = (RawCamera(size, "plumb_bob", (0.0,) * 5, k, r, p) for p in ps)
+    left, right = (RawCamera.of_rectified(size, np.array(p)) for p in ps)
     return (left, right), f"{text}, rectified"
 
 

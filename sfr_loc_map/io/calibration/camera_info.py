@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,19 @@ from sfr_loc_map.inputs import SIDES, Side, refusing
 
 TOLERANCE = 1e-6
 """Largest deviation of a coefficient from that of a rectified camera (P and K in pixels, R and D without unit)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RectifiedCamera:
+    """The camera of rectified images, which P of sensor_msgs/CameraInfo describes."""
+
+    size: tuple[int, int]  #: Width and height, pixels.
+    p: FloatArray  #: Projection matrix `(12,)`, row-major, pixels.
+
+    @classmethod
+    def of(cls, info: Any) -> RectifiedCamera:  # noqa: ANN401 - a CameraInfo of any library
+        """Return the camera of a message; D, K and R belong to the raw image."""
+        return cls((int(info.width), int(info.height)), np.asarray(info.p, np.float64).reshape(-1))
 
 
 def projection(rig: StereoRig, side: Side) -> FloatArray:
@@ -66,26 +80,21 @@ def rig_from_projections(
         return StereoRig(*size, fx, fy, cx, cy, baseline_from_projection(fx, shift) if fx else 0.0)
 
 
-def rig_from_camera_info(left: Any, right: Any, name: str) -> StereoRig:  # noqa: ANN401
-    """Return the rig that two sensor_msgs/CameraInfo of `loc` or `nav` describe."""
-    for side, info in zip(SIDES, (left, right), strict=True):
-        _check_rectified(f"{name}/{side}", info)
-    if (left.width, left.height) != (right.width, right.height):
-        sizes = f"{left.width} x {left.height} and {right.width} x {right.height}"
+def rig_of_one_projection(left: RectifiedCamera, right: RectifiedCamera, name: str) -> StereoRig:
+    """Return the rig (`loc` or `nav`) of two rectified cameras whose P differ only in P[3]."""
+    for side, camera in zip(SIDES, (left, right), strict=True):
+        _check_rectified(f"{name}/{side}", camera)
+    if left.size != right.size:
+        sizes = " and ".join(f"{width} x {height}" for width, height in (left.size, right.size))
         raise InputError(f"camera_info of {name}/left and {name}/right are {sizes}: both images must have one size")
-    size = int(left.width), int(left.height)
-    return rig_from_projections(_matrix(left.p), _matrix(right.p), size, f"camera_info of {name}")
+    return rig_from_projections(left.p, right.p, left.size, f"camera_info of {name}")
 
 
-def _check_rectified(name: str, info: Any) -> None:  # noqa: ANN401 - a CameraInfo of any library
-    """Check that P describes a rectified image; D, K and R belong to the raw image (sensor_msgs/CameraInfo).
-
-    If P is zero, the camera is not calibrated for rectification.
-    """
-    p = _matrix(info.p)
+def _check_rectified(name: str, camera: RectifiedCamera) -> None:
+    """Check that P describes a rectified image. If P is zero, the camera is not calibrated for rectification."""
     found = []
-    p_matrix = p.reshape(3, 4)
-    if not np.isfinite(p).all() or p_matrix[0, 0] <= 0:
+    p_matrix = camera.p.reshape(3, 4)
+    if not np.isfinite(p_matrix).all() or p_matrix[0, 0] <= 0:
         found.append("projection p is empty")
     elif np.abs(p_matrix[[0, 1, 2, 2, 2, 1, 2], [1, 0, 0, 1, 3, 3, 2]] - [0, 0, 0, 0, 0, 0, 1]).max() > TOLERANCE:
         found.append("projection p is not that of a rectified left or right camera")
@@ -94,7 +103,3 @@ def _check_rectified(name: str, info: Any) -> None:  # noqa: ANN401 - a CameraIn
             f"{name}/camera_info is non-rectified ({', '.join(found)}): give rectified images and their camera_info, "
             f"or raw images on image_raw (nodes: parameter input.rectify)"
         )
-
-
-def _matrix(values: Any) -> FloatArray:  # noqa: ANN401 - array, list or tuple
-    return np.asarray(values, dtype=np.float64).reshape(-1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -15,7 +14,12 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import SAME_PX, StereoRig
 from sfr_loc_map.inputs import SIDES
-from sfr_loc_map.io.calibration.camera_info import TOLERANCE, have_one_camera_matrix, rig_from_camera_info
+from sfr_loc_map.io.calibration.camera_info import (
+    TOLERANCE,
+    RectifiedCamera,
+    have_one_camera_matrix,
+    rig_of_one_projection,
+)
 
 COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
 """Supported distortion models, and the numbers of coefficients that each may have."""
@@ -38,6 +42,12 @@ class RawCamera:
     k: tuple[float, ...]  #: Camera matrix of the raw image `(9,)`, row-major, pixels.
     r: tuple[float, ...]  #: Rotation to the rectified camera `(9,)`, row-major.
     p: tuple[float, ...]  #: Projection matrix of the rectified image `(12,)`, row-major, pixels.
+
+    @classmethod
+    def of_rectified(cls, size: tuple[int, int], p: FloatArray) -> RawCamera:
+        """Return a camera of images that are already rectified, from its P `(12,)`."""
+        k, r, p_row = (tuple(np.ravel(matrix).tolist()) for matrix in (np.reshape(p, (3, 4))[:, :3], np.eye(3), p))
+        return cls(size, "plumb_bob", (0.0,) * 5, k, r, p_row)
 
     @classmethod
     def of(cls, name: str, info: Any) -> RawCamera:  # noqa: ANN401 - a CameraInfo of any library
@@ -89,13 +99,9 @@ class RawCamera:
         return change_px < SAME_PX and change < SAME_DIRECTION
 
     @property
-    def info(self) -> SimpleNamespace:
-        """The calibration with the fields of a sensor_msgs/CameraInfo."""
-        width, height = self.size
-        roi = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
-        matrices = {"d": self.d, "k": self.k, "r": self.r, "p": self.p}
-        rest = {"distortion_model": self.model, "roi": roi, "binning_x": 0, "binning_y": 0}
-        return SimpleNamespace(width=width, height=height, **matrices, **rest)
+    def rectified(self) -> RectifiedCamera:
+        """The camera of the rectified images."""
+        return RectifiedCamera(self.size, np.array(self.p))
 
     @property
     def is_rectified(self) -> bool:
@@ -141,50 +147,63 @@ class StereoRectifier:
         return _remapped(left, self._maps[0]), _remapped(right, self._maps[1])
 
 
-def rectified_rig(
+def raw_cameras_of(infos: Sequence[Any], name: str) -> tuple[RawCamera, RawCamera]:
+    """Return the cameras of raw images of two CameraInfo (`loc` or `nav`)."""
+    left, right = (RawCamera.of(f"{name}/{side}/camera_info", info) for side, info in zip(SIDES, infos, strict=True))
+    return left, right
+
+
+def rig_of_raw_infos(
     infos: Sequence[Any], name: str, before: StereoRectifier | None = None
 ) -> tuple[StereoRig, StereoRectifier]:
-    """Return the rig and the rectifier of two raw CameraInfo (`loc` or `nav`); reuse `before` if its cameras are equal.
+    """Return the rig and the rectifier of raw images, from two CameraInfo; see `rig_of_raw`."""
+    return rig_of_raw(raw_cameras_of(infos, name), name, before)
+
+
+def rig_of_rectified_infos(
+    infos: Sequence[Any], name: str, before: StereoRectifier | None = None
+) -> tuple[StereoRig, StereoRectifier | None]:
+    """Return the rig of rectified images, from two CameraInfo, and a rectifier if needed; see `rig_of_rectified`."""
+    left, right = map(RectifiedCamera.of, infos)
+    return rig_of_rectified((left, right), name, before)
+
+
+def rig_of_raw(
+    cameras: tuple[RawCamera, RawCamera], name: str, before: StereoRectifier | None = None
+) -> tuple[StereoRig, StereoRectifier]:
+    """Return the rig (`loc` or `nav`) and the rectifier of raw images; reuse `before` if its cameras are equal.
 
     Both images are rectified to the P of the left camera, even if the P of the right camera differs.
     """
-    left, right = (RawCamera.of(f"{name}/{side}/camera_info", info) for side, info in zip(SIDES, infos, strict=True))
+    left, right = cameras
     if left.size == right.size and right.p[0] > 0.0:
         right = replace(right, p=tuple(_in_common(np.array(left.p), np.array(right.p)).tolist()))
-    one, other = (replace(camera, d=(), k=(0.0,) * 9, r=(0.0,) * 9).info for camera in (left, right))
-    rig = rig_from_camera_info(one, other, name)
+    rig = rig_of_one_projection(left.rectified, right.rectified, name)
     return rig, _rectifier((left, right), name, before)
 
 
 def rig_of_rectified(
-    infos: Sequence[Any], name: str, before: StereoRectifier | None = None
+    cameras: tuple[RectifiedCamera, RectifiedCamera], name: str, before: StereoRectifier | None = None
 ) -> tuple[StereoRig, StereoRectifier | None]:
-    """Return the rig of rectified images, from P of two CameraInfo, and a rectifier if the P differ.
+    """Return the rig of rectified images (`loc` or `nav`), and a rectifier if the P of left and right differ.
 
     P of left and right may differ in focal length and principal point (OpenCV without CALIB_ZERO_DISPARITY, crops). A
     difference that moves no pixel by more than `SAME_PX` is ignored. For a larger difference the rectifier remaps the
     right images; `before` is reused if its cameras are equal.
     """
-    left, right = infos
-    p_left, p_right = (np.asarray(info.p, np.float64).reshape(-1) for info in infos)
-    sizes_equal = (left.width, left.height) == (right.width, right.height)
+    left, right = cameras
+    p_left, p_right = left.p, right.p
     complete = p_left.shape == p_right.shape == (12,) and np.isfinite([p_left, p_right]).all()
-    if not complete or not sizes_equal or p_left[0] <= 0.0 or p_right[0] <= 0.0 or p_right[5] <= 0.0:
-        return rig_from_camera_info(left, right, name), None
+    if not complete or left.size != right.size or p_left[0] <= 0.0 or p_right[0] <= 0.0 or p_right[5] <= 0.0:
+        return rig_of_one_projection(left, right, name), None
     if have_one_camera_matrix(p_left, p_right):
-        return rig_from_camera_info(left, right, name), None
+        return rig_of_one_projection(left, right, name), None
     common = _in_common(p_left, p_right)
-    other = SimpleNamespace(**{**_fields_of(right), "p": common})
-    rig = rig_from_camera_info(left, other, name)
-    size = (int(left.width), int(left.height))
-    if _largest_shift_px(p_left, p_right, size) <= SAME_PX:
+    rig = rig_of_one_projection(left, replace(right, p=common), name)
+    if _largest_shift_px(p_left, p_right, left.size) <= SAME_PX:
         return rig, None
-    cameras = []
-    for p, target in ((p_left, p_left), (p_right, common)):
-        k = np.reshape(p, (3, 4))[:, :3].reshape(-1)
-        parts = (tuple(values.tolist()) for values in (k, np.eye(3).reshape(-1), target))
-        cameras.append(RawCamera(size, "plumb_bob", (0.0,) * 5, *parts))
-    return rig, _rectifier((cameras[0], cameras[1]), name, before)
+    remapped = replace(RawCamera.of_rectified(right.size, p_right), p=tuple(common.tolist()))
+    return rig, _rectifier((RawCamera.of_rectified(left.size, p_left), remapped), name, before)
 
 
 def _in_common(p_left: FloatArray, p_right: FloatArray) -> FloatArray:
@@ -203,11 +222,6 @@ def _rectifier(cameras: tuple[RawCamera, RawCamera], name: str, before: StereoRe
     if before is not None and all(map(RawCamera.is_same, before.cameras, cameras)):
         return before
     return StereoRectifier(cameras, name)
-
-
-def _fields_of(info: Any) -> dict[str, Any]:  # noqa: ANN401 - a CameraInfo of any library
-    """Return the fields of a CameraInfo from which a rig is computed."""
-    return {name: getattr(info, name) for name in ("width", "height", "d", "k", "r", "p")}
 
 
 def _largest_shift_px(p_left: FloatArray, p_right: FloatArray, size: tuple[int, int]) -> float:

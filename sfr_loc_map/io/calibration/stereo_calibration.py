@@ -2,33 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, check_extrinsics
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing
-from sfr_loc_map.io.calibration.camera_info import rig_from_projections
 from sfr_loc_map.io.calibration.rectification import (
     FISHEYE,
     MIN_VALID,
     RawCamera,
     StereoRectifier,
     check_coefficients,
+    rig_of_raw,
+    rig_of_rectified,
     valid_fraction,
 )
 
-Rectify = Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
 FOCAL_RATIO = (0.5, 2.0)
 """Accepted ratio of rectified to original focal length. OpenCV's choice is far smaller for wide fisheye lenses."""
 RECTIFIED_TOLERANCE = 1e-9
 """Largest deviation of calibrated cameras from a rectified pair, rad and m, that needs no rectification."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """The calibration of a stereo pair, of any origin: files of other programs or camera_info."""
+
+    cameras: tuple[RawCamera, RawCamera]  #: Left and right.
+    is_rectified: bool  #: Whether the images are rectified; only P of the cameras is then used.
+    T_rb_sb: Transform | None  #: Pose of the rig in RB, if the origin has it.
+    text: str  #: Program, file, left and right camera: `Kalibr 'camchain.yaml', cam0 and cam1`.
+
+    def rig(self, name: str) -> tuple[StereoRig, StereoRectifier | None]:
+        """Return the rectified rig (`loc` or `nav`) and its rectifier; None if the images are rectified."""
+        if self.is_rectified:
+            left, right = self.cameras
+            return rig_of_rectified((left.rectified, right.rectified), name)
+        return rig_of_raw(self.cameras, name)
+
+    def with_baseline(self, baseline_m: float) -> Calibration:
+        """Return the calibration with P[3] of the right camera from a baseline."""
+        left, right = self.cameras
+        p = (*right.p[:3], -right.p[0] * baseline_m, *right.p[4:])
+        return replace(self, cameras=(left, replace(right, p=p)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,12 +187,8 @@ def _coverage_problem(
     return ""
 
 
-def rectified_pair(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[StereoRig, Rectify | None]:
-    """Return the rectified rig, with its pose in the body, and the rectifying function; None if already rectified."""
-    one, other = rectified_cameras(name, left, right)
-    rig = rig_from_projections(np.array(one.p), np.array(other.p), one.size, name)
-    T_body_left = Transform(left.T_body_cam.rotation @ np.reshape(one.r, (3, 3)).T, left.T_body_cam.translation)
-    T_rb_sb = T_body_left @ rig.T_sb_left.inverse()
-    with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
-        rig = replace(rig, T_rb_sb=Transform.from_quat(T_rb_sb.translation, T_rb_sb.quat_xyzw))
-    return rig, None if one.is_rectified and other.is_rectified else StereoRectifier((one, other)).rectify
+def pose_of_rig(left: CalibratedCamera, rectified: RawCamera, rig: StereoRig) -> Transform:
+    """Return the pose of a rectified rig in the body; `rectified` is the left camera with its R and P."""
+    T_body_left = Transform(left.T_body_cam.rotation @ np.reshape(rectified.r, (3, 3)).T, left.T_body_cam.translation)
+    T_body_sb = T_body_left @ rig.T_sb_left.inverse()
+    return Transform.from_quat(T_body_sb.translation, T_body_sb.quat_xyzw)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping
-from copy import copy
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -20,7 +20,10 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, refusing
 from sfr_loc_map.io.bag.bag import Bag, Topic, pose_of, read_extrinsics
-from sfr_loc_map.io.calibration.calibration_file import Calibration, read_calibration
+from sfr_loc_map.io.calibration.calibration_file import read_calibration
+from sfr_loc_map.io.calibration.camera_info import RectifiedCamera
+from sfr_loc_map.io.calibration.rectification import RawCamera, raw_cameras_of
+from sfr_loc_map.io.calibration.stereo_calibration import Calibration
 from sfr_loc_map.io.clouds.point_image import points_image
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.io.images.files import check_size
@@ -60,16 +63,11 @@ class _BagPairs:
         self._points = bag.find(TRUE_POINTS, POINTS) if self.task is Task.MAPPING else None
         self._topics = [*self._sides, *([self._points] if self._points else [])]
         found, self.frame = self._calibrated(calibration, kind == RECTIFIED)
-        self.calibrated_by = found.text
         if calibration.baseline_m:
-            left, right = found.infos
-            right = copy(right)
-            right.p = np.array([*right.p[:3], -right.p[0] * calibration.baseline_m, *right.p[4:]])
-            found = replace(found, infos=(left, right))
-        try:
+            found = found.with_baseline(calibration.baseline_m)
+        self.calibrated_by = found.text
+        with _naming_bag(bag):
             self.rig, self._rectifier = found.rig(rig)
-        except InputError as error:
-            raise InputError(f"bag '{bag.path}': {error}") from error
         if of_drive:
             T_rb_sb = config.extrinsics.transform() or found.T_rb_sb
             if T_rb_sb is None and (seen := read_extrinsics(bag, self.frame, self.rig.baseline_m, config.frames.base)):
@@ -91,7 +89,13 @@ class _BagPairs:
             if topic.name not in infos:
                 raise InputError(f"bag '{self._bag.path}' has no message on '{topic.bag_name}': the rig is unknown")
         left, right = (infos[topic.name] for topic in topics)
-        return Calibration((left, right), is_rectified, None, "camera_info"), str(left.header.frame_id)
+        if is_rectified:
+            rectified = (RectifiedCamera.of(info) for info in (left, right))
+            first, second = (RawCamera.of_rectified(camera.size, camera.p) for camera in rectified)
+        else:
+            with _naming_bag(self._bag):
+                first, second = raw_cameras_of((left, right), self._rig_name)
+        return Calibration((first, second), is_rectified, None, "camera_info"), str(left.header.frame_id)
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:
@@ -274,6 +278,15 @@ def image_name(bag: Bag, rig: str) -> str | None:
         if any(bag.find(f"{rig}/{side}/{name}", IMAGE, COMPRESSED) for side in SIDES):
             return name
     return None
+
+
+@contextmanager
+def _naming_bag(bag: Bag) -> Iterator[None]:
+    """Add the path of the bag to errors about its calibration."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"bag '{bag.path}': {error}") from error
 
 
 def _require(bag: Bag, name: str, *msgtypes: str) -> Topic:

@@ -11,16 +11,19 @@ truth, whose rate is kept. If the pose of the rig on the rover is unknown, the w
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from sfr_loc_map.errors import naming
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.calibration.calibration_file import parse_opencv_yaml, read_sensor_yaml
-from sfr_loc_map.io.calibration.stereo_calibration import rectified_pair
+from sfr_loc_map.io.calibration.rectification import StereoRectifier
+from sfr_loc_map.io.calibration.stereo_calibration import Calibration, pose_of_rig, rectified_cameras
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, whole_pairs
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
@@ -49,13 +52,26 @@ def is_euroc(path: Path) -> bool:
 def open_euroc(path: Path, config: SourceConfig) -> Source:
     """Open an EuRoC sequence."""
     folder = path / "mav0" if (path / "mav0").is_dir() else path
-    rig, rectify = rectified_pair(f"'{folder}'", *(read_sensor_yaml(folder / name / "sensor.yaml") for name in CAMERAS))
+    rig, rectifier = _rig_of(folder)
     left, right = (_load_list(folder / name / "data.csv") for name in CAMERAS)
     stamps = stereo_pairs(list(left), list(right), config.sync, f"'{folder}'")
     pairs = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in stamps.items()]
     entries, missing_ns = whole_pairs(pairs, f"'{folder}'")
     truth = _load_truth(folder)
-    return Source(path, SourceFormat.EUROC, ImageFileSequence(rig, entries, truth, rectify), None, missing_ns)
+    loc = ImageFileSequence(rig, entries, truth, None if rectifier is None else rectifier.rectify)
+    return Source(path, SourceFormat.EUROC, loc, None, missing_ns)
+
+
+def _rig_of(folder: Path) -> tuple[StereoRig, StereoRectifier | None]:
+    """Return the rectified rig, with its pose in B, and its rectifier; None if the images are rectified."""
+    name = f"'{folder}'"
+    left, right = (read_sensor_yaml(folder / camera / "sensor.yaml") for camera in CAMERAS)
+    cameras = rectified_cameras(name, left, right)
+    is_rectified = all(camera.is_rectified for camera in cameras)
+    with naming(folder):
+        rig, rectifier = Calibration(cameras, is_rectified, None, "EuRoC").rig("loc")
+    with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
+        return replace(rig, T_rb_sb=pose_of_rig(left, cameras[0], rig)), rectifier
 
 
 def _load_truth(folder: Path) -> Trajectory | None:

@@ -16,7 +16,7 @@ from sfr_loc_map.doctor.transport import MUCH_LOST, loss_fix
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
-from sfr_loc_map.io.calibration.rectification import StereoRectifier, rectified_rig, rig_of_rectified
+from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
@@ -248,7 +248,7 @@ class StereoInput:
         if (infos := self._infos.add(side, message)) is None:
             return
         try:
-            describe = rectified_rig if self._config.rectify else rig_of_rectified
+            describe = rig_of_raw_infos if self._config.rectify else rig_of_rectified_infos
             rig, self._rectifier = describe(infos, self._name, self._rectifier)
         except InputError as error:
             self._status.error(str(error))

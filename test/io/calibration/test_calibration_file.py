@@ -25,8 +25,6 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.calibration.calibration_file import Calibration, read_calibration
-from sfr_loc_map.io.calibration.camera_info import rig_from_camera_info
-from sfr_loc_map.io.calibration.rectification import rectified_rig
 
 SIZE = (200, 160)
 D = {
@@ -174,15 +172,15 @@ def test_all_formats_of_one_pair_see_a_point_where_it_is(model: str, tmp_path: P
         found = read_calibration(write(tmp_path / name, pair), SIZE)
         assert not found.is_rectified
         assert found.T_rb_sb is None
-        rig, rectifier = rectified_rig(found.infos, "loc")
+        rig, rectifier = found.rig("loc")
         assert rig.baseline_m == pytest.approx(np.linalg.norm(pair.T_right_left.translation), abs=1e-6)
-        rigs[name] = np.hstack([value for info in found.infos for value in (info.k, info.d, info.r, info.p)])
+        rigs[name] = np.hstack([value for info in found.cameras for value in (info.k, info.d, info.r, info.p)])
         assert np.abs(rigs[name] - next(iter(rigs.values()))).max() < 1e-6
         (u, v), (u_right, v_right) = map(centre_of, rectifier.rectify(*raw))
         assert abs(v - v_right) < 0.1
         depth = rig.fx * rig.baseline_m / (u - u_right)
         seen = depth * np.array([(u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy, 1.0])
-        wanted = np.reshape(found.infos[0].r, (3, 3)) @ point
+        wanted = np.reshape(found.cameras[0].r, (3, 3)) @ point
         assert np.abs(seen - wanted).max() < 0.02, name
 
 
@@ -196,7 +194,7 @@ def test_what_the_recordings_have_beside_them_is_their_rig(name: str, tmp_path: 
     is_exact = name in ("colmap", "rig_json")
     assert found.is_rectified == is_exact
     assert (found.T_rb_sb is not None) == (name == "rig_json")
-    read = rig_from_camera_info(*found.infos, "loc") if is_exact else rectified_rig(found.infos, "loc")[0]
+    read = found.rig("loc")[0]
     assert read.baseline_m == pytest.approx(0.12, abs=1e-9)
     if name not in ("kalibr_yaml", "opencv_yaml"):  # whose rectified images are cut so that no rim is black
         assert [*read.camera] == pytest.approx([*rig.camera], abs=1e-9)
@@ -300,13 +298,13 @@ def test_without_a_size_it_must_be_in_the_file(tmp_path: Path) -> None:
         read_calibration(file)
     content = json.loads(file.read_text()) | {"imageSize": [*SIZE]}
     file.write_text(json.dumps(content, indent="\t"))
-    assert read_calibration(file).infos[0].width == SIZE[0]
+    assert read_calibration(file).cameras[0].size[0] == SIZE[0]
 
 
 def test_a_pair_whose_second_camera_is_the_left_one_is_turned_round(tmp_path: Path) -> None:
     found = read_calibration(kalibr(tmp_path, moved(0.12, 0, 0)))
     assert found.text == "Kalibr 'camchain.yaml', cam1 and cam0"
-    assert found.infos[0].k[0] == KS[1][0, 0]
+    assert found.cameras[0].k[0] == KS[1][0, 0]
 
 
 @given(

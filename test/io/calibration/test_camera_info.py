@@ -14,7 +14,12 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag.messages import camera_info
-from sfr_loc_map.io.calibration.camera_info import baseline_from_projection, projection, rig_from_camera_info
+from sfr_loc_map.io.calibration.camera_info import (
+    RectifiedCamera,
+    baseline_from_projection,
+    projection,
+    rig_of_one_projection,
+)
 
 focal = st.floats(10, 5000)
 RIG = StereoRig(24, 16, 20.1, 20.3, 11.7, 7.9, 0.12)
@@ -25,7 +30,7 @@ def test_rigs_of_files_come_through_messages_unchanged(fx: float, fy: float, bas
     rig = StereoRig(80, 60, fx, fy, 33.3, 22.2, baseline_from_projection(fx, -(fx * baseline)))
     assert abs(rig.baseline_m - baseline) <= 4e-16 * baseline
     infos = [camera_info(START_NS, rig, "loc", side) for side in SIDES]
-    assert rig_from_camera_info(*infos, "loc").same_cameras(rig)
+    assert rig_of_one_projection(*map(RectifiedCamera.of, infos), "loc").same_cameras(rig)
 
 
 def test_p_alone_describes_rectified_images() -> None:
@@ -34,7 +39,7 @@ def test_p_alone_describes_rectified_images() -> None:
         object.__setattr__(info, "d", np.array([-0.3, 0.1, 0.0, 0.0, 0.0]))
         object.__setattr__(info, "r", np.eye(3)[[1, 0, 2]])
         object.__setattr__(info, "k", 2 * RIG.camera_matrix)
-    assert rig_from_camera_info(*infos, "loc").same_cameras(RIG)
+    assert rig_of_one_projection(*map(RectifiedCamera.of, infos), "loc").same_cameras(RIG)
 
 
 @pytest.mark.parametrize(
@@ -50,4 +55,4 @@ def test_camera_info_that_is_not_of_a_rectified_pair(field: str, value: Any, wor
     left, right = (camera_info(START_NS, RIG, "loc", side) for side in SIDES)
     object.__setattr__(right, field, value)
     with pytest.raises(InputError, match=words):
-        rig_from_camera_info(left, right, "loc")
+        rig_of_one_projection(RectifiedCamera.of(left), RectifiedCamera.of(right), "loc")

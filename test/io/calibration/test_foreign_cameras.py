@@ -20,7 +20,7 @@ from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag.messages import camera_info
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.calibration.camera_info import projection
-from sfr_loc_map.io.calibration.rectification import rectified_rig, rig_of_rectified
+from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
@@ -33,7 +33,7 @@ from sfr_loc_map.io.truth.config import TruthConfig
 def test_a_fisheye_pair_keeps_its_scale_and_its_centre(tmp_path: Path, chain: str, lens: str) -> None:
     (tmp_path / "camchain.yaml").write_text(kalibr(lens, *CHAINS[chain]))
     found = read_calibration(tmp_path / "camchain.yaml")
-    rig, rectifier = rectified_rig(found.infos, "loc")
+    rig, rectifier = found.rig("loc")
     (fx, _, _, _), coefficients, (width, height) = LENSES[lens]
     assert rig.baseline_m == pytest.approx(np.linalg.norm(T_CAM1_CAM0[:3, 3]), rel=1e-9)
     assert 0.5 < rig.fx / fx < 2.0
@@ -65,7 +65,7 @@ def test_a_rectification_that_shows_nothing_is_refused() -> None:
         rest = {"distortion_model": "plumb_bob", "roi": roi, "binning_x": 0, "binning_y": 0}
         infos.append(SimpleNamespace(width=200, height=160, **fields, **rest))
     with pytest.raises(InputError, match="the raw image covers 0 % of the rectified image"):
-        rectified_rig(infos, "loc")
+        rig_of_raw_infos(infos, "loc")
 
 
 @pytest.mark.parametrize(("fx", "cx", "cy"), [(1.0, 0.0, 0.0), (1.0, 1e-3, 0.0), (1.02, 6.5, 0.0), (1.0, 0.0, 2.0)])
@@ -76,7 +76,7 @@ def test_rectified_cameras_that_differ_are_made_equal(fx: float, cx: float, cy: 
     p[[0, 3, 5]] *= fx
     p[[2, 6]] += [cx, cy]
     object.__setattr__(right, "p", p)
-    found, rectifier = rig_of_rectified((left, right), "loc")
+    found, rectifier = rig_of_rectified_infos((left, right), "loc")
     assert found.same_cameras(rig) or found.baseline_m == pytest.approx(rig.baseline_m)
     assert (rectifier is None) == (max(fx - 1.0, cx, cy) < 0.01)
     if rectifier is None:
@@ -96,7 +96,7 @@ def test_raw_cameras_with_different_projections_are_rectified_to_that_of_the_lef
     p[[0, 3, 5]] *= 1.02
     p[[2, 6]] += [6.5, 2.0]
     object.__setattr__(right, "p", p)
-    found, rectifier = rectified_rig((left, right), "loc")
+    found, rectifier = rig_of_raw_infos((left, right), "loc")
     assert found.same_cameras(rig)
     x, y, z = 0.1, -0.05, 1.2
     pixels = ([150.0 * (x - shift) / z + 99.5, 150.0 * y / z + 79.5] for shift in (0.0, 0.12))
@@ -105,10 +105,10 @@ def test_raw_cameras_with_different_projections_are_rectified_to_that_of_the_lef
     assert left_u - right_u == pytest.approx(150.0 * 0.12 / z, abs=0.1)
     assert right_v == pytest.approx(left_v, abs=0.1)
     object.__setattr__(right, "p", p + 1e-7)
-    assert rectified_rig((left, right), "loc", rectifier)[1] is rectifier
+    assert rig_of_raw_infos((left, right), "loc", rectifier)[1] is rectifier
 
 
-@pytest.mark.parametrize("describe", [rectified_rig, rig_of_rectified])
+@pytest.mark.parametrize("describe", [rig_of_raw_infos, rig_of_rectified_infos])
 def test_a_shift_in_the_left_projection_is_named(describe: Callable[..., object]) -> None:
     rig = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
     left, right = (camera_info(START_NS, rig, "loc", side) for side in SIDES)
@@ -163,7 +163,7 @@ MONOCULAR = {
 def test_files_of_opencv_and_orb_slam_give_the_baseline(tmp_path: Path, name: str) -> None:
     text = OPENCV if name == "OpenCV" else f"%YAML:1.0\n{SETTINGS[name]}Camera.width: 752\nCamera.height: 480\n"
     (tmp_path / "c.yaml").write_text(text)
-    left, right = read_calibration(tmp_path / "c.yaml").infos
+    left, right = read_calibration(tmp_path / "c.yaml").cameras
     assert -right.p[3] / right.p[0] == pytest.approx(0.11, abs=1e-9)
     assert 0.5 < left.p[0] / 430.0 < 2.0
 
@@ -175,7 +175,7 @@ def test_the_size_of_settings_without_one_is_that_of_the_images(tmp_path: Path, 
         with pytest.raises(InputError, match=r"it has no Camera\.width"):
             read_calibration(tmp_path / "c.yaml")
     else:
-        assert read_calibration(tmp_path / "c.yaml", size).infos[0].width == size[0]
+        assert read_calibration(tmp_path / "c.yaml", size).cameras[0].size[0] == size[0]
 
 
 @pytest.mark.parametrize("name", MONOCULAR)
