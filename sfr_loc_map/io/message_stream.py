@@ -1,7 +1,8 @@
 """A source as a stream of serialised messages in the order of their publication.
 
 The messages of a bag that is played as recorded are passed on unchanged. Other sources give the messages that
-`BagWriter` writes, but camera_info and true points precede the images, because subscribers need both first.
+`BagWriter` writes, without /tf_static. Camera_info and true points precede the images, because subscribers need both
+first.
 """
 
 from __future__ import annotations

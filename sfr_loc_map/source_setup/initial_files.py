@@ -27,15 +27,15 @@ def configuration_text() -> str:
     return HEAD + "\n".join(lines) + "\n"
 
 
-def add_limits(found: Proposal, limits: Path) -> None:
+def add_limits(proposal: Proposal, limits: Path) -> None:
     """Add a file of limits to a proposed configuration, and write the file unless the user has edited it."""
     is_kept = limits.exists() and is_edited(limits.read_text(encoding="utf-8", errors="replace"))
-    found.sections["limits"] = limits.name
-    found.reasons["limits"] = "the existing file is kept" if is_kept else "placeholders: replace them by your limits"
+    proposal.sections["limits"] = limits.name
+    proposal.reasons["limits"] = "the existing file is kept" if is_kept else "placeholders: replace them by your limits"
     if is_kept:
         return
-    conditions = found.sections.get("conditions") or [CONDITION]
+    conditions = proposal.sections.get("conditions") or [CONDITION]
     active = active_limits(
-        has_attitude=found.has_attitude is not False, has_height=found.has_height, has_tilt=found.has_tilt
+        has_attitude=proposal.has_attitude is not False, has_height=proposal.has_height, has_tilt=proposal.has_tilt
     )
     write_text(limits_text(conditions[0], active), limits)

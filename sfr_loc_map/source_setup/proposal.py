@@ -11,12 +11,11 @@ import numpy as np
 
 from sfr_loc_map.config import flatten, yaml_text
 from sfr_loc_map.errors import SfrError
-from sfr_loc_map.geometry.extrinsics import RigInBody
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag.bag import Bag, read_frame_tree
 from sfr_loc_map.io.calibration.calibration_file import CalibrationError
-from sfr_loc_map.io.layouts.bag_source import image_name
+from sfr_loc_map.io.layouts.bag_source import BagLocSequence, image_name
 from sfr_loc_map.io.registry import format_of, open_source
 from sfr_loc_map.io.sequence import SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig, is_truth_file
@@ -82,62 +81,66 @@ def propose_config(
     are named relative to this folder. InputError if the source or the given calibration is invalid or corrupt.
     """
     is_bag = format_of(source) is SourceFormat.BAG
-    sections = {name: dict(v) if isinstance(v, Mapping) else v for name, v in given.items()}
-    found, values = Proposal(source, sections, path), flatten(sections)
+    proposal = Proposal(source, {name: dict(v) if isinstance(v, Mapping) else v for name, v in given.items()}, path)
+    values = flatten(proposal.sections)
     kept = {name for name, value in flatten(before or {}).items() if values.get(name) == value}
-    found.reasons |= dict.fromkeys(kept, "as before")
-    found.sections.setdefault("topics", {})
+    proposal.reasons |= dict.fromkeys(kept, "as before")
+    proposal.sections.setdefault("topics", {})
     folder = None if path is None else path.parent.resolve()
     for section, name in (("calibration", "file"), ("truth", "source")):
-        file = Path(str(sections.get(section, {}).get(name, "")))
+        file = Path(str(proposal.sections.get(section, {}).get(name, "")))
         if folder is not None and is_truth_file(file) and file.is_relative_to(folder):
-            sections[section][name] = str(file.relative_to(folder))
+            proposal.sections[section][name] = str(file.relative_to(folder))
     if is_bag:
         bag = Bag(source)
-        _topics(found, bag)
-        bag = Bag(source, found.config.remap)
-        _calibration(found, bag)
-        _sync(found, bag)
-    _mounting_and_truth(found, is_bag=is_bag)
-    return found
+        _topics(proposal, bag)
+        bag = Bag(source, proposal.config.remap)
+        _calibration(proposal, bag)
+        _sync(proposal, bag)
+    _mounting_and_truth(proposal, is_bag=is_bag)
+    return proposal
 
 
-def _topics(found: Proposal, bag: Bag) -> None:
+def _topics(proposal: Proposal, bag: Bag) -> None:
     guess = guess_topics(seen_topics(bag))
     for name, topic in guess.topics.items():
         if bag.topics.get(topic) == COMPRESSED and not name.endswith(COMPRESSED_END):
             name += COMPRESSED_END
-        if not bag.matches(name) and topic not in found.sections["topics"].values():
+        if not bag.matches(name) and topic not in proposal.sections["topics"].values():
             plain = name.removesuffix(COMPRESSED_END)
-            found.set("topics", name, topic, guess.reasons.get(plain, "by its name and type"))
+            proposal.set("topics", name, topic, guess.reasons.get(plain, "by its name and type"))
     if guess.layout:
-        found.set("calibration", "stereo_layout", guess.layout, "by the width and height of its images; sure")
-    truth = found.sections.get("truth", {})
+        proposal.set("calibration", "stereo_layout", guess.layout, "by the width and height of its images; sure")
+    truth = proposal.sections.get("truth", {})
     if guess.truth and not bag.matches(TRUE_POSES) and not {"source", "frame"} & truth.keys():
-        found.set("truth", "source", guess.truth, guess.truth_reason)
-    found.remarks += guess.remarks
+        proposal.set("truth", "source", guess.truth, guess.truth_reason)
+    proposal.remarks += guess.remarks
 
 
-def _calibration(found: Proposal, bag: Bag) -> None:
+def _calibration(proposal: Proposal, bag: Bag) -> None:
     infos = [bag.find(f"loc/{side}/camera_info", CAMERA_INFO) for side in SIDES]
     there = bag.first([topic for topic in infos if topic is not None])
-    if image_name(bag, "loc") is None or "file" in found.sections.get("calibration", {}):
+    if image_name(bag, "loc") is None or "file" in proposal.sections.get("calibration", {}):
         return
     if len(there) < len(SIDES):
-        found.missing.append("no camera_info: give --calibration FILE (Kalibr, OpenCV, ROS, COLMAP or rig.json)")
+        proposal.missing.append("no camera_info: give --calibration FILE (Kalibr, OpenCV, ROS, COLMAP or rig.json)")
         return
     left, right = (there[f"loc/{side}/camera_info"] for side in SIDES)
     if right.p[3] == 0 and left.p[3] == 0:
         joined = read_frame_tree(bag).find(left.header.frame_id.strip("/"), right.header.frame_id.strip("/"))
         if joined is None:
-            found.missing.append("P[3] of the right camera_info is 0: give --set calibration.baseline_m=METRES")
+            proposal.missing.append("P[3] of the right camera_info is 0: give --set calibration.baseline_m=METRES")
         else:
             baseline = float(round(np.linalg.norm(joined.translation), 9))
-            found.set("calibration", "baseline_m", baseline, "P[3] is 0; from /tf_static, left to right frame; sure")
+            proposal.set("calibration", "baseline_m", baseline, "P[3] is 0; from /tf_static, left to right frame; sure")
 
 
-def _sync(found: Proposal, bag: Bag) -> None:
-    """Propose an offset or a tolerance of stamps if the stamps of left and right differ."""
+def _sync(proposal: Proposal, bag: Bag) -> None:
+    """Propose an offset or a tolerance of stamps if the stamps of left and right differ.
+
+    A constant difference is an offset of the right stamps. A varying difference requires a larger tolerance, which must
+    stay below half a period; otherwise nothing is proposed.
+    """
     image = image_name(bag, "loc")
     if image is None:
         return
@@ -157,63 +160,65 @@ def _sync(found: Proposal, bag: Bag) -> None:
     limit = below_half_period(round(STAMP_TOLERANCE_S * NS_PER_S), [int(period)])
     if abs(typical) + spread > limit and spread < STEADY * period:
         text = f"right stamps are {typical / NS_PER_S:.4g} s late, within {spread / NS_PER_S:.2g} s, modulo the period"
-        found.set("sync", "right_offset_s", round(-typical / NS_PER_S, 6), text)
+        proposal.set("sync", "right_offset_s", round(-typical / NS_PER_S, 6), text)
     elif abs(typical) + spread > limit and 2 * (abs(typical) + spread) < period:
         tolerance = round(1.5 * (abs(typical) + spread) / NS_PER_S, 4)
-        found.set("sync", "stamp_tolerance_s", tolerance, f"stamps vary by {spread / NS_PER_S:.2g} s")
+        proposal.set("sync", "stamp_tolerance_s", tolerance, f"stamps vary by {spread / NS_PER_S:.2g} s")
 
 
-def _mounting_and_truth(found: Proposal, *, is_bag: bool) -> None:
+def _mounting_and_truth(proposal: Proposal, *, is_bag: bool) -> None:
     """Open the source as proposed, and add extrinsics, conditions, remarks, and the values that are still missing."""
     try:
-        loc = open_source(found.source, found.config).loc
+        loc = open_source(proposal.source, proposal.config).loc
     except CalibrationError:
         raise
     except SfrError as error:
-        found.missing += [] if found.missing else [str(error)]  # a missing value is the cause
+        if not proposal.missing:  # otherwise the missing value is the cause
+            proposal.missing.append(str(error))
         return
     if loc is None:
         return
     if loc.rig.T_rb_sb is None:
-        found.missing.append(
+        proposal.missing.append(
             "no extrinsics of the cameras on the rover: give --set 'extrinsics.translation_m=[X, Y, Z]' "
             "--set 'extrinsics.quat_xyzw=[X, Y, Z, W]' (LOCSB in RB)"
         )
-    elif "extrinsics" not in found.sections:
-        mount: RigInBody | None = getattr(loc, "mount", None)
+    elif "extrinsics" not in proposal.sections:
+        mount = loc.mount if isinstance(loc, BagLocSequence) else None
         if mount is not None:  # for nodes that cannot read /tf_static
             how = "unsure" if mount.other_bases else "sure"
             T_rb_sb = loc.rig.T_rb_sb
-            found.set("extrinsics", "translation_m", T_rb_sb.translation.tolist(), f"from {mount.text}; {how}")
-            found.set("extrinsics", "quat_xyzw", T_rb_sb.quat_xyzw.tolist(), f"from {mount.text}; {how}")
-            found.remarks += [f"extrinsics are from {mount.text}: --set frames.base=NAME"] if mount.other_bases else []
+            proposal.set("extrinsics", "translation_m", T_rb_sb.translation.tolist(), f"from {mount.text}; {how}")
+            proposal.set("extrinsics", "quat_xyzw", T_rb_sb.quat_xyzw.tolist(), f"from {mount.text}; {how}")
+            if mount.other_bases:
+                proposal.remarks.append(f"extrinsics are from {mount.text}: --set frames.base=NAME")
         else:
-            found.remarks.append("extrinsics are those of the source (rig.json or the calibration)")
+            proposal.remarks.append("extrinsics are those of the source (rig.json or the calibration)")
     truth = loc.ground_truth
     if truth is None and is_bag:
-        could = could_be_truth(Bag(found.source))
-        found.remarks.append(f"no truth: a score requires --set truth.source=TOPIC or FILE{could}")
+        could = could_be_truth(Bag(proposal.source))
+        proposal.remarks.append(f"no truth: a score requires --set truth.source=TOPIC or FILE{could}")
     if truth is None or len(truth) < 2:
         return
-    given = found.sections.get("truth", {})
+    given = proposal.sections.get("truth", {})
     name = str(given.get("source") or given.get("frame") or "of the source")
-    found.has_attitude = truth.has_attitude
-    found.has_height, found.has_tilt = getattr(truth, "has_height", True), getattr(truth, "has_tilt", True)
-    if "lever_arm_m" not in given and (is_tracker(name) or not found.has_attitude):
+    proposal.has_attitude = truth.has_attitude
+    proposal.has_height, proposal.has_tilt = getattr(truth, "has_height", True), getattr(truth, "has_tilt", True)
+    if "lever_arm_m" not in given and (is_tracker(name) or not proposal.has_attitude):
         text = f"the truth {name} is assumed to track RB (lever arm 0): give --set 'truth.lever_arm_m=[X, Y, Z]'"
-        found.remarks.append(text)
-    if "conditions" not in found.sections:
-        _conditions(found, loc.stamps_ns, truth)
+        proposal.remarks.append(text)
+    if "conditions" not in proposal.sections:
+        _conditions(proposal, loc.stamps_ns, truth)
 
 
-def _conditions(found: Proposal, stamps_ns: Sequence[int], truth: Trajectory) -> None:
+def _conditions(proposal: Proposal, stamps_ns: Sequence[int], truth: Trajectory) -> None:
     """Propose a condition with at least two sub-trajectories in the drive."""
     along_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)))
     left_m = along_m[-1] - np.interp(stamps_ns, truth.stamps_ns, along_m)[::SPACING]
     metres, pairs = 5 if along_m[-1] >= SHORT_M else 1, len(stamps_ns)
-    found.reasons["conditions"] = f"the true path is {along_m[-1]:.1f} m long"
-    found.sections["conditions"] = [f"distance={metres}"]
+    proposal.reasons["conditions"] = f"the true path is {along_m[-1]:.1f} m long"
+    proposal.sections["conditions"] = [f"distance={metres}"]
     if np.sum(left_m >= metres) < 2:
-        found.sections["conditions"] = [f"frames={max(1, min(SPACING, pairs - SPACING - 1))}"]
+        proposal.sections["conditions"] = [f"frames={max(1, min(SPACING, pairs - SPACING - 1))}"]
         if pairs < SPACING + 2:
-            found.remarks.append(f"{pairs} pairs are too few for a verdict: {SPACING + 2} are required")
+            proposal.remarks.append(f"{pairs} pairs are too few for a verdict: {SPACING + 2} are required")

@@ -139,10 +139,15 @@ class _Choices:
 
     def take(self, name: str, topics: Sequence[SeenTopic], reason: str) -> None:
         """Choose the topic if only one is possible; a remark reports several."""
+        if len(topics) == 1:
+            self.found[name] = topics[0].name, reason
+        else:
+            self.report_ambiguous(name, topics)
+
+    def report_ambiguous(self, name: str, topics: Sequence[SeenTopic]) -> None:
+        """Add a remark if several topics are possible."""
         if len(topics) > 1:
             self.remarks.append(f"{name}: {', '.join(topic.name for topic in topics)} are possible; none is chosen")
-        elif topics:
-            self.found[name] = topics[0].name, reason
 
 
 def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
@@ -184,7 +189,7 @@ def _choose_rig(choices: _Choices, task: str, rigs: Sequence[_Rig], seen: Sequen
     ranked = sorted(own or rigs, key=_Rig.preference)
     best = [rig for rig in ranked if rig.preference() == ranked[0].preference()]
     if len(best) != 1:
-        choices.take(task, [rig.left for rig in best], "")
+        choices.report_ambiguous(task, [rig.left for rig in best])
         return
     left, right, basis, _, word = best[0]
     if len(ranked) > 1:
@@ -204,7 +209,7 @@ def _choose_double_image(choices: _Choices, images: Sequence[SeenTopic]) -> str:
     double = [image for image in images if image.size[1] > 0 and not TALL <= image.size[0] / image.size[1] <= WIDE]
     double = [image for image in double if _order_of(image).without_name == _order_of(double[0]).without_name]
     if len(double) != 1:
-        choices.take("loc/left/", double, "")
+        choices.report_ambiguous("loc/left/", double)
         return ""
     width, height = double[0].size
     choices.take(f"loc/left/{_kind(double[0])}", double, "its shape is that of two images; likely")

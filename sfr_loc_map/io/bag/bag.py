@@ -48,9 +48,9 @@ from sfr_loc_map.topics import COMPRESSED_END, RECTIFIED, configuration_topic, n
 TOPICS_READ = tuple(name.strip("/") for name in names(read=True))
 """Names of the topics that are read from a bag, in any namespace."""
 STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, DISPARITY}
-"""Types whose first field is a header."""
+"""Types of the images and poses of pairs and of results; `Bag.stream` yields the stamps of their headers."""
 HEADER_FIRST = STAMPED | {POSE_WITH_COVARIANCE, POINT, TRANSFORM, FIX, JOINTS}
-"""Types whose header stamp is replaced by the time of recording if the bag is read by times of recording."""
+"""All types whose first field is a header; `Bag.stream` replaces its stamp if a bag is read by times of recording."""
 
 _log = logging.getLogger(__name__)
 
@@ -124,7 +124,10 @@ class Bag:
             yield topic.name, topic.msgtype, stamp_ns, raw
 
     def stream(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, bytes]]:
-        """Yield topic, stamp (of the header, else of recording, ns) and CDR bytes in the order of recording."""
+        """Yield topic, stamp and CDR bytes in the order of recording.
+
+        The stamp, ns, is that of the header for the types in `STAMPED`, and the time of recording for all others.
+        """
         by_name = {topic.bag_name: topic for topic in topics}
         with self._reading() as readers:
             wanted = [(reader, [c for c in reader.connections if c.topic in by_name]) for reader in readers]

@@ -1,6 +1,6 @@
 """Point clouds as files: PLY, PCD and NPZ.
 
-The writers write all fields of `FIELD_TYPES` in their types: PLY and PCD in little-endian binary, NPZ with one array
+`save_cloud` writes all fields of `FIELD_TYPES` in their types: PLY and PCD in little-endian binary, NPZ with one array
 per field. The readers accept any order and number type of the fields, text and binary, and clouds with only x, y, z.
 """
 

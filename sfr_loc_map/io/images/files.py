@@ -67,7 +67,7 @@ class ImageFiles:
     """Pairs of image files."""
 
     rig: StereoRig  #: Rig of the rectified images.
-    entries: Sequence[ImagePair]  #: The files, in the order of stamps; all have the rig's size.
+    entries: Sequence[ImagePair]  #: The files, in the order of stamps; `read_pair` requires the rig's size.
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:

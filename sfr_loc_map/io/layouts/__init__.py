@@ -1,1 +1,1 @@
-"""Layouts of sources: one module for each, which is read, written or both, and the parts that layouts share."""
+"""Layouts of sources: one module for each, which is read, written or both, and their parts."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,14 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.extrinsics import RigInBody
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, refusing
 from sfr_loc_map.io.bag.bag import Bag, Topic, pose_of, read_extrinsics
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.calibration.camera_info import RectifiedCamera
-from sfr_loc_map.io.calibration.rectification import RawCamera, raw_cameras_of
+from sfr_loc_map.io.calibration.rectification import RawCamera, StereoRectifier, raw_cameras_of
 from sfr_loc_map.io.calibration.stereo_calibration import Calibration
 from sfr_loc_map.io.clouds.point_image import points_image
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of
@@ -44,11 +44,21 @@ LOOK_AHEAD = 32
 _log = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _BagRig:
+    """The rig of a task, as the configuration and the bag describe it."""
+
+    rig: StereoRig
+    rectifier: StereoRectifier | None  #: None if the images are rectified.
+    frame: str  #: Frame of the left camera.
+    calibrated_by: str  #: Origin of the calibration.
+    mount: RigInBody | None  #: Pose of the rig on the rover, if it is from the bag.
+
+
 class _BagPairs:
     """The pairs of the cameras of a task, read from the topics of the bag as the configuration requires."""
 
     task: Task
-    mount: RigInBody | None = None  #: Pose of the rig on the rover in the bag; None if the bag has no such pose.
 
     def __init__(self, bag: Bag, config: SourceConfig) -> None:
         rig, of_drive = self.task.rig, self.task is Task.LOCALISATION
@@ -62,19 +72,38 @@ class _BagPairs:
         self._sides = [_require(bag, f"{rig}/{side}/{kind}", IMAGE, COMPRESSED) for side in sides]
         self._points = bag.find(TRUE_POINTS, POINTS) if self.task is Task.MAPPING else None
         self._topics = [*self._sides, *([self._points] if self._points else [])]
-        found, self.frame = self._calibrated(calibration, kind == RECTIFIED)
-        if calibration.baseline_m:
-            found = found.with_baseline(calibration.baseline_m)
-        self.calibrated_by = found.text
-        with _naming_bag(bag):
-            self.rig, self._rectifier = found.rig(rig)
-        if of_drive:
-            T_rb_sb = config.extrinsics.transform() or found.T_rb_sb
-            if T_rb_sb is None and (seen := read_extrinsics(bag, self.frame, self.rig.baseline_m, config.frames.base)):
-                T_rb_sb = seen.T_rb_sb
-                self.mount = seen
-            self.rig = replace(self.rig, T_rb_sb=T_rb_sb)
+        self._rig = self._rig_of(calibration, is_rectified=kind == RECTIFIED)
         self.is_adapted = calibration != CalibrationConfig() or config.sync != SyncConfig()
+
+    @property
+    def rig(self) -> StereoRig:
+        """Rig of the rectified images; for the drive with its pose on the rover, if known."""
+        return self._rig.rig
+
+    @property
+    def mount(self) -> RigInBody | None:
+        """Pose of the rig on the rover in the bag; None if the bag has no such pose, or if another origin has one."""
+        return self._rig.mount
+
+    @property
+    def calibrated_by(self) -> str:
+        """Origin of the calibration."""
+        return self._rig.calibrated_by
+
+    def _rig_of(self, config: CalibrationConfig, *, is_rectified: bool) -> _BagRig:
+        calibration, frame = self._calibrated(config, is_rectified)
+        if config.baseline_m:
+            calibration = calibration.with_baseline(config.baseline_m)
+        with _naming_bag(self._bag):
+            rig, rectifier = calibration.rig(self._rig_name)
+        mount = None
+        if self.task is Task.LOCALISATION:
+            T_rb_sb = self._config.extrinsics.transform() or calibration.T_rb_sb
+            if T_rb_sb is None:
+                mount = read_extrinsics(self._bag, frame, rig.baseline_m, self._config.frames.base)
+                T_rb_sb = None if mount is None else mount.T_rb_sb
+            rig = replace(rig, T_rb_sb=T_rb_sb)
+        return _BagRig(rig, rectifier, frame, calibration.text, mount)
 
     def _calibrated(self, config: CalibrationConfig, is_rectified: bool) -> tuple[Calibration, str]:
         if config.file:
@@ -163,7 +192,9 @@ class _BagPairs:
         left, right = self._halves(images[0]) if self._layout else images
         for image, topic in ((left, self._sides[0]), (right, self._sides[-1])):
             check_size(image, self.rig, f"bag '{self._bag.path}', '{topic.bag_name}': image of stamp {stamp_ns}")
-        return StereoPair(stamp_ns, *(self._rectifier.rectify(left, right) if self._rectifier else (left, right)))
+        if self._rig.rectifier is not None:
+            left, right = self._rig.rectifier.rectify(left, right)
+        return StereoPair(stamp_ns, left, right)
 
     def _decoded(self, topic: Topic, message: Any) -> Samples:  # noqa: ANN401 - types of rosbags
         try:
@@ -213,7 +244,7 @@ class BagNavSequence(_BagPairs):
         self._poses: dict[int, Transform] = {}
         if not bag.matches(NAV_POSE):
             stamps = self.stamps_ns
-            poses = head_poses(bag, self.frame, self.rig.baseline_m, stamps, config.frames)
+            poses = head_poses(bag, self._rig.frame, self.rig.baseline_m, stamps, config.frames)
             self._poses, self.is_adapted = dict(zip(stamps, poses, strict=True)), True
             return
         topic = _require(bag, NAV_POSE, POSE)
@@ -227,7 +258,10 @@ class BagNavSequence(_BagPairs):
         return match_stamps(self.stamps_ns, sorted(self._poses), self._tolerance_ns)
 
     def parts(self) -> dict[int, dict[str, int]]:
-        """Return the stamps of the images and the pose by topic, for each pair that has a pose."""
+        """Return the stamps of the images and the pose by topic, for each pair that has a pose.
+
+        `pairs` raises InputError if a pair has no pose.
+        """
         pose_of_pair = self._poses_of_pairs()
         return {
             stamp: {**images, NAV_POSE: pose_of_pair[stamp]}

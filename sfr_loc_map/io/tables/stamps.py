@@ -1,7 +1,7 @@
-"""The rules for stamps: how a stamp is read and written, in which unit, up to which size, and in which order.
+"""Stamps in tables and in names of images: how they are read and written, their unit and limit; the order of stamps.
 
-A stamp is an integer number of nanoseconds. It is converted from and to text by integer arithmetic, never by
-floating-point numbers. The rules apply to stamps in tables, in names of images and in messages of bags.
+A stamp is an integer number of nanoseconds. Conversions from and to text are exact to the nanosecond. Stamps of
+messages are read by `inputs.stamp_of` and `inputs.serialised_stamp`, and paired by `stamp_pairing`.
 """
 
 from __future__ import annotations
@@ -128,7 +128,8 @@ def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
     """Return the unit of stamps, inferred from their magnitude; empty if several units are possible.
 
     Stamps of a clock are between 1979 and 2116 in only one unit. Other stamps are in seconds if they have decimals,
-    or in the only unit with steps of a sensor (1 ms to 10 s). `is_seconds`: the layout prescribes seconds.
+    or in the only unit with steps of a sensor (1 ms to 10 s). Milliseconds cannot be inferred from steps, because their
+    steps overlap with those of seconds and microseconds. `is_seconds`: the layout prescribes seconds.
     """
     numbers = np.array([number_or_nan(text) for text in texts])
     numbers = numbers[np.isfinite(numbers)]

@@ -1,4 +1,7 @@
-"""True poses from the messages of a topic, live or in a bag, with one reader for each message type."""
+"""True poses from the messages of a topic, live or in a bag.
+
+A bag of Odometry or PoseWithCovariance is read by `bag.read_odometry`, which skips invalid poses.
+"""
 
 from __future__ import annotations
 

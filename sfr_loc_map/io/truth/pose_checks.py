@@ -1,8 +1,9 @@
-"""Plausibility checks of trajectories: stray stamps, unreachable positions, constant components.
+"""Checks of true paths: which poses are possible beside the others, and which components are known.
 
-The checks apply to every file and topic. An implausible pose is ignored and counted. An attitude that never changes
-along a path that turns is the placeholder of a position tracker (GNSS, prism); only the positions are then kept. A
-height that never changes, or zero roll and pitch, along such a path are placeholders of a planar source.
+The checks apply to every file and topic. An impossible pose has a stray stamp or an unreachable position; it is ignored
+and counted. Whether a single pose is valid is decided before, in `geometry.plausibility`. An attitude that never
+changes along a path that turns is the placeholder of a position tracker (GNSS, prism); only the positions are then
+kept. A height that never changes, or zero roll and pitch, along such a path are placeholders of a planar source.
 """
 
 from __future__ import annotations
@@ -128,7 +129,7 @@ def path_turns(positions: FloatArray) -> bool:
 
 
 def possible_poses(poses: Trajectory) -> tuple[Mask, tuple[str, ...]]:
-    """Return which poses are plausible, and one finding for each kind of implausible poses."""
+    """Return which poses are possible, and one finding for each kind of impossible poses."""
     kept = ~stray_stamps(poses.stamps_ns)
     findings = []
     if not kept.all():
@@ -154,16 +155,16 @@ def _of(wrong: Mask) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PossibleTruth:
-    """The plausible poses of a truth, and their known components."""
+    """The possible poses of a truth, and their known components."""
 
-    kept: Mask  #: `(N,)`, which of the given poses are plausible.
-    poses: Trajectory  #: The plausible poses, without attitudes if the attitudes are placeholders.
+    kept: Mask  #: `(N,)`, which of the given poses are possible.
+    poses: Trajectory  #: The possible poses, without attitudes if the attitudes are placeholders.
     has_height: bool = True  #: Whether z is known.
     has_tilt: bool = True  #: Whether roll and pitch are known.
 
     @property
     def trajectory(self) -> Trajectory:
-        """The plausible poses; as a `Truth` if height or tilt is unknown."""
+        """The possible poses; as a `Truth` if height or tilt is unknown."""
         if self.has_height and self.has_tilt:
             return self.poses
         values = self.poses.stamps_ns, self.poses.positions, self.poses.quats_xyzw
@@ -177,7 +178,7 @@ def possible_truth(
     unknown: str = "auto",
     variances: FloatArray | None = None,
 ) -> PossibleTruth:
-    """Return the plausible poses of a truth; warnings report the others.
+    """Return the possible poses of a truth; warnings report the others.
 
     An attitude that never changes along a path that turns is invalid. Only the positions are then kept, unless
     `attitude` is yes. `unknown` names the unknown components (`TrackedBody.unknown`); auto infers them.
