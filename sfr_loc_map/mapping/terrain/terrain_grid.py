@@ -127,9 +127,10 @@ def _without_sparse_cells(model: ElevationModel) -> ElevationModel:
 
 def _disc(radius_cells: float) -> IntArray:
     """Return the cells whose centres are within a radius: rows and columns relative to the centre `(K, 2)`."""
-    reach = int(radius_cells)
+    squared_radius = radius_cells**2 + ROUNDING
+    reach = int(np.sqrt(squared_radius))
     rows, columns = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    inside = rows**2 + columns**2 <= radius_cells**2 + ROUNDING
+    inside = rows**2 + columns**2 <= squared_radius
     return np.column_stack((rows[inside], columns[inside])).astype(np.int64)
 
 

@@ -60,6 +60,22 @@ def test_a_rock_or_a_hole_is_a_hazard_as_far_as_the_footprint_reaches(sign: floa
     assert 50 <= low.hazard.max() < 100
 
 
+@pytest.mark.parametrize("radius_cells", [3, 5, 6, 7])
+def test_cells_on_the_circle_of_the_footprint_are_inside(radius_cells: int) -> None:
+    """0.3 / 0.1, 0.6 / 0.1 and 0.7 / 0.1 are rounded to less than 3, 6 and 7."""
+
+    def rock(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return 0.25 * ((np.abs(x - 0.05) < 0.05) & (np.abs(y - 0.05) < 0.05))
+
+    config = replace(CONFIG, footprint_radius_m=float(f"0.{radius_cells}"))
+    grid = terrain_grid(ground(rock), config, CAMERA)
+    row = int((0.05 - grid.elevation.origin_m[1]) / config.cell_m)
+    steps = np.flatnonzero(grid.step_m[row] >= config.max_step_m)
+    hazards = np.flatnonzero(grid.hazard[row] == 100)
+    assert len(steps)
+    assert hazards.tolist() == list(range(steps[0] - radius_cells, steps[-1] + radius_cells + 1))
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("points", [3, 4])
 def test_one_outlier_of_a_cell_of_few_points_is_no_step(points: int, sign: float) -> None:
