@@ -42,10 +42,12 @@ class CellGrid:
 
     @classmethod
     def over(cls, xyz: FloatArray32, cell_m: float, within: Square | None = None) -> CellGrid:
-        """Return the grid that covers the points `(N, 3)` in LM; points outside the square `within` are ignored.
+        """Return the grid that covers the points `(N, 3)` in LM that are in the square `within`.
 
-        Raises MappingError if the cell size is not positive, no point remains, a coordinate is not finite, or there
-        would be too many cells.
+        The grid consists of complete cells, so that it may extend beyond the square by less than one cell.
+
+        Raises MappingError if the cell size is not positive, no points exist or all are on one side of the square, a
+        coordinate is not finite, or there would be too many cells.
         """
         if not cell_m > 0.0:
             raise MappingError(f"the cell size is {cell_m} m: it must be positive")
@@ -53,6 +55,8 @@ class CellGrid:
             raise MappingError("the cloud has no points: an elevation model requires at least one")
         low = np.array([float(xyz[:, axis].min()) for axis in (0, 1)])
         high = np.array([float(xyz[:, axis].max()) for axis in (0, 1)])
+        if not (np.isfinite((low, high)).all() and np.isfinite(xyz[:, 2]).all()):
+            raise MappingError("the cloud has points that are not finite: remove them")
         if within is not None:
             centre = np.array((within.x_m, within.y_m))
             low = np.maximum(low, centre - within.half_side_m)
@@ -62,8 +66,6 @@ class CellGrid:
                     f"the cloud has no points within {within.half_side_m} m of ({within.x_m:.4g}, {within.y_m:.4g}) "
                     "along x and y: increase the range (terrain.range_m)"
                 )
-        if not (np.isfinite((low, high)).all() and np.isfinite(xyz[:, 2]).all()):
-            raise MappingError("the cloud has points that are not finite: remove them")
         first = np.floor(low / cell_m)
         columns, rows = np.floor(high / cell_m) - first + 1
         if rows * columns > MAX_CELLS:

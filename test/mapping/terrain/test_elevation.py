@@ -48,6 +48,7 @@ def test_grids_of_one_cell_size_share_their_cells_within_reach() -> None:
     [
         ([(0.0, 0.0), (9.0, 9.0)], 0.0, None, "must be positive"),
         ([], 0.1, None, "no points"),
+        ([(0.0, 0.0), (np.inf, 0.0)], 0.1, Square(0.0, 0.0, 2.0), "not finite"),
         ([(90.0, 0.0)], 0.1, Square(0.0, 0.0, 2.0), r"no points within 2\.0 m of \(0, 0\) .* \(terrain\.range_m\)"),
     ],
 )
