@@ -35,7 +35,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.robust_statistics import MAD_TO_SIGMA
-from sfr_loc_map.mapping.search_range import search_range
+from sfr_loc_map.mapping.search_range import search_range_of
 from sfr_loc_map.runs.offline import start_pose
 
 EVERY = 10
@@ -46,7 +46,7 @@ TILE = 64
 
 def estimated(pair: StereoPair, rig: StereoRig) -> DisparityMap:
     """Return the mapper's disparities of a pair."""
-    return estimate_disparity(pair, rig.camera, search_range(rig, MappingConfig()).count)
+    return estimate_disparity(pair, rig.camera, search_range_of(rig, MappingConfig()).count)
 
 
 def noise_of(disparity: DisparityMap) -> float:

@@ -38,7 +38,7 @@ from sfr_loc_map.mapping.disparity.wrong_surface import (
     jump_features,
     network_input,
 )
-from sfr_loc_map.mapping.search_range import search_range
+from sfr_loc_map.mapping.search_range import search_range_of
 
 INPUTS = len(JumpFeatures._fields)
 UNITS = 16
@@ -89,7 +89,7 @@ def true_disparity(posed: PosedStereoPair, rig: StereoRig) -> np.ndarray:
 def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the network inputs `(N, 13)` and disparity errors `(N,)`, pixels, of each variant of each pair."""
     panorama = panorama_of(open_source(source))
-    count = search_range(panorama.rig, MappingConfig()).count
+    count = search_range_of(panorama.rig, MappingConfig()).count
     for posed in panorama.pairs():
         truth = true_disparity(posed, panorama.rig)
         for images in changed(posed.pair.left.astype(float), posed.pair.right.astype(float), random):

@@ -32,7 +32,7 @@ from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.search_range import search_range
+from sfr_loc_map.mapping.search_range import search_range_of
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_process import MethodCall
@@ -214,7 +214,7 @@ def compare_mappers(
     Each pair is mapped separately. All methods search the same disparity range.
     """
     rig, items = sequence.rig, list(sequence.pairs())
-    count = search_range(rig, config).count
+    count = search_range_of(rig, config).count
     head = _head("map", len(items), repeat) | {"disparities": count}
     truths = [truth for item in items if (truth := PairTruth.of(item, rig)) is not None]
 

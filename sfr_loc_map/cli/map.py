@@ -25,7 +25,7 @@ from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
 from sfr_loc_map.inputs import OURS, Task
-from sfr_loc_map.mapping.config import CalibrationUncertainty, MappingConfig
+from sfr_loc_map.mapping.config import CalibrationPrior, MappingConfig
 from sfr_loc_map.signals import hold, stopping
 
 
@@ -116,7 +116,7 @@ def map_cloud(
     conclude_findings(run.method, run.records)
 
 
-def _assumption(calibration: CalibrationUncertainty) -> str:
+def _assumption(calibration: CalibrationPrior) -> str:
     """Return the assumptions of sigma about the calibration, which no pair can verify."""
     return (
         f"sigma assumes the baseline within {calibration.baseline_share:.2%}, the focal length within "

@@ -1,6 +1,6 @@
 """The uncertainty of the calibration given the rotation of the right camera that is measured in a pair.
 
-The configured residual distortion (`CalibrationUncertainty.distortion_px`) sets the thresholds of vertical disparity:
+The configured residual distortion (`CalibrationPrior.distortion_px`) sets the thresholds of vertical disparity:
 
 - A yaw above `SIGNIFICANT_SIGMAS` standard deviations is reported and increases sigma. The standard deviation includes
   the yaw whose saddle of vertical disparity equals the distortion in the corners (`_yaw_threshold_rad`).
@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.mapping.config import CalibrationUncertainty
+from sfr_loc_map.mapping.config import CalibrationPrior
 from sfr_loc_map.mapping.disparity.right_camera import MIN_ROTATION_PX, CameraRotation
 
 SIGNIFICANT_SIGMAS = 3.0  #: A yaw above this many standard deviations is significant: 0.3 % by chance.
@@ -28,7 +28,7 @@ by hand: the bound has an effect only if the configured uncertainties are small.
 class CalibrationSigma(NamedTuple):
     """Standard deviations of a calibration given a pair, in rad or as fractions; the default is an exact calibration.
 
-    `CalibrationUncertainty` has the configured values in deg and pixels.
+    `CalibrationPrior` has the configured values in deg and pixels.
     """
 
     yaw_rad: float = 0.0  #: Yaw of the right camera.
@@ -39,12 +39,12 @@ class CalibrationSigma(NamedTuple):
     distortion_rad: float = 0.0  #: Residual distortion along rows, as an angle.
 
 
-def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> bool:
+def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, configured: CalibrationPrior) -> bool:
     """Return whether the measured yaw exceeds what noise and the configured uncertainty of the calibration explain."""
     return abs(rotation.yaw_rad) > _yaw_threshold_rad(rotation, rig, configured)
 
 
-def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> float:
+def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, configured: CalibrationPrior) -> float:
     """Return the largest yaw that is not significant, rad.
 
     Residual distortion can cause a saddle like that of a yaw. The accuracy of the yaw is therefore limited to the yaw
@@ -56,12 +56,12 @@ def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, configured: Cal
     return max(SIGNIFICANT_SIGMAS * sigma_rad, math.radians(MIN_SIGNIFICANT_YAW_DEG))
 
 
-def _pitch_threshold_px(configured: CalibrationUncertainty) -> float:
+def _pitch_threshold_px(configured: CalibrationPrior) -> float:
     """Return the largest vertical offset that residual distortion explains, pixels; a larger offset may be a pitch."""
     return max(configured.distortion_px, MIN_ROTATION_PX)
 
 
-def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> CalibrationSigma:
+def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, configured: CalibrationPrior) -> CalibrationSigma:
     """Return the uncertainty of the calibration given the rotation of the right camera that is measured in a pair.
 
     A significant yaw is added to the configured uncertainty in quadrature and is not compensated. A vertical offset

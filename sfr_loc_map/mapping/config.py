@@ -10,7 +10,7 @@ MAX_PAIRS = 3  #: Maximum number of stereo pairs of one map [1.3].
 
 
 @dataclass(frozen=True, slots=True)
-class CalibrationUncertainty:
+class CalibrationPrior:
     """Standard deviations of the calibration error, which is common to all points and part of each point's sigma.
 
     The defaults are chosen by hand: 0.01 deg of yaw causes a disparity error of 0.14 px at a focal length of 804 px,
@@ -80,5 +80,5 @@ class MappingConfig:
     refine_poses: bool = param(
         False, doc="Register the poses of the second and third pair (up to 2 degrees, 0.1 m) where pairs overlap."
     )
-    calibration: CalibrationUncertainty = field(default_factory=CalibrationUncertainty)
+    calibration: CalibrationPrior = field(default_factory=CalibrationPrior)
     terrain: TerrainConfig = field(default_factory=TerrainConfig)

@@ -1,10 +1,10 @@
 """The mapper: one call per stereo pair, and one call that fuses up to three of them.
 
-LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping, and SB is the frame of
-any stereo rig, so that SB is NAVSB in the mapper. Disparities refer to the left image and are in pixels. Lengths are in
-metres.
+LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping. Names of a rig call the
+same frame SB. Disparities refer to the left image and are in pixels. Lengths are in metres.
 
-The stages of `Mapper.process`, with their modules and results:
+The stages of `Mapper.process`, with their modules and results. Each stage takes the results of earlier stages, as
+`Mapper.process` shows:
 
 1. `check_images` (`checks`): images are refused if they are textureless, identical, or not of the rig's size.
 2. `estimate_disparity` (`disparity/estimation`) -> `DisparityMap`: disparity, sigma and status of each pixel of the
@@ -17,9 +17,9 @@ The stages of `Mapper.process`, with their modules and results:
    both images support it.
 6. `without_roll` (`disparity/right_camera`) -> `DisparityMap`: the effect of the measured roll is removed from the
    disparities.
-7. `within_range` (`reprojection`) -> `DisparityMap`: pixels beyond the maximum depth become invalid.
+7. `within_range` (`disparity/validity`) -> `DisparityMap`: pixels beyond the maximum depth become invalid.
 8. `view_of_pair` (`reprojection`) -> `PairView`: the valid disparities are reprojected to points in LM.
-9. `calibration_sigma` (`calibration_sigma`) -> `CalibrationSigma`: the uncertainty of the calibration given the
+9. `sigma_of_calibration` (`calibration_sigma`) -> `CalibrationSigma`: the uncertainty of the calibration given the
    measured rotation of the right camera.
 10. `sigma_of_view` (`point_sigma`) -> `PointSigma`: sigma of the points. Saturation increases the random part, and the
     total also includes the uncertainty of the calibration.
@@ -35,12 +35,22 @@ The stages of `Mapper.fuse`:
    which pairs agree move along their rays to the inverse-variance weighted mean. Of several points that sample the same
    spot, one is kept. A point is dropped if a pair with a larger weight observes a surface behind the point. The
    `Findings` contain the agreement of the poses where pairs overlap.
-4. `point_sigma` (`point_sigma`) -> `PointSigma`: sigma of the fused points, as for one pair.
+4. `sigma_of_points` (`point_sigma`) -> `PointSigma`: sigma of the fused points, as for one pair.
+
+To add
+
+- a validity test of the pixels of one pair: the docstring of `disparity/validity` lists the steps.
+- another filter or correction of the disparities of one pair: a function that takes and returns a `DisparityMap`, and
+  its call in `Mapper.process` between `fill_holes` and `view_of_pair`. The statistics and the fusion then use its
+  result.
+- a contribution to sigma: the docstring of `point_sigma` lists the steps.
+- a test of points across pairs: a flag of `Comparison` (`multiview/fusion`), which drops points, or a stage of
+  `Mapper.fuse` that takes and returns views, like `without_fixed_content`.
+- a statistic or a warning: the docstring of `findings` lists the places.
 
 No stage changes its arguments. The only state of the mapper is its rig, its parameters and the disparity search range
 that follows from both. Compiled kernels, and the network that classifies pixels beside disparity jumps, are loaded once
-per process. numba uses one thread during small solves (`conjugate_gradients`). Elevation and hazard grids are computed
-from a cloud by `terrain`, not by the mapper.
+per process. Elevation and hazard grids are computed from a cloud by `terrain`, not by the mapper.
 """
 
 from __future__ import annotations
@@ -54,20 +64,21 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import checked
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.calibration_sigma import calibration_sigma, largest_of
+from sfr_loc_map.mapping.calibration_sigma import largest_of, sigma_of_calibration
 from sfr_loc_map.mapping.checks import check_images, check_index, check_matches, check_pair_count
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
 from sfr_loc_map.mapping.disparity.right_camera import measure_right_rotation, without_roll
+from sfr_loc_map.mapping.disparity.validity import within_range
 from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairMap, fusion_input_of, warnings_of_pairs
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.registration import register_views
 from sfr_loc_map.mapping.pair_findings import findings_of_pair
-from sfr_loc_map.mapping.point_sigma import point_sigma, sigma_of_view
-from sfr_loc_map.mapping.reprojection import view_of_pair, within_range
-from sfr_loc_map.mapping.search_range import SearchRange, search_range
+from sfr_loc_map.mapping.point_sigma import sigma_of_points, sigma_of_view
+from sfr_loc_map.mapping.reprojection import view_of_pair
+from sfr_loc_map.mapping.search_range import SearchRange, search_range_of
 
 
 class Mapper:
@@ -79,7 +90,7 @@ class Mapper:
         """Prepare for a rig; raises ConfigError if the parameters are inconsistent or do not suit the rig."""
         self._rig = rig
         self._config = checked(config)
-        self._search = search_range(rig, self._config)
+        self._search = search_range_of(rig, self._config)
 
     @property
     def search(self) -> SearchRange:
@@ -114,7 +125,8 @@ class Mapper:
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int = 0) -> MappedPair:
         """Return the map of a pair; `index`, 0 to 2, becomes the `pair` of its points.
 
-        The index distinguishes the points of several maps that are not fused. `fuse` assigns new indices.
+        The index only distinguishes the points of several maps that are used without a fusion. `fuse` ignores it and
+        assigns new indices.
 
         Raises MappingError if the index is out of range, the images do not have the rig's size, an image is
         textureless, both images are identical, or they do not match (`check_matches`).
@@ -127,9 +139,8 @@ class Mapper:
         filled = fill_holes(estimated)
         unrolled = without_roll(filled, rotation, self._rig)
         in_range = within_range(unrolled, self._search.min_disparity_px)
-        T_lm_sb = T_lm_navsb  # the SB of the mapping rig
-        view = view_of_pair(in_range, self._rig, T_lm_sb @ self._rig.T_sb_left)
-        calibration = calibration_sigma(rotation, self._rig, self._config.calibration)
+        view = view_of_pair(in_range, self._rig, T_lm_navsb @ self._rig.T_sb_left)
+        calibration = sigma_of_calibration(rotation, self._rig, self._config.calibration)
         sigma = sigma_of_view(view, in_range.saturation, calibration, self._rig)
         findings = findings_of_pair(in_range, rotation, self._rig, self._config.calibration)
         return MappedPair.of(
@@ -165,7 +176,7 @@ class Mapper:
         poses_lm_left = tuple(view.T_lm_left for view in views)
         saturations = [item.saturation for item in inputs]
         largest_calibration = largest_of(item.calibration for item in inputs)
-        sigma = point_sigma(
+        sigma = sigma_of_points(
             fused.points,
             fused.pair,
             poses_lm_left=poses_lm_left,

@@ -9,7 +9,7 @@ import numpy as np
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.calibration_sigma import is_yaw_significant
 from sfr_loc_map.mapping.checks import MIN_MEASURED_FRACTION
-from sfr_loc_map.mapping.config import CalibrationUncertainty
+from sfr_loc_map.mapping.config import CalibrationPrior
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
 from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
@@ -32,7 +32,7 @@ density by about this fraction. Chosen by hand."""
 
 
 def findings_of_pair(
-    disparity_map: DisparityMap, rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty
+    disparity_map: DisparityMap, rotation: CameraRotation, rig: StereoRig, configured: CalibrationPrior
 ) -> Findings:
     """Return the findings of a pair's map after all stages, given the configured uncertainty of the calibration."""
     correction = disparity_map.correction
@@ -58,12 +58,12 @@ def findings_of_pair(
     return Findings(statistics, warnings)
 
 
-def vertical_warning_px(configured: CalibrationUncertainty) -> float:
+def vertical_warning_px(configured: CalibrationPrior) -> float:
     """Return the vertical disparity above which a warning is issued, pixels."""
     return max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * configured.distortion_px)
 
 
-def _warnings_of_images(disparity_map: DisparityMap, configured: CalibrationUncertainty) -> tuple[str, ...]:
+def _warnings_of_images(disparity_map: DisparityMap, configured: CalibrationPrior) -> tuple[str, ...]:
     """Return warnings about matches, rectification, exposure and saturation."""
     fraction = disparity_map.measured_textured_fraction
     correction = disparity_map.correction
@@ -90,9 +90,7 @@ def _warnings_of_images(disparity_map: DisparityMap, configured: CalibrationUnce
     return tuple(warnings)
 
 
-def _warnings_of_rotation(
-    rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty
-) -> tuple[str, ...]:
+def _warnings_of_rotation(rotation: CameraRotation, rig: StereoRig, configured: CalibrationPrior) -> tuple[str, ...]:
     """Return a warning if the right camera has a significant yaw relative to its calibration."""
     if not is_yaw_significant(rotation, rig, configured):
         return ()

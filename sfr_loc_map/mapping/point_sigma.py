@@ -4,7 +4,7 @@ The error of the calibration is common to all points. A constant disparity error
 camera, causes a depth error of `Z^2 / (fx baseline)` per pixel of disparity. Within a pair this error cannot be
 distinguished from a different depth, and averaging over points or pairs does not reduce it.
 
-The configured uncertainty of the calibration (`CalibrationUncertainty`, the parameters `mapping.calibration`) is a
+The configured uncertainty of the calibration (`CalibrationPrior`, the parameters `mapping.calibration`) is a
 prior. The rotation of the right camera that is measured in a pair can increase the sigma of yaw and pitch. The sigma of
 the residual distortion increases or decreases with the measured vertical disparity (`calibration_sigma`).
 
@@ -39,7 +39,7 @@ the largest calibration sigmas of its pairs. Sigma is conditional on the poses. 
 the compensation of a roll changes it.
 
 A new error source that differs between pixels requires a term in `uncertainty`. A new error source that is common to
-all points requires a parameter (`CalibrationUncertainty`), a field of `CalibrationSigma`, its value in
+all points requires a parameter (`CalibrationPrior`), a field of `CalibrationSigma`, its value in
 `calibration_sigma` and a term in `total_sigma`.
 
 A point has three standard deviations. The `fusion_sigma` (`ViewPoints`) is the result of the table's rows up to the
@@ -83,7 +83,7 @@ class PointSigma(NamedTuple):
     total: FloatArray32  #: Random sigma combined with the calibration error, which is common to all points.
 
 
-def point_sigma(
+def sigma_of_points(
     points: ViewPoints,
     pair: NDArray[np.uint8],
     poses_lm_left: Sequence[Transform],
@@ -104,7 +104,7 @@ def point_sigma(
 def sigma_of_view(view: PairView, saturation: Saturation, calibration: CalibrationSigma, rig: StereoRig) -> PointSigma:
     """Return the standard deviations of the points of one pair."""
     pair = np.zeros(view.points.size, np.uint8)
-    return point_sigma(view.points, pair, [view.T_lm_left], [saturation], calibration, rig)
+    return sigma_of_points(view.points, pair, [view.T_lm_left], [saturation], calibration, rig)
 
 
 def random_sigma(points: ViewPoints, pair: NDArray[np.uint8], saturations: Sequence[Saturation]) -> FloatArray32:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numba import prange
 
@@ -13,14 +11,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, with_reason
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
-
-
-def within_range(disparity_map: DisparityMap, min_disparity_px: float) -> DisparityMap:
-    """Return the map in which disparities below `min_disparity_px`, beyond the maximum depth, are invalid."""
-    is_beyond = disparity_map.px < min_disparity_px
-    return replace(disparity_map, status=with_reason(disparity_map.status, is_beyond, PixelStatus.BEYOND_RANGE))
 
 
 def view_of_pair(disparity_map: DisparityMap, rig: StereoRig, T_lm_left: Transform) -> PairView:

@@ -28,7 +28,7 @@ class SearchRange:
     count: int
 
 
-def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
+def search_range_of(rig: StereoRig, config: MappingConfig) -> SearchRange:
     """Return the disparities between the maximum and the minimum depth, `d = fx baseline / Z`.
 
     Surfaces at `min_range_m` may not be found if their disparity exceeds `MAX_DISPARITY_FRACTION` of the image width.

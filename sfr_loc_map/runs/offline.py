@@ -28,7 +28,7 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.maps import FusedMap, PairMap, warnings_of_pairs
-from sfr_loc_map.mapping.search_range import search_range
+from sfr_loc_map.mapping.search_range import search_range_of
 from sfr_loc_map.methods.config_truth import check_configuration
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
@@ -268,7 +268,7 @@ def map_pairs_with(
     check_count(sequence)
     maps: list[PairMap] = []
     records: list[CallRecord] = []
-    searched = search_range(sequence.rig, MappingConfig()).count
+    searched = search_range_of(sequence.rig, MappingConfig()).count
     with IsolatedMapper(how.method, sequence.rig, how.limits, disparities=searched, hidden=how.hidden) as mapper:
         if mapper.maps_sets:
             maps, fused, call = mapper.map_set(list(sequence.pairs()))

@@ -7,15 +7,15 @@ import pytest
 
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping import point_sigma
-from sfr_loc_map.mapping.calibration_sigma import calibration_sigma, is_yaw_significant
-from sfr_loc_map.mapping.config import CalibrationUncertainty
+from sfr_loc_map.mapping.calibration_sigma import is_yaw_significant, sigma_of_calibration
+from sfr_loc_map.mapping.config import CalibrationPrior
 from sfr_loc_map.mapping.disparity import hole_filling, image_noise, saturation, uncertainty
 from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
 from sfr_loc_map.mapping.multiview import fusion
 from sfr_loc_map.mapping.pair_findings import MIN_VERTICAL_WARNING_PX, vertical_warning_px
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 319.5, 239.5, 0.2)
-CONFIGURED = CalibrationUncertainty()
+CONFIGURED = CalibrationPrior()
 
 
 def rotation(yaw_sigma_rad: float, vertical_rms_px: float, distortion_rms_px: float) -> CameraRotation:
@@ -35,7 +35,7 @@ def rotation(yaw_sigma_rad: float, vertical_rms_px: float, distortion_rms_px: fl
 def test_distortion_is_the_configured_one_unless_the_pair_shows_another(
     yaw_sigma_rad: float, vertical_rms_px: float, distortion_rms_px: float, expected_px: float
 ) -> None:
-    found = calibration_sigma(rotation(yaw_sigma_rad, vertical_rms_px, distortion_rms_px), RIG, CONFIGURED)
+    found = sigma_of_calibration(rotation(yaw_sigma_rad, vertical_rms_px, distortion_rms_px), RIG, CONFIGURED)
     assert found.distortion_rad * RIG.fx == pytest.approx(expected_px)
 
 
@@ -52,14 +52,14 @@ def test_the_constants_that_the_table_of_sigma_names_exist() -> None:
 @pytest.mark.parametrize("distortion_px", [0.1, 0.3])
 def test_distortion_sets_the_thresholds_that_its_text_names(distortion_px: float) -> None:
     """A yaw is reported beyond three times the distortion in the corners, a pitch never is and only increases sigma."""
-    configured = CalibrationUncertainty(yaw_deg=0.0, pitch_deg=0.0, distortion_px=distortion_px)
+    configured = CalibrationPrior(yaw_deg=0.0, pitch_deg=0.0, distortion_px=distortion_px)
     corner_px_per_rad = RIG.fy * (0.5 * RIG.width / RIG.fx) * (0.5 * RIG.height / RIG.fy)
     largest_rad = 3.0 * distortion_px / corner_px_per_rad
     for yaw_rad, is_significant in ((0.99 * largest_rad, False), (1.01 * largest_rad, True)):
         turned = CameraRotation(yaw_rad, 0.0, 0.0, 0.0, 0.0, 0.0)
         assert is_yaw_significant(turned, RIG, configured) == is_significant
-        assert (calibration_sigma(turned, RIG, configured).yaw_rad > 0.0) == is_significant
+        assert (sigma_of_calibration(turned, RIG, configured).yaw_rad > 0.0) == is_significant
     for offset_px, is_pitch in ((0.99 * distortion_px, False), (1.01 * distortion_px, True)):
         tilted = CameraRotation(0.0, 0.0, 0.0, offset_px / RIG.fy, offset_px, 0.0)
-        assert (calibration_sigma(tilted, RIG, configured).pitch_rad > 0.0) == is_pitch
+        assert (sigma_of_calibration(tilted, RIG, configured).pitch_rad > 0.0) == is_pitch
     assert vertical_warning_px(configured) == pytest.approx(max(3.0 * distortion_px, MIN_VERTICAL_WARNING_PX))

@@ -34,7 +34,7 @@ NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], F
 NOISE_GAIN = 6.0  #: Factor by which the mask amplifies white noise: the root of the sum of its squared taps.
 
 
-def image_noise(image: FloatImage) -> float:
+def noise_of_image(image: FloatImage) -> float:
     """Return the standard deviation of the noise of an image `(H, W)`, grey levels (Immerkaer 1996)."""
     response = np.asarray(cv2.filter2D(image, -1, NOISE_MASK), F)
     return mad_sigma(response[::2, ::2]) / NOISE_GAIN

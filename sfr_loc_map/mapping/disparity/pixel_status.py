@@ -13,14 +13,15 @@ StatusImage = NDArray[np.uint8]  #: `(H, W)`, the `PixelStatus` of each pixel.
 
 
 class PixelStatus(IntEnum):
-    """Status of a pixel. The reason of an invalid pixel is the first failed test in the order of the values.
+    """Status of a pixel. The reason of an invalid pixel is the first failed test in the order of `validity`.
 
     A pixel that is saturated and fails an earlier test has the reason of that test. Like all saturated pixels, it is
     not filled. A filled pixel does not keep its reason.
 
-    The status is that of one pair. Two steps of the fusion ignore valid pixels without changing their status:
-    `multiview.fixed_content` removes content that is fixed to the image, and `multiview.projection` compares points
-    only with pixels whose neighbours are valid and on one surface.
+    The status is that of one pair, and the fusion does not change it. A valid pixel may therefore have no point in a
+    fused cloud: `multiview.fixed_content` removes content that is fixed to the image, and `multiview.fusion` drops
+    points that conflict with another pair or sample the same spot. `multiview.projection` compares points only with
+    pixels whose neighbours are valid and on one surface.
     """
 
     MEASURED = 0  #: Valid: passed all tests.

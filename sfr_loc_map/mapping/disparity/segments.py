@@ -37,8 +37,11 @@ class Segments(NamedTuple):
     pixels: IntArray  #: `(S,)`, number of pixels of each segment.
 
 
-def valid_segments(left: FloatImage, right: FloatImage, disparity: FloatImage, valid: Mask) -> Mask:
-    """Return the mask of the valid pixels `(H, W)` without segments that are too small or consist of noise."""
+def not_a_surface_mask(left: FloatImage, right: FloatImage, disparity: FloatImage, valid: Mask) -> Mask:
+    """Return the mask of the pixels `(H, W)` that are invalid, or in a segment that is too small or consists of noise.
+
+    Segments consist of valid pixels.
+    """
     steps = np.rint(disparity * STEPS_PER_PX).astype(np.int32)
     steps[~valid] = -1
     segments = _find_segments(steps, np.int32(STEPS_PER_PX * SURFACE_JUMP_PX))
@@ -50,7 +53,7 @@ def valid_segments(left: FloatImage, right: FloatImage, disparity: FloatImage, v
     labels = segments.label.flat[flat_indices]
     correlation = _gradient_correlation(left, right, disparity, flat_indices, labels, len(pixels))
     kept.flat[flat_indices] = correlation >= MIN_CORRELATION
-    return kept
+    return ~kept
 
 
 @jit_inline
@@ -63,18 +66,18 @@ def _root(parent: NDArray[np.int32], i: int) -> np.int32:
 
 
 @jit_inline
-def _same_segment(a: np.int32, b: np.int32, largest: np.int32) -> bool:
-    """Return whether two neighbours belong to one segment."""
-    return bool(a >= 0 and b >= 0 and abs(a - b) <= largest)
+def _same_segment(a: np.int32, b: np.int32, max_difference: np.int32) -> bool:
+    """Return whether two neighbours belong to one segment, from their disparities in steps."""
+    return bool(a >= 0 and b >= 0 and abs(a - b) <= max_difference)
 
 
 @jit
-def _find_segments(steps: NDArray[np.int32], largest: np.int32) -> Segments:
+def _find_segments(steps: NDArray[np.int32], max_difference: np.int32) -> Segments:
     """Return the segments of disparities in integer steps; negative steps are invalid.
 
-    Neighbours above, below or beside that differ by at most `largest` steps belong to one segment. The segments are
-    found by union-find over the rows. The first pixel of each segment is its root, and labels are in the order of
-    the roots.
+    Neighbours above, below or beside that differ by at most `max_difference` steps belong to one segment. The segments
+    are found by union-find over the rows. The first pixel of each segment is its root, and labels are in the order
+    of the roots.
     """
     rows, cols = steps.shape
     parent = np.empty(rows * cols, np.int32)
@@ -85,13 +88,13 @@ def _find_segments(steps: NDArray[np.int32], largest: np.int32) -> Segments:
         joined_above = False
         for x in range(cols):
             i = y * cols + x
-            beside = x > 0 and _same_segment(row[x], row[x - 1], largest)
+            beside = x > 0 and _same_segment(row[x], row[x - 1], max_difference)
             if not beside:
                 root = np.int32(i if row[x] >= 0 else -1)
             parent[i] = root
-            over = y > 0 and _same_segment(row[x], above[x], largest)
+            over = y > 0 and _same_segment(row[x], above[x], max_difference)
             # Already joined if the previous pixel joined the same segment above.
-            if over and not (beside and joined_above and _same_segment(above[x], above[x - 1], largest)):
+            if over and not (beside and joined_above and _same_segment(above[x], above[x - 1], max_difference)):
                 other = _root(parent, i - cols)
                 first = min(root, other)
                 parent[max(root, other)] = first

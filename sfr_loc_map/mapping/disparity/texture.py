@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
-from sfr_loc_map.mapping.disparity.image_noise import image_noise
+from sfr_loc_map.mapping.disparity.image_noise import noise_of_image
 from sfr_loc_map.mapping.filters import local_variance
 
 MIN_TEXTURED_FRACTION = 0.02
@@ -21,7 +21,7 @@ MIN_TEXTURE_GREY = 1.0
 
 def measured_textured_fraction(left: FloatImage, measured: Mask) -> float:
     """Return the fraction of the left image's textured pixels that are measured; NaN if too few pixels are textured."""
-    threshold = max(TEXTURE_SIGMAS * image_noise(left), MIN_TEXTURE_GREY)
+    threshold = max(TEXTURE_SIGMAS * noise_of_image(left), MIN_TEXTURE_GREY)
     textured = local_variance(left) > threshold**2
     count = np.count_nonzero(textured)
     if count < MIN_TEXTURED_FRACTION * textured.size:

@@ -1,18 +1,49 @@
 """Validity tests of disparities: visible to both cameras, consistent in both images, and on the correct surface.
 
-`PixelStatus` lists the tests in their order. The segment test is applied twice, before and after the wrong-surface
-test. Holes are filled and points beyond the maximum depth are removed later (`hole_filling`, `reprojection`).
+The tests in the order of the calls, with the `PixelStatus` of the pixels that fail:
+
+1. UNMATCHED: the matcher rejects the pixel (`semi_global_matching`).
+2. CHANGED: the refinement changes the disparity too much (`_changed_mask`).
+3. OCCLUDED: a nearer surface hides the point from the right camera, or the point is outside the right image
+   (`surfaces`). Only pixels that pass the tests above can occlude.
+4. MISMATCHED: the residual exceeds the noise and is similar to the contrast of the image (`_mismatch_mask`).
+5. RAMP: the pixel is on a ramp that joins two surfaces (`_ramp_mask`).
+6. NOT_A_SURFACE: the segment of the pixel is too small or consists of noise (`segments`).
+7. WRONG_SURFACE: the pixel is beside a jump and probably has the disparity of the wrong side (`wrong_surface`).
+8. NOT_A_SURFACE, again: test 7 may have reduced a segment to a small one.
+9. SATURATED: the neighbourhood of the pixel is completely saturated (`saturation`).
+10. BEYOND_RANGE: the point is beyond the maximum depth. `Mapper.process` calls this test (`within_range`) after holes
+    are filled and the roll is removed, so that it applies to the final disparities.
+
+A pixel has the reason of the first test that it fails. `hole_filling` may make any invalid pixel valid again, except
+in saturated neighbourhoods (`Saturation.square_saturated`).
+
+To add a test of the pixels of one pair:
+
+- Add a value at the end of `PixelStatus`. The values are part of the results (`MappedPair.pixel_status`) and must not
+  be renumbered.
+- Add a function that returns the mask of the pixels that fail, and its call `with_reason(...)` in `judge_pixels`. The
+  place of the call determines which reason a pixel has that fails several tests.
+- A call in `status_before_wrong_surface` changes the pixels with which the network of test 7 was trained. Train the
+  network again (`tools/train_jump_network.py`).
+- If the pixels must not be filled, exclude them in `hole_filling.fill_holes` as saturated pixels are.
+
+A test that compares pairs does not change the status of pixels. `multiview.fixed_content` removes content of images,
+and `multiview.fusion` drops points.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
+from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, StatusImage, is_valid, with_reason
 from sfr_loc_map.mapping.disparity.saturation import Saturation
-from sfr_loc_map.mapping.disparity.segments import valid_segments
+from sfr_loc_map.mapping.disparity.segments import not_a_surface_mask
 from sfr_loc_map.mapping.disparity.surfaces import occlusion_mask, right_surfaces, slope_along_rows
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 from sfr_loc_map.mapping.disparity.wrong_surface import JumpScene, wrong_surface_mask
@@ -68,10 +99,9 @@ def judge_pixels(
         sigma=sigma_px,
     )
     status = with_reason(status, wrong_surface_mask(scene), PixelStatus.WRONG_SURFACE)
-    # The last test may have reduced a segment to a small one.
-    status = with_reason(
-        status, ~valid_segments(left, right, disparity_px, is_valid(status)), PixelStatus.NOT_A_SURFACE
-    )
+    # The wrong-surface test may have reduced a segment to a small one.
+    not_a_surface = not_a_surface_mask(left, right, disparity_px, is_valid(status))
+    status = with_reason(status, not_a_surface, PixelStatus.NOT_A_SURFACE)
     return with_reason(status, saturation.square_saturated, PixelStatus.SATURATED)
 
 
@@ -87,7 +117,14 @@ def status_before_wrong_surface(
     status = with_reason(status, occluded, PixelStatus.OCCLUDED)
     status = with_reason(status, _mismatch_mask(left, refined), PixelStatus.MISMATCHED)
     status = with_reason(status, _ramp_mask(disparity_px), PixelStatus.RAMP)
-    return with_reason(status, ~valid_segments(left, right, disparity_px, is_valid(status)), PixelStatus.NOT_A_SURFACE)
+    not_a_surface = not_a_surface_mask(left, right, disparity_px, is_valid(status))
+    return with_reason(status, not_a_surface, PixelStatus.NOT_A_SURFACE)
+
+
+def within_range(disparity_map: DisparityMap, min_disparity_px: float) -> DisparityMap:
+    """Return the map in which disparities below `min_disparity_px`, beyond the maximum depth, are invalid."""
+    is_beyond = disparity_map.px < min_disparity_px
+    return replace(disparity_map, status=with_reason(disparity_map.status, is_beyond, PixelStatus.BEYOND_RANGE))
 
 
 def _changed_mask(initial_px: FloatImage, disparity_px: FloatImage) -> Mask:

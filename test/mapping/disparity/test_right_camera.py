@@ -11,7 +11,7 @@ from helpers.disparity_world import World, hills, make_world
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.config import CalibrationUncertainty, MappingConfig
+from sfr_loc_map.mapping.config import CalibrationPrior, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.maps import PairMap
 
@@ -67,7 +67,7 @@ def errors_over_sigma(made: Any, result: PairMap) -> tuple[np.ndarray, np.ndarra
 
 
 def test_sigma_of_an_exact_calibration_is_that_of_noise(made: Any) -> None:
-    exact = MappingConfig(calibration=CalibrationUncertainty(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    exact = MappingConfig(calibration=CalibrationPrior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     for decentring_px in (0.0, 0.02):  # less vertical disparity than is ever warned of
         result = mapped(made, (0.0, 0.0, 0.0), decentring_px, exact)
         assert result.warnings == ()
