@@ -7,6 +7,9 @@ The configured residual distortion (`CalibrationPrior.distortion_px`) sets the t
 - A vertical offset above the distortion and above `MIN_ROTATION_PX` increases sigma like a pitch
   (`_pitch_threshold_px`).
 - Vertical disparity above a multiple of the distortion causes a warning (`pair_findings.vertical_warning_px`).
+
+A larger configured distortion therefore increases sigma, but also raises the yaw, the offset and the vertical disparity
+that remain without effect.
 """
 
 from __future__ import annotations
@@ -68,9 +71,10 @@ def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, configured: C
     above `_pitch_threshold_px` is added as a pitch and is not reported. Roll is compensated (`without_roll`).
 
     Residual distortion causes an error along rows that is about as large as the vertical disparity. The distortion is
-    at least the configured value and at least the vertical disparity without offset and roll (`distortion_rms_px`),
-    which may have other causes. If the rotation was measured, the distortion is at most the total vertical disparity
-    (`vertical_rms_px`). Without a measurement, the total is unknown. A configured value of 0 means no distortion.
+    the larger of the configured value and the vertical disparity without offset and roll (`distortion_rms_px`). If the
+    rotation was measured, the distortion is limited to the total vertical disparity (`vertical_rms_px`), which may be
+    less than the configured value. Without a measurement, the total is unknown. A configured value of 0 means no
+    distortion.
     """
     yaw_rad = math.radians(configured.yaw_deg)
     if is_yaw_significant(rotation, rig, configured):

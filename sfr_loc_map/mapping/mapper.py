@@ -3,8 +3,7 @@
 LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping. Names of a rig call the
 same frame SB. Disparities refer to the left image and are in pixels. Lengths are in metres.
 
-The stages of `Mapper.process`, with their modules and results. Each stage takes the results of earlier stages, as
-`Mapper.process` shows:
+The stages of `Mapper.process`, with their modules and results:
 
 1. `check_images` (`checks`): images are refused if they are textureless, identical, or not of the rig's size.
 2. `estimate_disparity` (`disparity/estimation`) -> `DisparityMap`: disparity, sigma and status of each pixel of the
@@ -48,9 +47,10 @@ To add
   `Mapper.fuse` that takes and returns views, like `without_fixed_content`.
 - a statistic or a warning: the docstring of `findings` lists the places.
 
-No stage changes its arguments. The only state of the mapper is its rig, its parameters and the disparity search range
-that follows from both. Compiled kernels, and the network that classifies pixels beside disparity jumps, are loaded once
-per process. Elevation and hazard grids are computed from a cloud by `terrain`, not by the mapper.
+Each stage takes results of earlier stages, and no stage changes its arguments. The only state of the mapper is its rig,
+its parameters and the disparity search range that follows from both. Compiled kernels, and the network that classifies
+pixels beside disparity jumps, are loaded once per process. Elevation and hazard grids are computed from a cloud by
+`terrain`, not by the mapper.
 """
 
 from __future__ import annotations

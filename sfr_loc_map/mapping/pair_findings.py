@@ -51,6 +51,7 @@ def findings_of_pair(
         "matched_share": disparity_map.measured_textured_fraction,
         "right_yaw_deg": math.degrees(rotation.yaw_rad) if rotation.is_measured else math.nan,
         "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if rotation.is_measured else math.nan,
+        # Finite even if the rotation is not measured: the roll of the vertical disparity that was removed.
         "right_roll_deg": math.degrees(rotation.roll_rad),
         "saturated_share": disparity_map.saturation.fraction,
     }

@@ -21,10 +21,11 @@ class SearchRange:
 
     min_disparity_px: float  #: Disparity at `max_range_m`; smaller disparities are searched but not kept.
     #: Limit that the search must reach: the smaller of the disparity at `min_range_m` and half the image width. Larger
-    #: disparities that are found are kept. Messages with the disparity image state this limit.
+    #: disparities that are found are kept. In ROS, `stereo_msgs/DisparityImage` states this limit.
     max_disparity_px: float
     #: Number of integer disparities from 0 that reaches the limit, a multiple of `DISPARITY_STEP`. In wide images,
-    #: `semi_global_matching` rounds the number up to a multiple of `2 * DISPARITY_STEP`.
+    #: `semi_global_matching` rounds the number up to a multiple of `2 * DISPARITY_STEP` and searches every second
+    #: disparity, so that the largest one may be missed.
     count: int
 
 

@@ -40,7 +40,7 @@ from sfr_loc_map.mapping.disparity.variational_refinement import refine_disparit
 
 
 def estimate_disparity(pair: StereoPair, camera: StereoCamera, disparity_count: int) -> DisparityMap:
-    """Return the disparity map of a pair; at least the disparities from 0 to `disparity_count - 1` are searched."""
+    """Return the disparity map of a pair from a search over `disparity_count` integer disparities from 0."""
     left = pair.left.astype(F)
     initial_px = semi_global_matching(pair.left, pair.right, disparity_count)
     initial_cells = cells_from_disparity(initial_px)

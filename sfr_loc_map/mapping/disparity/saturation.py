@@ -33,7 +33,9 @@ class Saturation:
 def measure_saturation(left: GreyImage, right: GreyImage, disparity_px: FloatImage) -> Saturation:
     """Return the saturation around each pixel and its corresponding pixel.
 
-    The disparities must be defined everywhere.
+    The images are those of the cameras, and the disparities must be defined everywhere. The corresponding pixel is
+    searched in the same row. If the right camera has a vertical disparity, the saturation of the right image is
+    therefore displaced by that disparity, usually less than a pixel.
     """
     saturated_left = cv2.LUT(left, SATURATED_GREY_LEVELS)
     saturated_right = cv2.LUT(right, SATURATED_GREY_LEVELS)
@@ -47,7 +49,7 @@ def measure_saturation(left: GreyImage, right: GreyImage, disparity_px: FloatIma
 
 
 def _warped(right: cv2.typing.MatLike, disparity_px: FloatImage) -> cv2.typing.MatLike:
-    """Return the right image at the pixels of the left image, 0 outside."""
+    """Return the right image at the pixels of the left image, 0 outside; vertical disparity is ignored."""
     rows, cols = disparity_px.shape
     x = np.arange(cols, dtype=F) - disparity_px
     y = np.arange(rows, dtype=F)[:, None].repeat(cols, axis=1)

@@ -1,7 +1,7 @@
 """The vertical disparity of a pair as a polynomial, by robust least squares on photometric residuals.
 
-Content of the right image that is s pixels lower than in the left image changes the residual by s times the slope of
-the image along the column. A fit is one Gauss-Newton step, whose linearisation is valid within about one pixel.
+Content of the right image that is s pixels lower than in the left image changes the residual by minus s times the slope
+of the image along the column. A fit is one Gauss-Newton step, whose linearisation is valid within about one pixel.
 """
 
 from __future__ import annotations

@@ -28,8 +28,8 @@ sigma of 0."""
 class ElevationModel:
     """Heights over a grid whose rows are along y and columns along x of LM."""
 
-    height_m: FloatArray32  #: `(R, C)` float32, z of LM; NaN in cells without a point.
-    sigma_m: FloatArray32  #: `(R, C)` float32, standard deviation of the height; NaN in cells without a point.
+    height_m: FloatArray32  #: `(R, C)` float32, z of LM; NaN where unknown, at least in cells without a point.
+    sigma_m: FloatArray32  #: `(R, C)` float32, standard deviation of the height; NaN where the height is unknown.
     count: NDArray[np.int32]  #: `(R, C)` int32, points in the cell.
     cells: CellGrid  #: Number, position and size of the cells.
 

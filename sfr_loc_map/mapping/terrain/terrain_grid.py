@@ -33,7 +33,8 @@ that covers a smaller fraction of a cell does not cause a step. Chosen by hand."
 STEP_RADIUS_M = 0.25
 """Radius within which a difference of heights is a step, metres. Chosen by hand: with a larger radius, the shape of the
 ground would count as a step, and with a smaller radius, steps across several cells would be missed. The radius is part
-of the definition of a step; the parameters `max_step_m` and `footprint_radius_m` describe the rover."""
+of the definition of a step; the parameters `max_step_m` and `footprint_radius_m` describe the rover. Cells larger than
+the radius are compared with no other cell: a step is then the difference of heights within a cell."""
 MIN_FOOTPRINT_FRACTION = 0.5
 """Minimum fraction of the footprint's cells with a height for slope and roughness. At the edge of the mapped ground,
 half of the footprint has heights, so that the plane is interpolated and not extrapolated. Chosen by hand."""
@@ -64,7 +65,8 @@ class OuterHeights(NamedTuple):
 class TerrainGrid:
     """The ground as a rover's planner uses it, over a grid whose rows are along y and columns along x of LM."""
 
-    #: Heights, their sigma, points of each cell, position and size of the cells; NaN in cells with too few points.
+    #: Heights, their sigma, points of each cell, position and size of the cells. Unlike in the model of
+    #: `elevation_model`, cells with fewer than `MIN_POINTS` points are NaN.
     elevation: ElevationModel
     #: `(R, C)` float32, angle of the plane fitted to the heights within the rover's footprint.
     slope_rad: FloatArray32
@@ -92,6 +94,10 @@ def terrain_grid(
     The computation has four stages: heights of the cells, planes fitted to the heights within the footprint (slope,
     roughness), steps relative to these planes, and hazards from the ratios of slope, roughness and step to the rover's
     limits.
+
+    To add a criterion of hazard: a layer of `TerrainGrid`, and its ratio to a limit. A property of the ground under the
+    complete footprint, like the slope, is part of `plane_ratio` of `_hazards`. A property of a single cell, like the
+    step, is part of `step_ratio`, so that the cell counts anywhere in the footprint.
     """
     cell_m = config.cell_m
     poses = poses_lm_left or None  # an empty sequence means no poses
