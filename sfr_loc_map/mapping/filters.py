@@ -50,7 +50,7 @@ def second_differences(image: FloatImage) -> SecondDifferences:
 
 
 def local_variance(image: FloatImage) -> FloatImage:
-    """Return the variance around each pixel `(H, W)`; the border is mirrored. Sums of integer grey levels are exact."""
+    """Return the variance around each pixel `(H, W)`; the border is mirrored."""
     mean = box_mean(image, VARIANCE_SIDE)
     return np.asarray(box_mean(image * image, VARIANCE_SIDE) - mean * mean, F)
 

@@ -282,12 +282,15 @@ def _own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatArray32:
 
 @jit_rows_inline
 def _is_contradicted(disparity: np.float32, surfaces: RightSurfaces, y: int, x: int) -> bool:
-    """Return whether the corresponding pixel is outside the right image or belongs to another surface.
+    """Return whether a hypothesis is contradicted by the right image.
 
-    A disparity of NaN (no surface in that direction) is contradicted.
-    A farther surface contradicts the hypothesis, too. In `surfaces.occlusion_mask` it does not, because a measured
-    pixel may hide a farther surface, but a hypothesis is not measured. The last column counts as outside, because the
-    matching cost interpolates to the right of the corresponding point.
+    A hypothesis is contradicted if one of the following is true:
+
+    - Its disparity is NaN: no surface exists in that direction.
+    - The corresponding pixel is outside the right image, or in its last column, because the matching cost interpolates
+      to the right of the corresponding point.
+    - The corresponding pixel belongs to a nearer or a farther surface. A measured pixel may hide a farther surface
+      (`surfaces.occlusion_mask`), but a hypothesis is not measured.
     """
     column = F(x) - disparity
     is_inside = column >= F(0.0) and column < F(surfaces.low.shape[1] - 1)

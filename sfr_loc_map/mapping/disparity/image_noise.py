@@ -1,4 +1,26 @@
-"""The noise of images and of photometric residuals, measured in each pair."""
+"""The noise of images and of photometric residuals, measured in each pair.
+
+A photometric residual is a grey level of the warped right image minus that of the left image. Its noise is the sum of
+the noise of both images, and of the rounding of their grey levels. The functions and their uses:
+
+========================  ============================================  ===============================================
+function                  what                                          used for
+========================  ============================================  ===============================================
+`noise_of_image`          standard deviation of one image's noise       the threshold of texture (`texture`)
+`rounding_noise`          standard deviation of a residual that         the lower bound of the following two
+                          rounding alone causes
+`overall_noise`           standard deviation of all residuals,          clipping residuals for the brightness offset
+                          including their brightness offset             and the template (`linearise`)
+`noise_variance`          variance of a residual without its            the data term and its information, and thereby
+                          brightness offset, in each cell               sigma and the mismatch test (`linearise`)
+`block_variance_ratio`    increase of the variance of averages, if      inflating `noise_variance` where it divides the
+                          the noise is correlated between pixels        information (`linearise`)
+========================  ============================================  ===============================================
+
+`variational_refinement.linearise` calls the last three functions in each iteration. The noise of a pair, `noise_grey`
+(`RefinedDisparity`), is the median standard deviation by `noise_variance` of the last iteration. Thresholds of
+`validity`, `hole_filling` and `multiview` are multiples of `noise_grey`.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +69,7 @@ def rounding_noise(image: FloatImage) -> float:
 
 
 def overall_noise(residual: FloatImage, min_noise: float) -> float:
-    """Return the robust standard deviation of a residual `(H, W)`, grey levels, at least `min_noise`."""
+    """Return the robust standard deviation of a residual `(H, W)` about its median, at least `min_noise`."""
     sample = residual[SAMPLED_PIXELS]
     sample = sample[np.isfinite(sample)]
     if not len(sample):
@@ -93,10 +115,7 @@ def block_variance_ratio(means: FloatImage, offset: FloatImage, variance: FloatI
     The ratio exceeds 1 if the noise is correlated between pixels, for example after filtering or compression.
     """
     blocks = downsample_mean(np.asarray((means - offset) / np.sqrt(variance), F), 2)
-    # Cells without residuals have a mean of 0, and blocks of 0 are ignored. Near cells with residuals the offset of
-    # such a block is not 0, so that the block counts. Ignoring these blocks, too, is not better
-    # (measurements/mapper_trials.md).
-    known = blocks[blocks != 0]
+    known = blocks[blocks != 0]  # a block of exactly 0 has no residuals
     if not len(known):
         return F(1.0)
     return F(max(BLOCK_PIXELS * mad_sigma(known) ** 2, 1.0))

@@ -44,7 +44,8 @@ class CameraRotation:
     roll_rad: float  #: About z; a positive roll turns the camera clockwise.
     pitch_rad: float  #: About x; a positive pitch turns the camera up. Equivalent to the vertical offset.
     vertical_rms_px: float  #: Root mean square of the vertical disparity over the image.
-    distortion_rms_px: float  #: Root mean square of the vertical disparity without its offset and roll.
+    #: Root mean square about its mean of the vertical disparity without its roll: the part that no offset explains.
+    distortion_rms_px: float
 
     @property
     def is_measured(self) -> bool:
@@ -69,18 +70,18 @@ def measure_right_rotation(disparity_map: DisparityMap, rig: StereoRig) -> Camer
         disparity_map.valid,
     )
     vertical = removed if fit is None else removed.plus(fit.polynomial)
-    distortion = vertical._replace(constant=0.0, along_x=0.0)  # without the offset and the roll
+    without_offset_and_roll = vertical._replace(constant=0.0, along_x=0.0)
     columns = np.linspace(0.0, rig.width - 1.0, GRID_POINTS)[None]
     rows = np.linspace(0.0, rig.height - 1.0, GRID_POINTS)[:, None]
     vertical_px = vertical.at_pixels(columns, rows, rig.camera)
-    distortion_px = distortion.at_pixels(columns, rows, rig.camera)
+    distortion_px = without_offset_and_roll.at_pixels(columns, rows, rig.camera)
     return CameraRotation(
         yaw_rad=-vertical.saddle / rig.fy,
         yaw_sigma_rad=math.inf if fit is None else fit.sigmas.saddle / rig.fy,
         roll_rad=-vertical.along_x / rig.fy,
         pitch_rad=vertical.constant / rig.fy,
         vertical_rms_px=float(np.sqrt(np.mean(np.square(vertical_px)))),
-        distortion_rms_px=float(np.std(distortion_px)),
+        distortion_rms_px=float(np.std(distortion_px)),  # the terms in y^2 and x y have a mean, too
     )
 
 

@@ -47,8 +47,10 @@ def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
 
         integral d2k / (2 pi)^2 1 / (h + s k^4) = 1 / (8 sqrt(h s))
 
-    at each point. Smoothing adds a bias proportional to the remaining second differences and to the square of the
-    smoothing radius, `(s / h)^(1/4)` cells. Creases add an error proportional to their second difference.
+    at each point. The formula has one weight. Here, s is the geometric mean of the weights along rows and along
+    columns; the weight of the mixed second difference is not used. Smoothing adds a bias proportional to the remaining
+    curvature and to the square of the smoothing radius, `(s / h)^(1/4)` cells. Creases add an error proportional to
+    their curvature. The curvature is the sum of the magnitudes of the second differences along rows and along columns.
     """
     information = np.maximum(box_mean(refined.information, WINDOW_CELLS) - NOISE_INFORMATION, MIN_INFORMATION)
     weight_x = box_mean(refined.weights.along_x, WINDOW_CELLS)
