@@ -1,23 +1,22 @@
 """The standard deviation of points: noise, smoothing, saturation and the uncertainty of the calibration.
 
-The error of the calibration is common to all points. A constant disparity error, for example due to a yaw of the right
-camera, causes a depth error of `Z^2 / (fx baseline)` per pixel of disparity. Within a pair this error cannot be
-distinguished from a different depth, and averaging over points or pairs does not reduce it.
+A point has three standard deviations along its ray:
 
-The configured uncertainty of the calibration (`CalibrationPrior`, the parameters `mapping.calibration`) is a
-prior. The rotation of the right camera that is measured in a pair can increase the sigma of yaw and pitch. The sigma of
-the residual distortion increases or decreases with the measured vertical disparity (`calibration_sigma`).
+- The `fusion_sigma` (`ViewPoints`) is the result of the table's rows up to the fusion, including the fusion of fused
+  points. Views are compared and weighted by it.
+- The random sigma (`PointSigma.random`) is the `fusion_sigma` increased by saturation.
+- The total sigma (`PointSigma.total`, `PointCloud.sigma`) also includes the calibration.
 
-The table lists all contributions to a point's sigma in the order of the calls. Standard deviations of disparities are
-in pixels, and standard deviations of points are in metres:
+The table lists all contributions in the order of the calls. Standard deviations of disparities are in pixels, and
+standard deviations of points are in metres:
 
 =====================================  =================================================================================
 where                                  formula
 =====================================  =================================================================================
 image_noise.noise_variance             variance of a residual, which divides the information: at least the square of
                                        `rounding_noise`; DEFAULT_VARIANCE if too few residuals are available
-variational_refinement.linearise       information and information vector / max(mean chi2 / mean weight,
-                                       `block_variance_ratio` of the noise, at least 1), means over WINDOW_CELLS
+variational_refinement.linearise       information / max(1, mean chi2 / mean weight, variance ratio of blocks), with
+                                       means over WINDOW_CELLS (`image_noise.block_variance_ratio`)
 uncertainty.disparity_sigma            variance 1 / (8 sqrt(h s)) + (SMOOTHING_BIAS curvature)^2 s / h +
                                        (CREASE_BIAS crease)^2. The information h is reduced by NOISE_INFORMATION and at
                                        least MIN_INFORMATION, s is the smoothness weight, the curvature is at most
@@ -30,23 +29,29 @@ multiview.fusion (only fused points)   variance c sigma^2 + (1 - c) sum w_i^2 s_
                                        w_i = feather / s_i^2 and c = COMMON_VARIANCE
 point_sigma.random_sigma               (1 + SIGMA_GROWTH f) sigma, with the saturated fraction f of a square of side
                                        NEARBY_SIDE_PX (`saturation`)
-point_sigma.total_sigma                variance sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2), with the angle a
-                                       of `total_sigma` from the result of `calibration_sigma`
+point_sigma.total_sigma                variance sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2). The docstring of
+                                       `total_sigma` has the angle a as a function of `CalibrationSigma`, and
+                                       `disparity/right_camera` the geometry from which it follows
 =====================================  =================================================================================
 
-A significant yaw and a pitch above its threshold are added to the configured values in quadrature. A set of pairs uses
-the largest calibration sigmas of its pairs. Sigma is conditional on the poses. Neither the registration of poses nor
-the compensation of a roll changes it.
+The error of the calibration is common to all points. A constant disparity error, for example due to a yaw of the right
+camera, causes a depth error of `Z^2 / (fx baseline)` per pixel of disparity. Within a pair this error cannot be
+distinguished from a different depth, and averaging over points or pairs does not reduce it. The configured uncertainty
+of the calibration (`CalibrationPrior`, the parameters `mapping.calibration`) is a prior, and the rotation of the right
+camera that is measured in a pair changes it (`sigma_of_calibration`). A set of pairs uses the largest calibration
+sigmas of its pairs. Sigma is conditional on the poses. Neither the registration of poses nor the compensation of a roll
+changes it.
 
-A new error source that differs between pixels requires a term in `uncertainty`. A new error source that is common to
-all points requires a parameter (`CalibrationPrior`), a field of `CalibrationSigma`, its value in
-`calibration_sigma` and a term in `total_sigma`.
+To add an error source:
 
-A point has three standard deviations. The `fusion_sigma` (`ViewPoints`) is the result of the table's rows up to the
-fusion; views are compared and weighted by it. The random sigma (`PointSigma.random`) is the `fusion_sigma` increased by
-saturation. The total sigma (`PointSigma.total`, `PointCloud.sigma`) also includes the calibration. Saturation and
-calibration do not affect the weights of the fusion: averaging does not reduce the error of the calibration, which is
-common to all pairs, and the factor of saturation is an allowance and not a measured noise.
+- A noise that is measured and differs between pixels requires a term in `uncertainty`. It then weights the fusion.
+- An allowance that differs between pixels, and is no measured noise, requires a factor in `random_sigma`, like
+  saturation. It does not affect the weights of the fusion.
+- An error that is common to all points requires a parameter (`CalibrationPrior`), a field of `CalibrationSigma`, its
+  value in `sigma_of_calibration` and a term in `total_sigma`. It does not affect the weights of the fusion, because
+  averaging does not reduce it.
+
+Each also requires a row in the table.
 """
 
 from __future__ import annotations
