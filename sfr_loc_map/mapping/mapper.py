@@ -71,7 +71,7 @@ from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
 from sfr_loc_map.mapping.disparity.right_camera import measure_right_rotation, without_roll
 from sfr_loc_map.mapping.disparity.validity import within_range
-from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairMap, fusion_input_of, warnings_of_pairs
+from sfr_loc_map.mapping.maps import FusedMap, MappedPair, fusion_input_of, warnings_of_pairs
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.registration import register_views
@@ -154,7 +154,7 @@ class Mapper:
             findings=findings,
         )
 
-    def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
+    def fuse(self, maps: Sequence[MappedPair]) -> FusedMap:
         """Return one cloud from up to three pairs; the `pair` of a point is the index of its map in `maps`.
 
         The poses of the result are in the order of the maps.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,6 +36,23 @@ class PairMap:
     warnings: tuple[str, ...] = ()  #: Warnings of the call, one line each.
 
 
+class ViewValues(NamedTuple):
+    """The values of a `PairMap` that follow from its view.
+
+    The fusion uses the view and would ignore values that were replaced later. `fusion_input_of` refuses such a map.
+    """
+
+    cloud: PointCloud
+    random_sigma: FloatArray32
+    T_lm_left: Transform
+    disparity_px: FloatImage
+
+    @classmethod
+    def of(cls, pair_map: PairMap) -> ViewValues:
+        """Return the present values of a map."""
+        return cls._make(getattr(pair_map, name) for name in cls._fields)
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FusionInput:
     """Data of one pair that the fusion uses."""
@@ -43,9 +61,7 @@ class FusionInput:
     view: PairView  #: Points with their fusion sigma, disparities and pose.
     saturation: Saturation  #: Saturated pixels, which increase the sigma of fused points.
     calibration: CalibrationSigma  #: Uncertainty of the calibration given the measurements in this pair.
-    #: The `_values_from_view` of the map as `Mapper.process` stored them. The fusion uses the view and would ignore a
-    #: value that was replaced later.
-    stored_values: tuple[object, ...]
+    given_values: ViewValues  #: The values of the map as `Mapper.process` returned them.
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -77,20 +93,13 @@ class MappedPair(PairMap):
         """Return the map of a pair from the results of the stages of `Mapper.process`."""
         pair = np.full(view.points.size, index, np.uint8)
         cloud = view.points.to_cloud(sigma.total, pair, fused=False)
-        disparity_px = read_only(view.images.disparity)
+        values = ViewValues(cloud, sigma.random, view.T_lm_left, read_only(view.images.disparity))
         fusion_input = FusionInput(
-            rig=rig,
-            view=view,
-            saturation=disparity_map.saturation,
-            calibration=calibration,
-            stored_values=(cloud, sigma.random, view.T_lm_left, disparity_px),
+            rig=rig, view=view, saturation=disparity_map.saturation, calibration=calibration, given_values=values
         )
         return cls(
             stamp_ns=stamp_ns,
-            cloud=cloud,
-            random_sigma=sigma.random,
-            T_lm_left=view.T_lm_left,
-            disparity_px=disparity_px,
+            **values._asdict(),
             pixel_status=read_only(disparity_map.status),
             fusion_input=fusion_input,
             statistics=findings.statistics,
@@ -98,15 +107,11 @@ class MappedPair(PairMap):
         )
 
 
-def _values_from_view(pair_map: PairMap) -> tuple[object, ...]:
-    """Return the values of a map that follow from its view."""
-    return pair_map.cloud, pair_map.random_sigma, pair_map.T_lm_left, pair_map.disparity_px
-
-
 def fusion_input_of(pair_map: PairMap, rig: StereoRig) -> FusionInput:
     """Return the input of the fusion that `Mapper.process` stored in a map.
 
-    Raises MappingError for a map of another method or of other cameras, and for a map whose values were replaced.
+    Raises MappingError for a map of another method or of other cameras, and for a map whose values were replaced. The
+    method is checked for callers without type checks.
     """
     if not isinstance(pair_map, MappedPair):
         raise MappingError(
@@ -118,8 +123,8 @@ def fusion_input_of(pair_map: PairMap, rig: StereoRig) -> FusionInput:
             f"the map of stamp {pair_map.stamp_ns} is from other cameras than those of this mapper: fuse maps of "
             "one rig"
         )
-    values = zip(_values_from_view(pair_map), found.stored_values, strict=True)
-    if any(value is not stored for value, stored in values):
+    values = zip(ViewValues.of(pair_map), found.given_values, strict=True)
+    if any(value is not given for value, given in values):
         raise MappingError(
             f"the cloud, sigma, pose or disparities of the map of stamp {pair_map.stamp_ns} were replaced after "
             "`Mapper.process`: fuse maps as they were made, and select or move points afterwards"

@@ -24,7 +24,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.mapping.maps import FusedMap, PairMap
+from sfr_loc_map.mapping.maps import FusedMap, MappedPair
 from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.call_meter import CallUsage
@@ -61,7 +61,7 @@ class MappingNodeConfig(PairNodeConfig):
 class CountedPair(NamedTuple):
     """A processed pair of the map in progress, with the time and memory of its processing."""
 
-    result: PairMap
+    result: MappedPair
     usage: CallUsage
 
 

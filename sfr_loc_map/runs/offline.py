@@ -27,7 +27,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingS
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.mapping.maps import FusedMap, PairMap, warnings_of_pairs
+from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairMap, warnings_of_pairs
 from sfr_loc_map.mapping.search_range import search_range_of
 from sfr_loc_map.methods.config_truth import check_configuration
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
@@ -195,7 +195,7 @@ def tracking_warning(records: Sequence[CallRecord], source: object) -> str | Non
 class MapRun:
     """The map of a source."""
 
-    maps: list[PairMap]
+    maps: Sequence[PairMap]
     fused: FusedMap
     records: list[CallRecord]  # one per pair, one for the fusion, one for the set; the last only if a method maps sets
     method: MethodRecord  # method that made the map
@@ -236,7 +236,7 @@ def map_pairs(
     mapper = Mapper(sequence.rig, config)
     load_kernels("mapping")
     meter = CallMeter()
-    maps: list[PairMap] = []
+    maps: list[MappedPair] = []
     records: list[CallRecord] = []
     pairs = [replace(item, truth=None) for item in sequence.pairs()]  # the call excludes reading, its memory the truth
     with meter.measure() as whole:

@@ -1,9 +1,8 @@
 """Content that stays at its pixels while the camera moves: the rover's own body, or rows of another pair.
 
-An image contains rows of another pair if it was only partially transferred or if rows were repeated.
-
 Such content is not ground, and each pair would map it to a different position. A region is fixed if two pairs have the
-same grey levels and the same disparities at the same pixels, although ground there would have moved in the image.
+same grey levels and the same disparities at the same pixels, although ground there would have moved in the image. An
+image contains rows of another pair if it was only partially transferred or if rows were repeated.
 """
 
 from __future__ import annotations

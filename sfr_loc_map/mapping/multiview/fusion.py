@@ -23,6 +23,7 @@ metres apart, converting the difference reduces the error by at most 5 % (measur
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -57,8 +58,15 @@ class FusedViews(NamedTuple):
     findings: Findings
 
 
-class Comparison(NamedTuple):
-    """The N points of a view, compared with other views; `_include` adds a view to the arrays in place."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """The N points of a view, compared with the other views that were included; `include` changes the arrays.
+
+    To add a test of points across pairs: an array of flags, its update in `include`, and its effect in
+    `_fused_points`.
+    """
+
+    own_sigma: FloatArray32  #: `(N,)`, the `fusion_sigma` of the point, metres.
 
     own_range: FloatArray32  #: `(N,)`, range of the point from its own camera, metres.
     own_weight: FloatArray32  #: `(N,)`, weight of the point, 1 / m^2.
@@ -77,6 +85,7 @@ class Comparison(NamedTuple):
         weight = point_weights(view)
         rays = view.points.xyz - view.T_lm_left.translation.astype(F)
         return cls(
+            own_sigma=view.points.fusion_sigma,
             own_range=np.sqrt(np.einsum("ij,ij->i", rays, rays)),
             own_weight=weight,
             total_weight=weight.copy(),
@@ -86,6 +95,29 @@ class Comparison(NamedTuple):
             is_duplicate=np.zeros(len(weight), np.bool_),
             is_conflict=np.zeros(len(weight), np.bool_),
         )
+
+    def include(self, observed: Observations, *, is_earlier: bool) -> None:
+        """Add the observations of the points by another view.
+
+        The other view is preferred at a point if its weight there is larger, or if it is the earlier view and both
+        weights are equal. It is ignored at points that it observes from too far away (`MAX_RANGE_FACTOR`).
+        """
+        indices = observed.indices
+        own_weight = self.own_weight[indices]
+        is_preferred = observed.weight > own_weight
+        if is_earlier:
+            is_preferred |= observed.weight == own_weight
+        is_used = observed.point_range <= MAX_RANGE_FACTOR * self.own_range[indices]
+        sigma = observed.difference_sigma(self.own_sigma)
+        agrees = is_used & (np.abs(observed.difference) / sigma <= AGREE_SIGMAS)
+        is_farther = is_used & (observed.difference > AGREE_SIGMAS * sigma)
+        weight = np.where(agrees, observed.weight, F(0.0))
+        self.total_weight[indices] += weight
+        self.weighted_difference[indices] += weight * observed.difference
+        self.weighted_variance[indices] += np.square(weight * observed.fusion_sigma)
+        self.agrees[indices] |= agrees
+        self.is_duplicate[indices] |= agrees & is_preferred & (observed.sample_distance_px < SAME_SAMPLE_PX)
+        self.is_conflict[indices] |= is_farther & is_preferred
 
 
 def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
@@ -100,7 +132,7 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
             if other_index == index:
                 continue
             observed = project_into_view(view.points.xyz, other.T_lm_left, other.images, rig)
-            _include(comparison, view.points.fusion_sigma, observed, is_earlier=other_index < index)
+            comparison.include(observed, is_earlier=other_index < index)
             agreement += agreement_findings(index, other_index, views, observed)
         parts.append(_fused_points(view, comparison))
         agreeing_count += int(comparison.agrees.sum())
@@ -116,30 +148,6 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
     }
     pair = np.repeat(np.arange(len(views), dtype=np.uint8), [part.size for part in parts])
     return FusedViews(points, pair, Findings(statistics) + agreement)
-
-
-def _include(comparison: Comparison, own_sigma: FloatArray32, observed: Observations, *, is_earlier: bool) -> None:
-    """Add the observations by another view to the comparison of a view's points `(N,)`, in place.
-
-    The other view is preferred at a point if its weight there is larger, or if it is the earlier view and both weights
-    are equal. It is ignored at points that it observes from too far away (`MAX_RANGE_FACTOR`).
-    """
-    indices = observed.indices
-    own_weight = comparison.own_weight[indices]
-    is_preferred = observed.weight > own_weight
-    if is_earlier:
-        is_preferred |= observed.weight == own_weight
-    is_used = observed.point_range <= MAX_RANGE_FACTOR * comparison.own_range[indices]
-    sigma = observed.difference_sigma(own_sigma)
-    agrees = is_used & (np.abs(observed.difference) / sigma <= AGREE_SIGMAS)
-    is_farther = is_used & (observed.difference > AGREE_SIGMAS * sigma)
-    weight = np.where(agrees, observed.weight, F(0.0))
-    comparison.total_weight[indices] += weight
-    comparison.weighted_difference[indices] += weight * observed.difference
-    comparison.weighted_variance[indices] += np.square(weight * observed.fusion_sigma)
-    comparison.agrees[indices] |= agrees
-    comparison.is_duplicate[indices] |= agrees & is_preferred & (observed.sample_distance_px < SAME_SAMPLE_PX)
-    comparison.is_conflict[indices] |= is_farther & is_preferred
 
 
 def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:
@@ -158,8 +166,8 @@ def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:
     positions = points.xyz.take(moved, axis=0)
     rays = positions - view.T_lm_left.translation.astype(F)
     relative_step = comparison.weighted_difference[rows] / total_weight / comparison.own_range[rows]
-    independent = comparison.weighted_variance[rows] / np.square(total_weight)
-    variance = COMMON_VARIANCE * np.square(points.fusion_sigma[moved]) + (1.0 - COMMON_VARIANCE) * independent
+    variance_of_mean = comparison.weighted_variance[rows] / np.square(total_weight)  # if all errors were independent
+    variance = COMMON_VARIANCE * np.square(points.fusion_sigma[moved]) + (1.0 - COMMON_VARIANCE) * variance_of_mean
     xyz = points.xyz.copy()
     xyz[moved] = positions + rays * relative_step[:, None]
     sigma = points.fusion_sigma.copy()

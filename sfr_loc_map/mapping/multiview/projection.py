@@ -22,7 +22,9 @@ FEATHER_PX = 48.0
 SHIFT_PX = 8
 """Offset along both axes at which grey levels are also compared, pixels. It corresponds to a pose error of about 0.5
 deg at a focal length of 800 pixels."""
-MIN_OVERLAP = 1000  #: Minimum number of common points for judging poses: their spread is then accurate to 7 %.
+MIN_OVERLAP = 1000
+"""Minimum number of common points for judging poses. The robust spread of every fourth point (`AGREEMENT_STRIDE`) is
+then accurate to 7 %."""
 MIN_DEPTH_M = 1e-3  #: Minimum depth of a projected point, metres: points behind the camera are ignored.
 
 
@@ -34,15 +36,19 @@ def point_weights(view: PairView) -> FloatArray32:
 
 
 class Observations(NamedTuple):
-    """Observations by a view of M of the N points of another view, `(M,)` each."""
+    """Observations by a view of M of the N points of another view, `(M,)` each.
+
+    The fusion requires the first five values and the sample distance, and the agreement of poses the grey levels
+    (`pose_agreement`).
+    """
 
     indices: NDArray[np.intp]  #: Indices of the observed points among the N points.
     difference: FloatArray32  #: Observed range minus the range of the point, along the ray of this view, metres.
     point_range: FloatArray32  #: Range of the point from the camera of this view, metres.
     fusion_sigma: FloatArray32  #: Standard deviation of the observed range along the same ray, metres.
     weight: FloatArray32  #: Weight of the view in the fusion, 1 / m^2.
-    grey: FloatArray32  #: Grey level; NaN where the view has no point.
-    grey_shifted: FloatArray32  #: Grey level at `SHIFT_PX` to the right and below; NaN beyond the border.
+    grey: FloatArray32  #: Grey level of the view at the projected point.
+    grey_shifted: FloatArray32  #: Grey level at `SHIFT_PX` to the right and below; NaN if the view has no point there.
     sample_distance_px: FloatArray32  #: Distance of the projected point from the nearest pixel, pixels.
 
     def difference_sigma(self, fusion_sigma: FloatArray32) -> FloatArray32:
@@ -52,16 +58,15 @@ class Observations(NamedTuple):
         """
         return np.asarray(np.sqrt(np.square(fusion_sigma[self.indices]) + np.square(self.fusion_sigma)))
 
-    def every(self, stride: int) -> Observations:
-        """Return the observations, thinned by a stride."""
-        return Observations._make(values[::stride] for values in self)
+    def select(self, which: NDArray[np.intp] | slice) -> Observations:
+        """Return the observations that indices or a slice select."""
+        return Observations._make(values[which] for values in self)
 
 
 def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> Observations:
     """Return the observations of points `(N, 3)` in LM by a view whose left camera has the pose `T_lm_left`."""
-    columns = _observe(xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
-    indices = np.flatnonzero(np.isfinite(columns[0]))
-    return Observations(indices, *(values[indices] for values in columns))
+    of_all_points = _observe(xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
+    return of_all_points.select(np.flatnonzero(np.isfinite(of_all_points.difference)))
 
 
 @jit_rows_inline
@@ -97,10 +102,8 @@ def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
 
 
 @jit_rows
-def _observe(
-    xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: ViewImages
-) -> tuple[FloatArray32, FloatArray32, FloatArray32, FloatArray32, FloatArray32, FloatArray32, FloatArray32]:
-    """Return the fields of `Observations` after `indices` for all points `(N, 3)` in LM.
+def _observe(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: ViewImages) -> Observations:
+    """Return the observations of all points `(N, 3)` in LM.
 
     If a point is not observed, its range difference is NaN and its other values are undefined.
     """
@@ -108,10 +111,11 @@ def _observe(
     rotation = T_left_lm.rotation
     translation = T_left_lm.position
     count = len(xyz)
+    indices = np.arange(count)
     difference = np.full(count, F(np.nan))
     point_range = np.empty(count, F)
-    sigmas = np.empty(count, F)
-    weights = np.empty(count, F)
+    fusion_sigma = np.empty(count, F)
+    weight = np.empty(count, F)
     grey = np.empty(count, F)
     grey_shifted = np.full(count, F(np.nan))
     sample_distance_px = np.empty(count, F)
@@ -143,19 +147,18 @@ def _observe(
         smallest = min(min(upper[j], upper[j + 1]), min(lower[j], lower[j + 1]))
         disparity = _bilinear(images.disparity, i, j, t, s)
         is_one_surface = largest - smallest < SURFACE_JUMP_PX
-        is_valid = disparity > 0.0  # false if one of the four disparities is NaN
-        has_point = sigma < np.inf
-        if not (is_one_surface and is_valid and has_point):
+        have_points = disparity > 0.0  # false if one of the four disparities is NaN
+        if not (is_one_surface and have_points):
             continue
         distance = np.sqrt(x * x + y * y + z * z)
         difference[n] = (scale / disparity - z) * (distance / z)
         point_range[n] = distance
-        sigmas[n] = sigma
-        weights[n] = _weight(sigma, nearest_row, nearest_column, rows, cols)
+        fusion_sigma[n] = sigma
+        weight[n] = _weight(sigma, nearest_row, nearest_column, rows, cols)
         grey[n] = _bilinear(images.grey, i, j, t, s)
         if nearest_row + SHIFT_PX < rows and nearest_column + SHIFT_PX < cols:
             grey_shifted[n] = images.grey[nearest_row + SHIFT_PX, nearest_column + SHIFT_PX]
         row_offset = v - nearest_row
         column_offset = u - nearest_column
         sample_distance_px[n] = np.sqrt(row_offset * row_offset + column_offset * column_offset)
-    return difference, point_range, sigmas, weights, grey, grey_shifted, sample_distance_px
+    return Observations(indices, difference, point_range, fusion_sigma, weight, grey, grey_shifted, sample_distance_px)
