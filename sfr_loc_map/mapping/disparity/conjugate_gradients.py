@@ -57,7 +57,13 @@ def conjugate_gradient_step(
     The change s solves `(diag(information) + A' W A) s = information_vector - A' W A field` approximately, by at most
     `iterations` preconditioned conjugate gradient iterations. The notation is that of Shewchuk (1994), section B3:
     direction d, residual r, preconditioner M, `delta = r' M r`, `alpha = delta / d' q` with q the matrix times d, and
-    `beta` the ratio of successive deltas.
+    `beta` the ratio of successive deltas. In numpy, with `A(d) = information * d + smoothness_gradient(d, weights)`:
+
+        s = 0; r = b - A' W A field; d = 0; delta = sum(r * M * r); beta = 0
+        repeat: d = M * r + beta * d; q = A(d); alpha = delta / sum(d * q); s += alpha * d; r -= alpha * q
+                previous, delta = delta, sum(r * M * r); beta = delta / previous
+
+    The kernels compute the same result in blocks of rows, in an order that does not depend on the number of threads.
     """
     with on_one_thread(field.size < MIN_PARALLEL_CELLS):
         preconditioner = inverse_diagonal(information, weights)

@@ -8,10 +8,10 @@ The steps of `estimate_disparity`, with their modules in `disparity` and their r
    disparity of the farther neighbour along the row. `disparity_from_cells` interpolates the field at each pixel.
 3. `correct_right_image` (`right_image_correction`, `exposure`, `vertical_disparity`) -> `CorrectedImage`: exposure and
    vertical disparity of the right image are measured and removed.
-4. `refine_disparity` (`variational_refinement`, `photometric_residual`, `image_noise`, `smoothness`,
-   `conjugate_gradients`) -> `RefinedDisparity`: one disparity field is fitted to both images by photometric residuals
-   and weighted second differences over the whole image (variational, after Horn and Schunck 1981), solved coarse to
-   fine by conjugate gradients.
+4. `refine_disparity` (`variational_refinement`, `photometric_residual`, `image_noise`, `roughness`,
+   `smoothness`, `conjugate_gradients`) -> `RefinedDisparity`: one disparity field is fitted to both images by
+   photometric residuals and weighted second differences over the whole image (variational, after Horn and Schunck
+   1981), solved coarse to fine by conjugate gradients.
 5. `disparity_sigma` (`uncertainty`) -> sigma `(H, W)`: standard deviation from the posterior of the field, the
    smoothing bias and the error beside creases.
 6. `measure_saturation` (`saturation`) -> `Saturation`: the saturated pixels of both images.

@@ -20,8 +20,8 @@ from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.jit import jit_rows_inline
 from sfr_loc_map.mapping.disparity.interpolation import linear
 
-# `WINDOW_RADIUS`, `MAX_DIFFERENCE`, `GREY_SCALE` and `DISTANCE_SCALE_PX` were chosen by hand before the network that
-# classifies pixels beside jumps was trained with them (`wrong_surface`). Other values require a new training.
+# `WINDOW_RADIUS`, `MAX_DIFFERENCE`, `GREY_SCALE` and `DISTANCE_SCALE_PX` are chosen by hand. Other values require a new
+# training of the network that classifies pixels beside jumps (`wrong_surface`).
 WINDOW_RADIUS = 4  #: Half the side of the window, pixels.
 MAX_DIFFERENCE = F(30.0)
 """Absolute differences are truncated to this, grey levels, so that single occluded pixels do not decide the cost."""
@@ -53,7 +53,7 @@ class ConstantCost(NamedTuple):
 
     cost: np.float32  #: Weighted mean absolute difference, grey levels; `NO_COST` outside the right image.
     #: Mean absolute difference of 3 x 3 pixels, grey levels; `NO_COST` if the window is outside the right image. It is
-    #: 0 if a part of the window is inside but none of the 3 x 3 pixels is, as in the training of the network.
+    #: 0 if a part of the window is inside but none of the 3 x 3 pixels is (`wrong_surface`).
     close_cost: np.float32
     effective_pixels: np.float32  #: Number of equally weighted pixels whose mean has the same variance.
 

@@ -65,9 +65,9 @@ def measure_right_rotation(disparity_map: DisparityMap, rig: StereoRig) -> Camer
         disparity_map.right,
         disparity_map.px,
         rig.camera,
-        ALL_TERMS,
-        MIN_ROTATION_COUNT,
-        disparity_map.valid,
+        term_count=ALL_TERMS,
+        min_count=MIN_ROTATION_COUNT,
+        used=disparity_map.valid,
     )
     vertical = removed if fit is None else removed.plus(fit.polynomial)
     without_offset_and_roll = vertical._replace(constant=0.0, along_x=0.0)

@@ -75,7 +75,9 @@ def _vertical_step(
     left: FloatImage, right: FloatImage, disparity_px: FloatImage, camera: StereoCamera
 ) -> VerticalPolynomial:
     """Return the change of the linear vertical disparity by one step; 0 if it cannot be measured."""
-    fit = fit_vertical_disparity(left, right, disparity_px, camera, LINEAR_TERMS, MIN_VERTICAL_COUNT)
+    fit = fit_vertical_disparity(
+        left, right, disparity_px, camera, term_count=LINEAR_TERMS, min_count=MIN_VERTICAL_COUNT
+    )
     if fit is None:
         return VerticalPolynomial()
     largest_px = _largest_px(fit.polynomial, left.shape, camera)

@@ -35,14 +35,9 @@ from sfr_loc_map.mapping.disparity.photometric_residual import (
     photometric_residual,
     slopes,
 )
+from sfr_loc_map.mapping.disparity.roughness import GRID_FACTOR, roughness_of_field
 from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, smoothness_weights
-from sfr_loc_map.mapping.filters import (
-    box_mean,
-    downsample_mean,
-    second_differences,
-    upsample_bilinear,
-    upsample_nearest,
-)
+from sfr_loc_map.mapping.filters import box_mean, downsample_mean, upsample_bilinear, upsample_nearest
 
 WARPS = 3
 """Number of iterations. More iterations change the error on rendered ground by less than 5 %
@@ -75,30 +70,6 @@ right image shows another surface there. The optimum is flat (measurements/mappe
 MIN_WEIGHT = F(0.1)
 """Lower bound of the mean weight that divides the squared residuals of a cell. It limits the inflation of the variance
 where nearly all residuals around a cell are outliers. Chosen by hand."""
-ROUGHNESS_LEVEL = 2
-"""Number of doublings of the cells' spacing at which roughness is measured: second differences at 4 cells, which are 8
-pixels, exceed the noise of the field."""
-CAUCHY_SCALE = 4.9
-"""Ratio of the scale of the Cauchy weights to the measured second differences, both at the spacing at which roughness
-is measured. With half or twice the value the errors of rendered pairs are 7 to 14 % larger
-(measurements/mapper_trials.md)."""
-EDGE_FACTOR = 10.0
-"""Second differences above this multiple of the median are edges, not the shape of the ground. Chosen by hand: normally
-distributed second differences do not reach it."""
-LOCAL_MAGNITUDE_WINDOW = 9
-"""Side of the window over which the second differences of the roughness are averaged, in units of their spacing, which
-is 4 cells. The mean of the roots of 81 independent values has a relative standard deviation of 5 %."""
-MIN_ROUGHNESS = 0.1
-"""Minimum ratio of the local roughness to the median of the image, so that flat regions can still bend. With half or
-twice the value the mean error of five pairs changes by less than 1 % (measurements/mapper_trials.md)."""
-MIN_TYPICAL_PX = 1e-3  #: Lower bound of the median of the second differences, pixels; it must not be 0.
-ROUGHNESS_WINDOW = 5
-"""Side of the window over which the local roughness is then averaged, in the same units. The optimum is flat
-(measurements/mapper_trials.md)."""
-GRID_FACTOR = 2.8
-"""Growth of the typical second difference per doubling of the spacing, `2^1.5`: between fractal ground (2 or less) and
-a surface of constant curvature (4). With 2 or 4 and the same scale on the finest grid, the errors of rendered pairs are
-1 to 9 % larger (measurements/mapper_trials.md)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,13 +109,6 @@ class SolvedField(NamedTuple):
 
     cells: FloatImage  #: `(h, w)`, the field, pixels.
     weights: SmoothnessWeights  #: Smoothness weights of the finest grid, from the field before the step on this grid.
-
-
-class Roughness(NamedTuple):
-    """Scale of the Cauchy weights of second differences around each cell on the finest grid, pixels."""
-
-    along_x: FloatImage  #: `(h, w)`, along rows.
-    along_y: FloatImage  #: `(h, w)`, along columns.
 
 
 def refine_disparity(left: FloatImage, right: FloatImage, initial_cells: FloatImage) -> RefinedDisparity:
@@ -214,35 +178,12 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
     )
 
 
-def _roughness(cells: FloatImage) -> Roughness:
-    """Return the scale of the Cauchy weights on the finest grid, from second differences on a coarser grid."""
-    differences = second_differences(downsample_mean(cells, 2**ROUGHNESS_LEVEL))
-    factor = F(CAUCHY_SCALE / GRID_FACTOR**ROUGHNESS_LEVEL)
-    return Roughness(
-        upsample_bilinear(_local_magnitude(differences.along_x), cells.shape) * factor,
-        upsample_bilinear(_local_magnitude(differences.along_y), cells.shape) * factor,
-    )
-
-
-def _local_magnitude(differences: FloatImage) -> FloatImage:
-    """Return the typical magnitude of differences around each element: the squared mean of the roots of magnitudes.
-
-    Single large differences, for example at edges, have little influence on this mean and are clipped to `EDGE_FACTOR`
-    medians.
-    """
-    magnitude = np.abs(differences)
-    typical = max(median(magnitude), MIN_TYPICAL_PX)
-    clipped = np.minimum(magnitude, F(EDGE_FACTOR * typical))
-    local = np.square(box_mean(np.sqrt(clipped), LOCAL_MAGNITUDE_WINDOW))
-    return box_mean(np.maximum(local, F(MIN_ROUGHNESS * typical)), ROUGHNESS_WINDOW)
-
-
 def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> SolvedField:
     """Return the field after one linearised solve on all grids, coarse to fine.
 
     After each coarse step, the information vector of the remaining change is reduced by the information times the step.
     """
-    roughness = _roughness(cells)
+    roughness = roughness_of_field(cells)
     information = data_term.information
     information_vector = data_term.information_vector
     for level in range(LEVELS - 1, 0, -1):

@@ -74,6 +74,7 @@ def fit_vertical_disparity(
     right: FloatImage,
     disparity_px: FloatImage,
     camera: StereoCamera,
+    *,
     term_count: int,
     min_count: int,
     used: Mask | None = None,

@@ -2,8 +2,15 @@
 
 A network with one hidden layer classifies a pixel by thirteen features, such as the matching costs at the disparity of
 the pixel and at the disparity of the other surface. The weights were trained on rendered ground with known disparity
-(`tools/train_jump_network.py`). They are valid only for the values of the constants below and in `matching_cost` that
-were used for the training. These values are stored with the weights, and a test compares them with the code.
+(`tools/train_jump_network.py`). They are valid only for the features of the training, so that a change of one of the
+following requires a new training:
+
+- The constants below and in `matching_cost` that are stored with the weights. A test compares them with the code.
+- The pixels that are classified: those that pass `validity.status_before_wrong_surface`.
+- `close_cost` is 0 if a part of the window is inside the right image, but none of its 3 x 3 pixels.
+- `same_surface` counts only valid pixels, and `nearer_surface` counts valid and invalid pixels.
+- `occluder_px` compares right columns with a tolerance and counts valid and invalid disparities.
+  `surfaces.occlusion_mask` is stricter, because it decides without other features.
 """
 
 from __future__ import annotations
@@ -33,14 +40,14 @@ from sfr_loc_map.mapping.filters import dilated, square_element
 SMALL_JUMP_PX = F(0.7)
 """Disparities that differ by more than this may belong to two surfaces that the refinement has joined by a ramp,
 pixels. Pixels beside jumps above 0.7 px have twice the total squared error of pixels beside jumps above 1.5 px
-(measurements/mapper_trials.md). Costs are compared only with surfaces that differ by `SURFACE_JUMP_PX` or more. The
-network was trained with both values."""
+(measurements/mapper_trials.md). Costs are compared only with surfaces that differ by `SURFACE_JUMP_PX` or
+more."""
 SURFACE_RADIUS = 3
 """Half the side of the window in which other surfaces are searched, pixels: smoothing moves edges by one or two
 cells."""
 OCCLUDER_COLUMNS = 6
 """Distance along the row within which a surface is searched that occludes the pixel in the right image, columns: twice
-`SURFACE_RADIUS`. Chosen by hand before the network was trained."""
+`SURFACE_RADIUS`. Chosen by hand."""
 SAME_COLUMN_PX = F(1.0)  #: Pixels with right columns that differ by up to this correspond to the same right pixel.
 LOG_ODDS_AT_1_PX = F(3.3)
 """Log odds above which a pixel is invalid if the median sigma of the pair is 1 pixel. The threshold is this value plus
@@ -53,7 +60,7 @@ surface grows with the square of the depth (measurements/mapper_trials.md)."""
 SURROUNDING_COUNT = 10  #: The first ten `JumpFeatures` depend on the surrounding pixels.
 SIGMA_STRIDE = 16  #: Every sixteenth valid pixel is used for the median sigma: tens of thousands of samples suffice.
 
-# Conversion of features to inputs of the network, which was trained with these values.
+# Conversion of features to inputs of the network.
 MAX_LOG = 3.0
 """Logarithms of margins and jumps are clipped to +/- this value. It is also the margin if there is no other surface."""
 MIN_TYPICAL_COST = 0.5  #: Lower bound of the typical cost of a pair, grey levels: a typical rounding difference.
@@ -203,11 +210,7 @@ def _surface_costs(scene: JumpScene, y: int, x: int) -> SurfaceCosts:
 
 @jit_rows_inline
 def _neighbourhood(scene: JumpScene, y: int, x: int) -> Neighbourhood:
-    """Return the contrast and the surfaces of the window around a pixel, weighted by similarity of grey level.
-
-    Only valid pixels count for the pixel's surface, but valid and invalid pixels count for nearer surfaces, because the
-    network was trained with these features.
-    """
+    """Return the contrast and the surfaces of the window around a pixel, weighted by similarity of grey level."""
     disparity = scene.disparity
     left = scene.left
     rows, cols = disparity.shape
@@ -237,11 +240,7 @@ def _neighbourhood(scene: JumpScene, y: int, x: int) -> Neighbourhood:
 
 @jit_rows_inline
 def _occluder(disparity: FloatImage, y: int, x: int) -> np.float32:
-    """Return the disparity of the nearest surface at the same right pixel minus that of the pixel, pixels, at least 0.
-
-    Right columns are compared with a tolerance, and both valid and invalid disparities count, because the network was
-    trained with this feature. `surfaces.occlusion_mask` is stricter, because it decides without other features.
-    """
+    """Return the disparity of the nearest surface at the same right pixel minus that of the pixel, at least 0."""
     cols = disparity.shape[1]
     own = disparity[y, x]
     right_column = np.rint(F(x) - own)

@@ -18,7 +18,7 @@ def test_the_stated_and_the_remaining_vertical_disparity_add_up_to_that_of_the_p
 
     def offset_of(image: np.ndarray) -> float:
         """Return the mean vertical disparity of an image, pixels."""
-        fit = fit_vertical_disparity(left, image, disparity_px, made.rig.camera, 1, 1000)
+        fit = fit_vertical_disparity(left, image, disparity_px, made.rig.camera, term_count=1, min_count=1000)
         assert fit is not None
         return fit.polynomial.constant
 
