@@ -1,4 +1,4 @@
-"""Array types of all packages, and two reductions that are faster than those of numpy.
+"""Array types of all packages, read-only views, and two reductions that are faster than those of numpy.
 
 The name of a type describes the content of an array. Shape and unit are given where the array is used.
 """
@@ -6,7 +6,7 @@ The name of a type describes the content of an array. Shape and unit are given w
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,16 @@ ColourImage = NDArray[np.uint8]  #: Image `(H, W, 3)`, 8 bits per channel.
 FloatImage = NDArray[np.float32]  #: Image `(H, W)` of float32: intensity, disparity, weight.
 PointImage = NDArray[np.float32]  #: Points `(H, W, 3)` of the pixels of an image, metres; NaN where unknown.
 FloatArray32 = NDArray[np.float32]  #: Values other than images in float32, where memory matters.
+T = TypeVar("T", bound=np.generic)  #: Type of the elements of an array.
 F = np.float32
 """Scalar type in image kernels: a constant `F(0.5)` keeps an expression in float32."""
+
+
+def read_only(array: NDArray[T]) -> NDArray[T]:
+    """Return a read-only view of an array. The array itself stays writable, as the compiled kernels require."""
+    view = array.view()
+    view.setflags(write=False)
+    return view
 
 
 def length(vector: FloatArray) -> float:

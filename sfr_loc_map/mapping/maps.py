@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage
+from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage, read_only
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -18,7 +18,7 @@ from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.pixel_status import StatusImage
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.pair_view import PairView, read_only
+from sfr_loc_map.mapping.pair_view import PairView
 from sfr_loc_map.mapping.point_sigma import PointSigma
 
 

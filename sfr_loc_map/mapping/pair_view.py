@@ -4,26 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, Mask
+from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, Mask, read_only
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
-
-T = TypeVar("T", bound=np.generic)  #: Type of the elements of an array.
-
-MIN_COVERAGE = F(1e-3)  #: Lower bound of the fraction of a window with points, which is a divisor and must not be 0.
-
-
-def read_only(array: NDArray[T]) -> NDArray[T]:
-    """Return a read-only view of an array. The array itself stays writable, as the compiled kernels require."""
-    view = array.view()
-    view.setflags(write=False)
-    return view
 
 
 def read_only_pose(pose: Transform) -> Transform:
@@ -109,10 +97,3 @@ class PairView:
         """Return the view with its points moved to another pose."""
         xyz = (T_lm_left @ self.T_lm_left.inverse()).apply(self.points.xyz).astype(F)
         return replace(self, points=self.points._replace(xyz=xyz), T_lm_left=read_only_pose(T_lm_left))
-
-    def blurred_grey(self, blur_px: float) -> FloatImage:
-        """Return the grey levels `(H, W)` at points, blurred by a Gaussian over pixels with points; NaN elsewhere."""
-        has_point = np.isfinite(self.images.grey)
-        total = cv2.GaussianBlur(np.where(has_point, self.images.grey, F(0.0)), (0, 0), blur_px)
-        coverage = cv2.GaussianBlur(has_point.astype(F), (0, 0), blur_px)
-        return np.asarray(np.where(has_point, total / np.maximum(coverage, MIN_COVERAGE), F(np.nan)), F)

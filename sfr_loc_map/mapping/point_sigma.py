@@ -63,14 +63,14 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32
+from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32, read_only
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma
 from sfr_loc_map.mapping.disparity.saturation import Saturation
-from sfr_loc_map.mapping.pair_view import PairView, ViewPoints, read_only
+from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 SIGMA_GROWTH = F(1.5)
 """Relative growth of sigma in a completely saturated neighbourhood. In images that are half clipped, the factor

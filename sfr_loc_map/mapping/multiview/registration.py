@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -48,6 +49,8 @@ POSE_HALF_WEIGHT_SIGMAS = 3.0
 """Residuals of this many standard deviations have half the weight (`cauchy_weight`). The value exceeds 2.385, which has
 an efficiency of 95 %, because the residuals of a wrong pose are large."""
 MIN_NORMALISED_SIGMA = 1e-6  #: Added to the standard deviation of residuals, which is a divisor and typically about 1.
+
+MIN_COVERAGE = F(1e-3)  #: Lower bound of the fraction of a window with points, which is a divisor and must not be 0.
 
 
 class RegisteredViews(NamedTuple):
@@ -121,7 +124,7 @@ def _estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig)
         return None
     pose = moved.T_lm_left
     for blur_px in BLURS_PX:
-        images = moved.images._replace(grey=moved.blurred_grey(blur_px))
+        images = moved.images._replace(grey=_blurred_grey(moved, blur_px))
         points = _with_blurred_grey(overlapping, fixed, blur_px)
         for _ in range(MAX_STEPS_PER_BLUR):
             step = _gauss_newton_step(points, images, pose, moved.T_lm_left, rig)
@@ -137,9 +140,17 @@ def _with_blurred_grey(parts: Sequence[ViewPoints], views: Sequence[PairView], b
     """Return the points of all views with the grey levels of the views' blurred images."""
     blurred = []
     for points, view in zip(parts, views, strict=True):
-        grey = view.blurred_grey(blur_px)
+        grey = _blurred_grey(view, blur_px)
         blurred.append(points._replace(intensity=grey[points.v, points.u]))
     return ViewPoints.concatenated(blurred)
+
+
+def _blurred_grey(view: PairView, blur_px: float) -> FloatImage:
+    """Return the grey levels `(H, W)` at points, blurred by a Gaussian over pixels with points; NaN elsewhere."""
+    has_point = np.isfinite(view.images.grey)
+    total = cv2.GaussianBlur(np.where(has_point, view.images.grey, F(0.0)), (0, 0), blur_px)
+    coverage = cv2.GaussianBlur(has_point.astype(F), (0, 0), blur_px)
+    return np.asarray(np.where(has_point, total / np.maximum(coverage, MIN_COVERAGE), F(np.nan)), F)
 
 
 def _motion(parameters: FloatArray) -> Transform:
