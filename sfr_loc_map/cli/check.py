@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -25,6 +26,14 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
 
 CONDITIONS = ("distance=1", "distance=5")
+
+
+def names_of_estimates(paths: Sequence[Path]) -> dict[Path, str]:
+    """Return the names of the runs of estimates: the names of their files, or the paths if files have the same name."""
+    if len(set(paths)) < len(paths):
+        raise ConfigError(f"'--estimate {paths[0]}' is given twice: give different estimates")
+    has_equal_names = len({path.name for path in paths}) < len(paths)
+    return {path: str(path) if has_equal_names else path.name for path in paths}
 
 
 @app.command(
@@ -70,14 +79,15 @@ def check(
     check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
     if len(estimate or ()) > 2:
         raise ConfigError("'--estimate': give at most two estimates; our own run is the third")
-    conditions = [Condition.parse(text) for text in condition or CONDITIONS]
+    names = names_of_estimates(estimate or ())
+    conditions = list(dict.fromkeys(Condition.parse(text) for text in condition or CONDITIONS))
     opened, read_from = open_as(source, remap, config)
     checks: dict[str, Check] = {}
     calibration: list[str] = []
     has_maps = opened.nav is not None and len(opened.nav) > 1
     if opened.loc is not None or not has_maps:
         parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)
-        others = [Run(path.name, Estimates.of(read_trajectory_file(path).trajectory)) for path in estimate or ()]
+        others = [Run(names[path], Estimates.of(read_trajectory_file(path).trajectory)) for path in names]
         with naming(source), progress_bar("pairs") as bar:
             count = min(len(sequence), pairs)
             task = bar.add_task("checking", total=count * len(Variant) - count // 2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report.tables import NONE, Cell, Unit
 
@@ -27,10 +28,15 @@ class Item(NamedTuple):
 
 
 def items_with(figure: str, figures: Sequence[Figure]) -> list[Item]:
-    """Return the items that have a figure, in the order of the figures of a check."""
+    """Return the items that have a figure, in the order of the figures of a check.
+
+    InputError if two rows have the same figure, condition and part, because one line cannot show both.
+    """
     items: dict[tuple[str | None, str | None], Item] = {}
     for index, row in enumerate(figures):
         item = items.setdefault((row.condition, row.part), Item(row.condition, row.part, {}, {}))
+        if row.figure in item.rows:
+            raise InputError(f"two figures of the check have the name '{row.label}': each name must be unique")
         item.rows[row.figure] = row
         item.indices[row.figure] = index
     return [item for item in items.values() if figure in item.rows]

@@ -11,7 +11,7 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report.plots import error_scale, largest
 from sfr_loc_map.report.score_plots import error_sizes, limits_on, map_of, plotted_conditions
-from sfr_loc_map.report.tables import UNKNOWN, number
+from sfr_loc_map.report.tables import number
 
 
 class Drawing(NamedTuple):
@@ -61,12 +61,18 @@ class PrintedPlot:
     title: str
     x_title: str
     y_title: str  #: With the unit.
-    count: int
+    count: int  #: Number of errors of the figure, of which the plot may show a part.
     points: list[tuple[float, float]]
     x_ticks: list[Tick]
     y_ticks: list[Tick]
     levels: list[Level]
     beyond: str  #: Limits above the drawing, in words.
+
+    @property
+    def count_text(self) -> str:
+        """The number of errors, and the number of marks if it is smaller."""
+        drawn = len(self.points)
+        return f"n = {self.count}" if drawn == self.count else f"n = {self.count}, of which {drawn} are drawn"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,7 +138,7 @@ def _of_map(score: Score) -> Iterator[Series]:
     row = score.figure("point_error", part=None)
     factor, unit = error_scale(largest(list(sizes)))
     yield Series(
-        title=f"Error of map points over their range, {len(sizes)} of {UNKNOWN if row is None else row.n} points",
+        title="Error of map points over their range",
         x_title="range of the true point, m",
         y_title="point error",
         x=ranges,
@@ -176,7 +182,7 @@ def _drawn(series: Series) -> PrintedPlot:
         title=series.title,
         x_title=series.x_title,
         y_title=f"{series.y_title}, {unit}",
-        count=len(pairs),
+        count=len(pairs) if series.row is None or series.row.n is None else series.row.n,
         points=[(_x(x, x_most), _y(y, y_most)) for x, y in pairs],
         x_ticks=[Tick(_x(value, x_most), f"{value:g}") for value in _ticks(x_most, x_step)],
         y_ticks=[Tick(_y(value, y_most), f"{value:g}") for value in _ticks(y_most, y_step)],

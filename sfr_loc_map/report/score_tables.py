@@ -131,9 +131,10 @@ def on_target(subject: Subject) -> Callable[[Score, Figure], bool]:
     return lambda score, row: row.subject is subject and row.place is Place.TARGET
 
 
+COVERED = View("covered", "Completeness", about(Subject.COMPLETENESS), notes.covered_note)
 VIEWS = (
     View("headline", "Figures", is_headline, notes.headline_note, shown_statistics),
-    View("covered", "Completeness", about(Subject.COMPLETENESS), notes.covered_note),
+    COVERED,
     View("readings", "Each reading of the document", is_of_a_reading, notes.readings_note, compared_statistics),
     View("aligned", "Absolute and relative pose error", lambda score, row: row.figure in ALIGNED, notes.aligned_note),
     View("growth", "Error against the length of the sub-trajectory", is_growth),
@@ -183,10 +184,10 @@ def score_tables(score: Score) -> list[Table]:
 def summary_tables(score: Score) -> list[Table]:
     """Return the tables for the terminal. Completeness is shown without zeros and without the note of the verdict."""
     named = {table.name: table for table in score_tables(score)}
-    if (covered := named.get("covered")) is not None:
-        at = [column.title for column in covered.columns].index("value")
-        rows = tuple(row for row in covered.rows if row[at].value != 0.0)
-        named["covered"] = replace(covered, rows=rows, note="")
+    if (covered := named.get(COVERED.name)) is not None:
+        shown = zip(rows_of(COVERED, score), covered.rows, strict=True)
+        rows = tuple(cells for (_, row), cells in shown if row.value != 0.0)
+        named[COVERED.name] = replace(covered, rows=rows, note="")
     return [named[name] for name in SUMMARY if name in named]
 
 

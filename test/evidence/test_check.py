@@ -12,10 +12,12 @@ import pytest
 from helpers.cli_result import Sfr
 from helpers.loc_drive import drive, run
 from helpers.made_scene import LOC_RIG
+from sfr_loc_map.cli.check import names_of_estimates
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import agreement_table
 from sfr_loc_map.evidence.calibration import CameraOffset, calibration_table, corrected_drive
 from sfr_loc_map.evidence.check import check_drive
+from sfr_loc_map.evidence.item_rows import items_with
 from sfr_loc_map.evidence.variants import PairsInMemory, Run
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
@@ -24,6 +26,7 @@ from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.runs.offline import trajectory_of
 
 
@@ -118,3 +121,14 @@ def test_the_command_writes_rows_and_takes_two_other_estimates(
     assert rows["difference", "forward - b.csv"]["rmse"] > 10 * rows["difference", "forward - a.csv"]["rmse"]
     assert "no accuracy" in found.out
     assert sfr("check", tmp_path, *["--estimate", tmp_path / "a.csv"] * 3).code == 2
+    assert sfr("check", tmp_path, *["--estimate", tmp_path / "a.csv"] * 2).code == 2, "one estimate is given twice"
+
+
+def test_estimates_with_the_same_file_name_are_named_by_their_paths() -> None:
+    left, right = Path("a/wheels.csv"), Path("b/wheels.csv")
+    assert names_of_estimates([left, Path("c.csv")]) == {left: "wheels.csv", Path("c.csv"): "c.csv"}
+    assert names_of_estimates([left, right]) == {left: "a/wheels.csv", right: "b/wheels.csv"}
+    rows = [figure_row("difference", "distance=1", f"forward - {name}", n=2, rmse=0.1) for name in "ab"]
+    assert len(items_with("difference", rows)) == 2
+    with pytest.raises(InputError, match="forward - a"):
+        items_with("difference", [*rows, rows[0]])

@@ -71,6 +71,16 @@ def test_headline_and_verdicts_by_hand() -> None:
     assert judged[2][1:5] == ["coverage", "%", "not enough data", "≥ 80"]
 
 
+def test_the_summary_shows_a_completeness_without_any_value() -> None:
+    unknown = figure_row("lost", n=3)
+    score = Score(figures=(unknown, figure_row("missing", n=3)))
+    (covered,) = (item for item in summary_tables(score) if item.name == "covered")
+    assert [row[0].text for row in covered.rows] == ["lost", "missing"]
+    known = Score(figures=(unknown, figure_row("missing", n=3, value=0.0), figure_row("degraded", n=3, value=0.5)))
+    (covered,) = (item for item in summary_tables(known) if item.name == "covered")
+    assert [row[0].text for row in covered.rows] == ["lost", "degraded"], "zeros are not shown"
+
+
 def test_every_row_of_the_score_is_in_a_table_and_an_unknown_one_in_the_last() -> None:
     strange = Figure(subject=Subject.MAP, figure="roughness", unit="m", part="all", n=3, mean=0.25, value=7.0)
     stranger = Figure(subject=Subject.TRAJECTORY, figure="slip", unit="1", condition="turn=3", part="left", value=0.5)

@@ -286,7 +286,7 @@ def test_the_figure_on_paper_shows_the_error_of_each_sub_trajectory() -> None:
     errors = [error_sizes(rows) for rows in score.details.trajectory.sub_trajectories if rows.start_frame]
     every = printed_plots(score)
     drawn = [figure for figure in every if figure.title.startswith("Position")]
-    assert [figure.count for figure in drawn] == [len(sizes) for sizes in errors]
+    assert [figure.count for figure in drawn] == [len(figure.points) for figure in drawn] == [*map(len, errors)]
     for figure, sizes in zip(drawn, errors, strict=True):
         zero, top = figure.y_ticks[0], figure.y_ticks[-1]
         factor = {"mm": 1e3, "m": 1.0}[figure.y_title.rpartition(", ")[2]]
@@ -294,7 +294,25 @@ def test_the_figure_on_paper_shows_the_error_of_each_sub_trajectory() -> None:
         shown = [(zero.at - y) * scale for _, y in figure.points]
         assert shown == pytest.approx([size * factor for size in sizes if size is not None], abs=0.02 * scale)
         assert all(figure.x_ticks[0].at <= x <= figure.x_ticks[-1].at for x, _ in figure.points)
-    assert render_test_report([score]).count("<circle") == sum(figure.count for figure in every)
+    assert render_test_report([score]).count("<circle") == sum(len(figure.points) for figure in every)
+
+
+def test_the_caption_on_paper_has_the_count_of_the_figure_and_the_number_of_marks() -> None:
+    score = whole_score()
+    assert score.details is not None
+    assert score.details.trajectory is not None
+    first = score.details.trajectory.sub_trajectories[0]
+    names = [name for name in first.__struct_fields__ if name not in ("condition", "every", "others")]
+    halved = replace(first, every=2, **{name: getattr(first, name)[::2] for name in names})
+    trajectory = replace(score.details.trajectory, sub_trajectories=(halved,))
+    thinned = replace(score, details=replace(score.details, trajectory=trajectory))
+    row = thinned.figure("position", condition=first.condition)
+    assert row is not None
+    plot = printed_plots(thinned)[0]
+    assert plot.count == row.n == len(first.start_frame)
+    assert plot.count_text == f"n = {row.n}, of which {len(halved.start_frame)} are drawn"
+    assert f"{plot.count_text}." in render_test_report([thinned])
+    assert printed_plots(score)[0].count_text == f"n = {row.n}"
 
 
 def test_the_report_on_paper_shows_attitude_and_map_with_their_limits() -> None:
@@ -311,7 +329,8 @@ def test_the_report_on_paper_shows_attitude_and_map_with_their_limits() -> None:
     assert "limit 0.5 deg" in attitude.beyond + str(shown)
     assert "limit 0.25 m" in points.beyond + str(shown)
     kept = score.details.map.cloud
-    assert points.count == len(kept.error_m[:: -(-len(kept.error_m) // 1000)]) > 100
+    assert points.count == score.number("point_error", "n", part=None)
+    assert len(points.points) == len(kept.error_m[:: -(-len(kept.error_m) // 1000)]) > 100
     zero, top = points.y_ticks[0], points.y_ticks[-1]
     scale = float(top.text) / (zero.at - top.at)
     errors = [value for value in kept.error_m[:: -(-len(kept.error_m) // 1000)] if value is not None]
