@@ -66,7 +66,7 @@ def stretches(path: Path) -> dict[float, list[Stretch]]:
     estimates = estimates_of(trajectory_of(found), stats_of(calls))
     assert estimates.steps is not None
     print(f"{path}: {len(calls)} poses, {np.count_nonzero(estimates.degraded)} degraded")
-    frames, _, _ = associate(estimates.trajectory, truth, AssociationConfig())
+    frames, _ = associate(estimates.trajectory, truth, AssociationConfig())
     sums = sums_of_steps(estimates, estimates.steps, frames.estimate_rows)
     result: dict[float, list[Stretch]] = {}
     for least in INTERVALS_M:
@@ -79,7 +79,8 @@ def stretches(path: Path) -> dict[float, list[Stretch]]:
                 covariance = relative_covariance(sums[first], sums[last], frames.position[end])
                 if covariance is not None:
                     to_start = np.kron(np.eye(2), matrix_from_quat(frames.attitude[start]).T)
-                    error = to_start @ relative_errors(frames, np.array([start]), np.array([end]))[0]
+                    ends = np.array([start]), np.array([end])
+                    error = to_start @ relative_errors(frames.estimate, frames.truth, *ends)[0]
                     result[least].append(judged(error, to_start @ covariance @ to_start.T))
                 start = end
     return result

@@ -8,7 +8,7 @@ too large is a finding. At least one of the runs has an error of at least half o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,21 +17,13 @@ from scipy.special import gammaincc
 
 from sfr_loc_map.evidence.check_result import CheckResult
 from sfr_loc_map.evidence.item_rows import items_with
+from sfr_loc_map.evidence.paired_runs import SPACING, RunAtPairs, Span, paired, spans_of, without_common_frame
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat
-from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.association import Frames, associate
-from sfr_loc_map.metrics.config import AssociationConfig, Condition, label_of
-from sfr_loc_map.metrics.consistency import (
-    StepSums,
-    normalised_square,
-    relative_covariance,
-    relative_errors,
-    sums_of_steps,
-)
+from sfr_loc_map.metrics.config import Condition, label_of
+from sfr_loc_map.metrics.consistency import normalised_square, relative_errors
 from sfr_loc_map.metrics.intervals import chi2_interval95
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.trajectory_errors import select
@@ -41,8 +33,6 @@ SIGNIFICANCE = 0.05  #: Probability of a false finding over all comparisons of a
 MIN_SUB_TRAJECTORIES = 3  #: Minimum number of sub-trajectories that share no frame.
 DEGREES = 6  #: Degrees of freedom of a pose error.
 PLACES = "revisited places"  #: Label of a comparison without a condition.
-SPACING = 5  #: Frames between starts. Half of the spacing of a score, for short recordings.
-Span = tuple[int, int]  #: First and last frame of a sub-trajectory.
 
 
 class Differences(NamedTuple):
@@ -67,16 +57,15 @@ class Agreement:
 
 
 def compare(first: Run, other: Run, condition: Condition) -> Agreement:
-    """Return the comparison of two runs over the sub-trajectories of a condition; distances are of the first run.
+    """Return the comparison of a forward run with another run over the sub-trajectories of a condition.
 
-    `Frames` pair estimates with true poses. Here the poses of the other run take the place of the true poses.
+    The motion of the first run ends the sub-trajectories.
     """
-    frames, _ = associate(first.estimates.trajectory, as_forward(other), AssociationConfig(truth="match"))
-    of_first = frames._replace(true_position=frames.position)  # because `select` measures the true distances
-    starts, ends = select(condition, SPACING, of_first, formulas.path_length_m(frames.position))
-    errors = relative_errors(frames, starts, ends)
-    squares = np.array(squares_of(first, other, frames, starts, ends))
-    moves = (frames.position[ends] - frames.position[starts], frames.true_position[ends] - frames.true_position[starts])
+    ours, theirs = paired(first, other)
+    starts, ends = select(condition, SPACING, ours.poses, formulas.path_length_m(ours.poses.position))
+    errors = relative_errors(ours.poses, theirs.poses, starts, ends)
+    squares = np.array(squares_of(ours, theirs, starts, ends))
+    moves = [run.poses.position[ends] - run.poses.position[starts] for run in (ours, theirs)]
     differences = Differences(
         position_m=errors[:, :3],
         attitude_deg=np.degrees(np.linalg.norm(errors[:, 3:], axis=1)),
@@ -92,86 +81,36 @@ def compare(first: Run, other: Run, condition: Condition) -> Agreement:
     )
 
 
-def probability_of(squares: FloatArray) -> float:
-    """Return the probability that the sum of independent normalised squares is at least this large."""
-    return float(gammaincc(0.5 * DEGREES * len(squares), 0.5 * squares.sum()))
-
-
-def spans_of(starts: IntArray, ends: IntArray) -> list[Span]:
-    """Return sub-trajectories as pairs of frames."""
-    return list(zip(starts.tolist(), ends.tolist(), strict=True))
-
-
-def without_common_frame(spans: Iterable[Span]) -> Iterator[Span]:
-    """Yield the sub-trajectories that share no frame but an end, selected greedily from the first."""
-    free_from = 0
-    for start, end in spans:
-        if start >= free_from:
-            yield start, end
-            free_from = end
-
-
-def as_forward(run: Run) -> Trajectory:
-    """Return the poses of a run at the stamps of the pairs, in forward order."""
-    poses = run.estimates.trajectory
-    if not run.is_backward:
-        return poses
-    return Trajectory(run.mirror_ns - poses.stamps_ns[::-1], poses.positions[::-1], poses.quats_xyzw[::-1])
-
-
-def rows_at(run: Run, stamps_ns: IntArray) -> IntArray:
-    """Return the rows of the estimates at the stamps of pairs."""
-    return np.searchsorted(run.estimates.trajectory.stamps_ns, run.own_stamps(stamps_ns))
-
-
-def squares_of(first: Run, other: Run, frames: Frames, starts: IntArray, ends: IntArray) -> list[float]:
+def squares_of(ours: RunAtPairs, theirs: RunAtPairs, starts: IntArray, ends: IntArray) -> list[float]:
     """Return the normalised squares of the differences over sub-trajectories that share no frame.
 
     Sub-trajectories with a lost pose or an unknown covariance are skipped.
     """
-    if first.estimates.steps is None or other.estimates.steps is None:
-        return []
     compared = np.unique(np.concatenate((starts, ends)))
-    rows, rows_of_other = frames.estimate_rows, rows_at(other, frames.stamps_ns)
-    sums = sums_of_steps(first.estimates, first.estimates.steps, rows[compared])
-    sums_of_other = sums_of_steps(other.estimates, other.estimates.steps, rows_of_other[compared])
-    lost = first.estimates.lost[rows] | other.estimates.lost[rows_of_other]
-    turns = matrix_from_quat(frames.attitude) @ np.swapaxes(matrix_from_quat(frames.true_attitude), -1, -2)
+    our_sums, their_sums = ours.sums_at(compared), theirs.sums_at(compared)
+    if not our_sums or not their_sums:
+        return []
+    is_lost = ours.lost | theirs.lost
+    turns = matrix_from_quat(ours.poses.attitude) @ np.swapaxes(matrix_from_quat(theirs.poses.attitude), -1, -2)
     covariances: dict[Span, FloatArray] = {}
     for start, end in spans_of(starts, ends):
-        if lost[start : end + 1].any():
+        if is_lost[start : end + 1].any():
             continue
-        own = growth(sums[int(rows[start])], sums[int(rows[end])], frames.position[end])
-        theirs = growth_of_other(other, sums_of_other, rows_of_other, frames, start, end)
-        if own is not None and theirs is not None:
-            turn = np.kron(np.eye(2), turns[start])
-            covariances[start, end] = own + turn @ theirs @ turn.T
-    return [
-        normalised_square(relative_errors(frames, np.array([start]), np.array([end]))[0], covariances[start, end])
-        for start, end in without_common_frame(covariances)
-    ]
+        our_covariance = ours.covariance_between(our_sums, start, end)
+        their_covariance = theirs.covariance_between(their_sums, start, end)
+        if our_covariance is not None and their_covariance is not None:
+            turn = np.kron(np.eye(2), turns[start])  # from the axes of the other run to those of our run
+            covariances[start, end] = our_covariance + turn @ their_covariance @ turn.T
+    squares = []
+    for start, end in without_common_frame(covariances):
+        (difference,) = relative_errors(ours.poses, theirs.poses, np.array([start]), np.array([end]))
+        squares.append(normalised_square(difference, covariances[start, end]))
+    return squares
 
 
-def growth(start: StepSums, end: StepSums, position: FloatArray) -> FloatArray | None:
-    """Return the covariance of the end given the start, without the errors that all steps share."""
-    none = np.zeros_like(start.systematic)
-    return relative_covariance(start._replace(systematic=none), end._replace(systematic=none), position)
-
-
-def growth_of_other(
-    other: Run, sums: dict[int, StepSums], rows: IntArray, frames: Frames, start: int, end: int
-) -> FloatArray | None:
-    """Return the result of `growth` for the other run, in the axes of the other run.
-
-    A backward run gives the covariance of the start given the end. The error of the end given the start is the
-    negative of this error, propagated over the displacement.
-    """
-    if not other.is_backward:
-        return growth(sums[int(rows[start])], sums[int(rows[end])], frames.true_position[end])
-    reverse = growth(sums[int(rows[end])], sums[int(rows[start])], frames.true_position[start])
-    if reverse is None:
-        return None
-    return propagated_covariance(reverse, frames.true_position[end] - frames.true_position[start])
+def probability_of(squares: FloatArray) -> float:
+    """Return the probability that the sum of independent normalised squares is at least this large."""
+    return float(gammaincc(0.5 * DEGREES * len(squares), 0.5 * squares.sum()))
 
 
 # ---- result, figures and table

@@ -12,13 +12,13 @@ from enum import StrEnum
 
 import numpy as np
 
-from sfr_loc_map.evidence.agreement import SPACING
 from sfr_loc_map.evidence.item_rows import items_with
+from sfr_loc_map.evidence.paired_runs import SPACING
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import propagation
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.association import Frames
+from sfr_loc_map.metrics.association import StampedPoses
 from sfr_loc_map.metrics.config import Condition, label_of
 from sfr_loc_map.metrics.consistency import StepSums, sums_of_steps
 from sfr_loc_map.metrics.table import Figure, figure_row
@@ -44,10 +44,8 @@ def predicted_rows(run: Run, condition: Condition) -> Iterator[Figure]:
     poses = run.estimates.trajectory
     if run.estimates.steps is None:
         return
-    rows = np.arange(len(poses))
-    # the estimate takes the place of the true poses, because distances are measured along the estimate
-    frames = Frames(poses.stamps_ns, poses.positions, poses.quats_xyzw, poses.positions, poses.quats_xyzw, rows)
-    starts, ends = select(condition, SPACING, frames, formulas.path_length_m(poses.positions))
+    path = StampedPoses(poses.stamps_ns, poses.positions, poses.quats_xyzw)
+    starts, ends = select(condition, SPACING, path, formulas.path_length_m(path.position))
     unsound = np.concatenate(([0], np.cumsum(run.estimates.lost | run.estimates.degraded)))
     sums = sums_of_steps(run.estimates, run.estimates.steps, np.unique(np.concatenate((starts, ends))))
     parts = [

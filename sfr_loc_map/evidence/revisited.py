@@ -15,15 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from sfr_loc_map.evidence.agreement import Agreement, Differences, probability_of, rows_at
+from sfr_loc_map.evidence.agreement import Agreement, Differences, probability_of
 from sfr_loc_map.evidence.item_rows import items_with
+from sfr_loc_map.evidence.paired_runs import poses_at, rows_at
 from sfr_loc_map.evidence.variants import PairsInMemory, Run, run_pairs
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.association import associate
-from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.consistency import normalised_square, relative_covariance, relative_errors, sums_of_steps
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.report.tables import METRE, PERCENT, Cell, Column, Table, fitting
@@ -68,12 +67,12 @@ def find_closures(drive: PairsInMemory, forward: Run, config: LocalisationConfig
             break
         kept = [*drive.kept[max(first - PAIRS_BEFORE, 0) : first + 1], drive.kept[again]]
         closure = closure_between(forward, run_pairs(drive, config, "direct", kept), first, again)
-        if closure is None:
+        if closure is None:  # pairs near these visits give no direct run, either
             rows, columns = (slice(max(at - PAIRS_BEFORE, 0), at + PAIRS_BEFORE + 1) for at in (first, again))
             worth[rows, columns] = 0.0
         else:
             found.append(closure)
-            worth[:again, first + 1 :] = 0.0
+            worth[:again, first + 1 :] = 0.0  # the paths of other closures do not overlap this path
     return sorted(found, key=lambda item: item.first)
 
 
@@ -94,25 +93,21 @@ def worth_of_visits(forward: Run) -> FloatArray:
 
 
 def closure_between(forward: Run, direct: Run, first: int, again: int) -> Closure | None:
-    """Return the misclosure of two runs between two pairs; None if the direct run is degraded or lost at a pair.
-
-    The poses of the direct run take the place of the true poses of `Frames`.
-    """
+    """Return the misclosure of two runs between two pairs; None if the direct run is degraded or lost at a pair."""
     poses = forward.estimates.trajectory
-    ends = np.array([first, again])
-    rows = rows_at(direct, poses.stamps_ns[ends])
+    visits = np.array([first, again])
+    rows = rows_at(direct, poses.stamps_ns[visits])
     if (direct.estimates.lost | direct.estimates.degraded)[rows].any():
         return None
-    frames, _ = associate(poses[ends], direct.estimates.trajectory[rows], AssociationConfig(truth="match"))
-    start, end = np.array([0]), np.array([1])
-    error = relative_errors(frames, start, end)[0]
+    along_path, measured = poses_at(forward, visits), poses_at(direct, rows)
+    (error,) = relative_errors(along_path, measured, np.array([0]), np.array([1]))
     path_m = float(np.linalg.norm(np.diff(poses.positions[first : again + 1], axis=0), axis=1).sum())
-    own, others = growth_between(forward, first, again), growth_between(direct, int(rows[0]), int(rows[1]))
-    if own is None or others is None:
+    of_path, of_direct = growth_between(forward, first, again), growth_between(direct, int(rows[0]), int(rows[1]))
+    if of_path is None or of_direct is None:
         return Closure(first, again, path_m, error, None)
-    turn = matrix_from_quat(frames.attitude[0]) @ matrix_from_quat(frames.true_attitude[0]).T
-    turns = np.kron(np.eye(2), turn)
-    return Closure(first, again, path_m, error, normalised_square(error, own + turns @ others @ turns.T))
+    turn = matrix_from_quat(along_path.attitude[0]) @ matrix_from_quat(measured.attitude[0]).T
+    turns = np.kron(np.eye(2), turn)  # from the axes of the direct run to those of the forward run
+    return Closure(first, again, path_m, error, normalised_square(error, of_path + turns @ of_direct @ turns.T))
 
 
 def growth_between(run: Run, start: int, end: int) -> FloatArray | None:

@@ -78,6 +78,14 @@ def lost_by_covariance(covariance: FloatArray) -> Mask:
     return np.asarray((covariance[:, DIAGONAL] >= LOST_VARIANCE).all(axis=1))
 
 
+class StampedPoses(NamedTuple):
+    """Stamped poses in time order, as columns."""
+
+    stamps_ns: IntArray
+    position: FloatArray  #: `(N, 3)`.
+    attitude: FloatArray  #: `(N, 4)` quaternions.
+
+
 class Frames(NamedTuple):
     """True and estimated poses of the same frames in time order, with their stamps and the rows of the estimates."""
 
@@ -87,6 +95,16 @@ class Frames(NamedTuple):
     position: FloatArray
     attitude: FloatArray
     estimate_rows: Rows
+
+    @property
+    def truth(self) -> StampedPoses:
+        """The true poses."""
+        return StampedPoses(self.stamps_ns, self.true_position, self.true_attitude)
+
+    @property
+    def estimate(self) -> StampedPoses:
+        """The estimated poses."""
+        return StampedPoses(self.stamps_ns, self.position, self.attitude)
 
 
 class Matches(NamedTuple):

@@ -25,7 +25,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import propagated_covariance, propagation
 from sfr_loc_map.inputs import LOST_VARIANCE
-from sfr_loc_map.metrics.association import DIAGONAL, Estimates, Frames, symmetric, unique_rows
+from sfr_loc_map.metrics.association import DIAGONAL, Estimates, Frames, StampedPoses, symmetric, unique_rows
 from sfr_loc_map.metrics.intervals import chi2_interval95
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.truth_error import truth_noise
@@ -108,7 +108,7 @@ def nees_rows(
     squares: dict[str, list[float]] = {name: [] for name in PARTS}
     from_steps = not_usable = 0
     pairs = independent_pairs(estimates.covariance, frames, starts, ends)
-    errors = relative_errors(frames, pairs[:, 0], pairs[:, 1])
+    errors = relative_errors(frames.estimate, frames.truth, pairs[:, 0], pairs[:, 1])
     for (start, end), error in zip(pairs.tolist(), errors, strict=True):
         first, last = int(frames.estimate_rows[start]), int(frames.estimate_rows[end])
         move = frames.position[end] - frames.position[start]
@@ -163,16 +163,17 @@ def normalised_square(error: FloatArray, covariance: FloatArray) -> float:
     return float(whitened @ whitened)
 
 
-def relative_errors(frames: Frames, starts: IntArray, ends: IntArray) -> FloatArray:
-    """Return the errors `(M, 6)` of position (m) and attitude (rad) over sub-trajectories.
+def relative_errors(estimate: StampedPoses, reference: StampedPoses, starts: IntArray, ends: IntArray) -> FloatArray:
+    """Return the differences `(M, 6)` of position (m) and attitude (rad) over sub-trajectories: estimate - reference.
 
-    The true motion is first rotated by the attitude error at the start, so that both motions start with one attitude.
+    The reference is the ground truth or another estimate. Its motion is first rotated by the attitude difference at the
+    start, so that both motions start with one attitude.
     """
-    to_estimate = quat_multiply(frames.attitude[starts], quat_conjugate(frames.true_attitude[starts]))
-    true_move = quat_rotate(to_estimate, frames.true_position[ends] - frames.true_position[starts])
-    position = (frames.position[ends] - frames.position[starts]) - true_move
-    true_quat = quat_multiply(to_estimate, frames.true_attitude[ends])
-    turn = quat_normalised(quat_multiply(frames.attitude[ends], quat_conjugate(true_quat)))
+    to_estimate = quat_multiply(estimate.attitude[starts], quat_conjugate(reference.attitude[starts]))
+    move = quat_rotate(to_estimate, reference.position[ends] - reference.position[starts])
+    position = (estimate.position[ends] - estimate.position[starts]) - move
+    attitude = quat_multiply(to_estimate, reference.attitude[ends])
+    turn = quat_normalised(quat_multiply(estimate.attitude[ends], quat_conjugate(attitude)))
     turn = np.where(turn[:, 3:] < 0.0, -turn, turn)
     sine = np.linalg.norm(turn[:, :3], axis=1)
     is_small = sine < 1e-9

@@ -11,7 +11,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.association import Frames
+from sfr_loc_map.metrics.association import StampedPoses
 from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import Condition, ConditionKind
 from sfr_loc_map.metrics.formulas import Lengths, Poses, Reading, SubTrajectoryErrors
@@ -89,12 +89,12 @@ def error_figures(*, with_horizontal: bool = True) -> tuple[ErrorFigure, ...]:
 # ---- selection
 
 
-def select(condition: Condition, spacing: int, frames: Frames, length_m: Lengths) -> tuple[IntArray, IntArray]:
-    """Return the frames N and N+x of the sub-trajectories of a condition [4.1.1].
+def select(condition: Condition, spacing: int, path: StampedPoses, length_m: Lengths) -> tuple[IntArray, IntArray]:
+    """Return the frames N and N+x of the sub-trajectories of a condition [4.1.1], whose motion is that of a path.
 
     N+x is the first frame at which all parts of the condition hold. A start whose condition is never met is skipped.
     """
-    count = len(frames.stamps_ns)
+    count = len(path.stamps_ns)
     starts = formulas.start_frames(count, spacing)
     ends = np.minimum(starts + 1, count)
     metres = turn_deg = 0.0
@@ -103,7 +103,7 @@ def select(condition: Condition, spacing: int, frames: Frames, length_m: Lengths
             ends = np.maximum(ends, formulas.ends_by_distance(starts, length_m, part.value))
         elif part.kind is ConditionKind.TIME:
             time_ns = round(part.value * NS_PER_S)
-            ends = np.maximum(ends, formulas.ends_by_time(starts, frames.stamps_ns, time_ns))
+            ends = np.maximum(ends, formulas.ends_by_time(starts, path.stamps_ns, time_ns))
         elif part.kind is ConditionKind.FRAMES:
             ends = np.maximum(ends, formulas.ends_by_frames(starts, int(part.value)))
         elif part.kind is ConditionKind.DISPLACEMENT:
@@ -111,7 +111,7 @@ def select(condition: Condition, spacing: int, frames: Frames, length_m: Lengths
         else:
             turn_deg = part.value
     if metres or turn_deg:
-        ends = formulas.ends_apart(starts, ends, frames.true_position, frames.true_attitude, metres, turn_deg)
+        ends = formulas.ends_apart(starts, ends, path.position, path.attitude, metres, turn_deg)
     is_met = ends < count
     return starts[is_met], ends[is_met]
 

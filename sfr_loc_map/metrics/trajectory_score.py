@@ -82,7 +82,7 @@ def score_trajectory(
     covered = [msgspec.structs.replace(row, value=None) if row.figure in unknown else row for row in covered]
     is_reported = (placed.estimates.lost | placed.estimates.degraded)[frames.estimate_rows]
     covered += copy_rows(frames, truth, is_reported, interpolated=association.interpolated > 0)
-    chosen = [select(condition, config.spacing, frames, placed.length_m) for condition in conditions]
+    chosen = [select(condition, config.spacing, frames.truth, placed.length_m) for condition in conditions]
     covered.append(judged_of_truth(frames, chosen))
     sums = step_sums(placed.estimates, frames, chosen)
     figures: list[Figure] = []
@@ -222,7 +222,7 @@ def sub_trajectory_table(
         readings |= {name: of_known(known_of(truth), reading) for name, reading in READINGS.items()}
     parts: list[dict[str, NDArray[Any]]] = []
     for condition in conditions:
-        starts, ends = select(condition, config.spacing, frames, length_m)
+        starts, ends = select(condition, config.spacing, frames.truth, length_m)
         true_move = formulas.displacement(poses.true_position, starts, ends)
         for name, reading in readings.items():
             errors = reading(poses, starts, ends)

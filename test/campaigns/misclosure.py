@@ -41,7 +41,7 @@ def main(arguments: list[str]) -> int:
             count += len(closures)
             for closure in closures:
                 visits = np.searchsorted(frames.stamps_ns, poses.stamps_ns[[closure.first, closure.again]])
-                error = relative_errors(frames, visits[:1], visits[1:])[0]
+                error = relative_errors(frames.estimate, frames.truth, visits[:1], visits[1:])[0]
                 predicted = growth_between(forward, closure.first, closure.again)
                 sigma_m = float("nan") if predicted is None else np.sqrt(np.trace(predicted[:3, :3]))
                 nees = float("nan") if closure.square is None else closure.square

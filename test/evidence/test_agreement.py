@@ -75,6 +75,16 @@ def test_independent_runs_differ_as_their_covariances_predict(backward: bool) ->
     assert mean == pytest.approx(6.0, abs=4 * np.sqrt(12.0 / len(np.concatenate(squares))))
 
 
+def test_the_first_run_ends_the_sub_trajectories() -> None:
+    """A condition on the rotation is met by the first run alone: the other run has a constant attitude."""
+    turning = Rotation.from_rotvec(np.tile([0.0, 0.0, 0.02], (len(STAMPS) - 1, 1)))
+    moves = np.tile([0.1, 0.0, 0.0], (len(STAMPS) - 1, 1))
+    first, other = run_of("a", turning, moves, 1), run_of("b", Rotation.identity(len(moves)), moves, 2)
+    condition = Condition.parse("turn=30")
+    assert len(compare(first, other, condition).differences.position_m) > 50
+    assert len(compare(other, first, condition).differences.position_m) == 0
+
+
 def test_a_drift_that_is_not_stated_is_found_and_bounds_the_error() -> None:
     turns, moves = true_steps(np.random.default_rng(1))
     first, other = run_of("a", turns, moves, 1), run_of("b", turns, moves, 2)
