@@ -65,10 +65,11 @@ def check(
     The check detects errors or gives a lower bound of the error. It never proves an accuracy, because errors that all
     runs share, such as those of the calibration, stay hidden.
     """
+    from sfr_loc_map.evidence.calibration import Advice
     from sfr_loc_map.evidence.check import check_drive, check_tables
     from sfr_loc_map.evidence.check_result import Check, CheckResult, worst_result
     from sfr_loc_map.evidence.overlap import check_maps
-    from sfr_loc_map.evidence.variants import Run, Variant
+    from sfr_loc_map.evidence.variants import Run, calls_of
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
     from sfr_loc_map.mapping.config import MappingConfig
@@ -84,16 +85,18 @@ def check(
     opened, read_from = open_as(source, remap, config)
     checks: dict[str, Check] = {}
     calibration: list[str] = []
+    advice: dict[str, Advice] = {}
     has_maps = opened.nav is not None and len(opened.nav) > 1
     if opened.loc is not None or not has_maps:
         parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)
         others = [Run(names[path], Estimates.of(read_trajectory_file(path).trajectory)) for path in names]
         with naming(source), progress_bar("pairs") as bar:
             count = min(len(sequence), pairs)
-            task = bar.add_task("checking", total=count * len(Variant) - count // 2)
+            task = bar.add_task("checking", total=calls_of(count))
             drive = check_drive(sequence, parameters, conditions, pairs, others, lambda: bar.advance(task))
         checks["drive"] = drive
         calibration = [offset.text for offset in drive.wrong_offsets]
+        advice = drive.advice
     if opened.nav is not None and has_maps:
         with naming(source):
             checks["maps"] = check_maps(opened.nav, read_config(MappingConfig, read_from, "mapping"))
@@ -104,9 +107,10 @@ def check(
         "result": worst_result(results.values()).value,
         "results": {subject: result.value for subject, result in results.items()},
         "calibration": calibration,
+        "advice": advice,
         "figures": to_plain(figures),
     }
-    show(content, json_path, check_tables(figures))
+    show(content, json_path, check_tables(figures, advice))
     is_silent = json_path == STANDARD_OUTPUT
     for subject, result in results.items():
         say(f"{subject}: {result}. This proves no accuracy: errors that all runs share stay hidden", err=is_silent)

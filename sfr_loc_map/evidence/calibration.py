@@ -8,7 +8,7 @@ offset is measured by an additional run with the right images rotated back. The 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.intervals import Interval, student_quantile
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.report.tables import ABSENT, PERCENT, Cell, Column, Table, Unit, fitting
+from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table, Unit, fitting
 
 ANGLES = {"pitch": "vertical_offset_px", "roll": "roll_offset_px", "yaw": "disparity_offset_px"}
 """Statistic of the localiser by the angle that causes it."""
@@ -33,7 +33,6 @@ NAMES = {
     "right_camera": "right camera, ",
     "depth_error": "error of depth ",
     "calibration_cost": "shift of positions by correction of ",
-    "scale": "excess of length, ",
 }
 """Figures of the calibration table and the prefixes of their names."""
 LARGE_PX = 0.2  #: Smaller offsets are corrected online and matter less than matching noise (chosen by hand).
@@ -41,7 +40,7 @@ RANGE_M = 4.0  #: Range at which the depth error is reported.
 
 
 class Advice(StrEnum):
-    """Recommended action for the calibration file, the verdict on an offset of the right camera."""
+    """Recommended action for the calibration file by the offset about one axis. The check stores this word."""
 
     REDO = "redo"
     KEEP = "keep"
@@ -74,9 +73,14 @@ class CameraOffset(NamedTuple):
     depth_error_m: float | None  #: At RANGE_M with the present calibration file; None except for yaw.
 
     @property
+    def advice(self) -> Advice:
+        """Recommended action for the calibration file."""
+        return advice_of(self.angle, self.px, (self.low_px, self.high_px))
+
+    @property
     def is_wrong(self) -> bool:
         """Whether the calibration should be repeated."""
-        return advice_of(self.angle, self.px, (self.low_px, self.high_px)) is Advice.REDO
+        return self.advice is Advice.REDO
 
     @property
     def text(self) -> str:
@@ -134,23 +138,21 @@ def cost_row(offsets: Sequence[CameraOffset], agreement: Agreement) -> Figure:
     return figure_row("calibration_cost", agreement.condition, part, n=moved.n, value=moved.rmse)
 
 
-def calibration_table(figures: Sequence[Figure]) -> Table:
-    """Return the offsets of the right camera as a table."""
+def calibration_table(figures: Sequence[Figure], advice: Mapping[str, Advice]) -> Table:
+    """Return the offsets of the right camera as a table, with the advice of the check by angle."""
     rows = []
     for index, row in enumerate(figures):
         if row.figure in NAMES:
-            unit = PERCENT if row.unit == "1" else fitting(Unit(row.unit), row.value)
+            unit = fitting(Unit(row.unit), row.value)
             over = f" over {label_of(row.condition)}" if row.condition else ""
-            advice = ABSENT
-            if row.figure == "right_camera" and row.value is not None and row.interval is not None:
-                advice = advice_of(row.part or "", row.value, row.interval)
+            action = advice.get(row.part or "") if row.figure == "right_camera" else None
             cells = (
                 Cell.head(f"{NAMES[row.figure]}{row.part}{over}"),
                 Cell(unit.symbol),
                 Cell.number(row.value, f"figures.{index}.value", unit),
                 Cell.interval(row.interval, f"figures.{index}", unit),
                 Cell.number(row.n, f"figures.{index}.n"),
-                Cell(advice),
+                Cell(ABSENT if action is None else action.value),
             )
             rows.append(cells)
     columns = (

@@ -1,4 +1,4 @@
-"""`sfr check`: consistency of the localisation of a recording without a ground truth, and the tables of its figures.
+"""Check of a drive without a ground truth, and the tables of the figures of a check. `cli.check` adds the maps.
 
 Each kind of evidence has a module that measures it, returns its figures as rows, and shows these rows as a table:
 `agreement` (runs that should agree), `revisited` (places), `predicted` (error by source), `other_estimates`,
@@ -7,7 +7,7 @@ Each kind of evidence has a module that measures it, returns its figures as rows
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -21,6 +21,7 @@ from sfr_loc_map.evidence.agreement import (
     result_of,
 )
 from sfr_loc_map.evidence.calibration import (
+    Advice,
     CameraOffset,
     calibration_table,
     corrected_drive,
@@ -29,7 +30,7 @@ from sfr_loc_map.evidence.calibration import (
     right_camera_offsets,
 )
 from sfr_loc_map.evidence.check_result import Check, CheckResult
-from sfr_loc_map.evidence.other_estimates import hat_rows, hat_table, scale_row
+from sfr_loc_map.evidence.other_estimates import hat_rows, hat_table, scale_row, scale_table
 from sfr_loc_map.evidence.overlap import overlap_table
 from sfr_loc_map.evidence.predicted import predicted_rows, predicted_table
 from sfr_loc_map.evidence.revisited import agreement_at, closure_rows, closure_table, find_closures
@@ -49,8 +50,6 @@ COMPARED = (
 """Runs that are compared with each other."""
 CALIBRATED = (Variant.FORWARD, Variant.BACKWARD, Variant.LEFT_HALF, Variant.RIGHT_HALF)
 """Runs that estimate the rotation of the right camera, each from all pairs."""
-TABLES = (agreement_table, closure_table, predicted_table, hat_table, calibration_table, overlap_table)
-"""Tables of the figures of a check, in the order in which they are shown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +58,17 @@ class DriveCheck(Check):
 
     agreements: tuple[Agreement, ...]  #: The comparisons that decide the result.
     forward: Run  #: The run over all pairs in recorded order, as in operation.
-    wrong_offsets: tuple[CameraOffset, ...]  #: Offsets for which the calibration should be repeated.
+    offsets: tuple[CameraOffset, ...]  #: Offsets of the right camera from its calibration.
+
+    @property
+    def wrong_offsets(self) -> tuple[CameraOffset, ...]:
+        """The offsets for which the calibration should be repeated."""
+        return tuple(offset for offset in self.offsets if offset.is_wrong)
+
+    @property
+    def advice(self) -> dict[str, Advice]:
+        """The recommended action for the calibration file by angle."""
+        return {offset.angle: offset.advice for offset in self.offsets}
 
 
 def check_drive(
@@ -72,7 +81,8 @@ def check_drive(
 ) -> DriveCheck:
     """Run each variant of the localiser over the first pairs of a drive; compare the runs and other estimates.
 
-    Only our own runs decide the result. Other estimates contribute figures.
+    Only our own runs decide the result. Other estimates contribute figures. `progress` is called after each of the
+    `calls_of` calls of the variants.
     """
     drive = PairsInMemory(sequence.rig, list(islice(sequence.pairs(), most_pairs)))
     if len(drive) < MIN_PAIRS:
@@ -109,11 +119,22 @@ def check_drive(
         disagreements=(disagreement_of(agreements),) if result is CheckResult.INCONSISTENT else (),
         agreements=tuple(agreements),
         forward=forward,
-        wrong_offsets=tuple(wrong),
+        offsets=tuple(offsets),
     )
 
 
-def check_tables(figures: Sequence[Figure]) -> list[Table]:
-    """Return the tables of the figures of a check; tables without rows are omitted. Cells name keys in the figures."""
-    tables = [make_table(figures) for make_table in TABLES]
+def check_tables(figures: Sequence[Figure], advice: Mapping[str, Advice]) -> list[Table]:
+    """Return the tables of the figures of a check and of its advice by angle; tables without rows are omitted.
+
+    Cells name keys in the figures.
+    """
+    tables = (
+        agreement_table(figures),
+        closure_table(figures),
+        predicted_table(figures),
+        scale_table(figures),
+        hat_table(figures),
+        calibration_table(figures, advice),
+        overlap_table(figures),
+    )
     return [table for table in tables if table.rows]

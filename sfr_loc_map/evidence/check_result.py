@@ -23,11 +23,12 @@ class Check:
 
     result: CheckResult
     figures: tuple[Figure, ...]
-    disagreements: tuple[str, ...]  #: Differences that exceed the prediction, one phrase each.
+    disagreements: tuple[str, ...]
+    """Differences that exceed the prediction, one phrase each: the least probable one of a drive, all of maps."""
 
 
 def worst_result(results: Iterable[CheckResult]) -> CheckResult:
-    """Return the worst result of the checks of several subjects."""
+    """Return the worst result of the checks of several subjects; without any check, there is not enough data."""
     found = set(results)
-    worst_first = (CheckResult.INCONSISTENT, CheckResult.NOT_ENOUGH_DATA)
-    return next((result for result in worst_first if result in found), CheckResult.CONSISTENT)
+    worst_first = (CheckResult.INCONSISTENT, CheckResult.NOT_ENOUGH_DATA, CheckResult.CONSISTENT)
+    return next((result for result in worst_first if result in found), CheckResult.NOT_ENOUGH_DATA)

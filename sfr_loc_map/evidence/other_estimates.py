@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import Condition, label_of
 from sfr_loc_map.metrics.intervals import student_quantile
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.report.tables import METRE, Cell, Column, Table, fitting
+from sfr_loc_map.report.tables import METRE, PERCENT, Cell, Column, Table, fitting
 
 
 def scale_row(agreement: Agreement) -> Figure:
@@ -32,6 +32,34 @@ def scale_row(agreement: Agreement) -> Figure:
     mean, sigma = float(np.mean(scales)), float(np.std(scales, ddof=1))
     half = student_quantile(0.975, independent - 1.0) * sigma / np.sqrt(independent)
     return figure_row("scale", *where, n=count, value=mean, low95=mean - half, high95=mean + half)
+
+
+def scale_table(figures: Sequence[Figure]) -> Table:
+    """Return the excess of length over other estimates as a table."""
+    rows = []
+    for index, row in enumerate(figures):
+        if row.figure == "scale":
+            cells = (
+                Cell.head(row.part or ""),
+                Cell(label_of(row.condition)),
+                Cell.number(row.value, f"figures.{index}.value", PERCENT),
+                Cell.interval(row.interval, f"figures.{index}", PERCENT),
+                Cell.number(row.n, f"figures.{index}.n"),
+            )
+            rows.append(cells)
+    columns = (
+        Column("runs", words=True),
+        Column("over", words=True),
+        Column("excess of length", PERCENT),
+        Column("95 % interval", PERCENT),
+        Column("n"),
+    )
+    note = (
+        "Relative excess of the straight-line distances of the forward run over those of the other estimate. If the "
+        "other estimate is the odometry of wheels that do not slip, the excess is the error of the ratio of baseline "
+        "and focal length."
+    )
+    return Table("scale", "Length against other estimates", columns, tuple(rows), note)
 
 
 def hat_rows(runs: Sequence[Run], condition: Condition) -> list[Figure]:

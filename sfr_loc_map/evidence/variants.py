@@ -75,6 +75,11 @@ class Run:
         return self.mirror_ns - stamps_ns if self.is_backward else stamps_ns
 
 
+def calls_of(pairs: int) -> int:
+    """Return the number of calls of all variants over a number of pairs."""
+    return pairs * len(Variant) - pairs // 2  # one variant skips every second pair
+
+
 def run_variant(drive: PairsInMemory, config: LocalisationConfig, variant: Variant, progress: Progress) -> Run:
     """Return the estimates of one variant; raise InputError if the configured mask file cannot be read."""
     kept, mirror_ns = list(drive.kept), 0

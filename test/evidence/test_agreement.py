@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.evidence.agreement import compare, result_of
-from sfr_loc_map.evidence.calibration import advice_of, calibration_table, offset_rows, right_camera_offsets
+from sfr_loc_map.evidence.calibration import Advice, advice_of, calibration_table, offset_rows, right_camera_offsets
 from sfr_loc_map.evidence.check_result import CheckResult
 from sfr_loc_map.evidence.other_estimates import scale_row, three_cornered_hat
 from sfr_loc_map.evidence.variants import Run
@@ -153,8 +153,11 @@ def test_a_right_camera_that_is_off_is_named_with_its_cost() -> None:
     assert yaw.depth_error_m == pytest.approx(16 * 0.6975 / 48.0)
     assert "yaw" in yaw.text
     assert not right_camera_offsets([run(0.0, 1.0), run(0.0, -1.0)], rig)[1].is_wrong, "runs that disagree show nothing"
-    table = calibration_table([row for offset in (pitch, yaw) for row in offset_rows(offset)])
-    assert len(table.rows) == 3
+    advice = {offset.angle: offset.advice for offset in (pitch, yaw)}
+    figures = [row for offset in (pitch, yaw) for row in offset_rows(offset)]
+    assert [row[-1].text for row in calibration_table(figures, advice).rows] == ["keep", "redo", "-"]
+    stored = calibration_table(figures, {"pitch": Advice.UNCLEAR})
+    assert [row[-1].text for row in stored.rows] == ["unclear", "-", "-"], "the stored advice is shown"
 
 
 @pytest.mark.parametrize(

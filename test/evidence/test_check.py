@@ -68,7 +68,7 @@ def test_a_wrong_calibration_is_to_be_redone_and_its_cost_is_measured(angle: str
     degrees = np.degrees(score.number("right_camera", "value", part=angle) / LOC_RIG.fx)
     assert abs(degrees) == pytest.approx(0.3, abs=0.03)
     assert 0.0 < score.number("calibration_cost", "value", part=angle) < 0.05
-    table = calibration_table(found.figures)
+    table = calibration_table(found.figures, found.advice)
     advice = {row[0].text: row[-1].text for row in table.rows}
     assert advice[f"right camera, {angle}"] == "redo"
     assert advice[f"shift of positions by correction of {angle} over 5 frames"] == "-"
@@ -76,7 +76,7 @@ def test_a_wrong_calibration_is_to_be_redone_and_its_cost_is_measured(angle: str
     again = check_drive(corrected, LocalisationConfig(), [Condition.parse("frames=5")], 40)
     assert again.wrong_offsets == ()
     assert not [row for row in again.figures if row.figure == "calibration_cost"]
-    advice = {row[0].text: row[-1].text for row in calibration_table(again.figures).rows}
+    advice = {row[0].text: row[-1].text for row in calibration_table(again.figures, again.advice).rows}
     assert advice["right camera, pitch"] == advice["right camera, roll"] == "keep"
     assert advice["right camera, yaw"] == "unclear", "a drive in front of a wall shows no yaw"
 
@@ -119,7 +119,9 @@ def test_the_command_writes_rows_and_takes_two_other_estimates(
     rows = {(row["figure"], row.get("part")): row for row in content["figures"]}
     assert {("hat_sigma", name) for name in ("forward", "a.csv", "b.csv")} <= set(rows)
     assert rows["difference", "forward - b.csv"]["rmse"] > 10 * rows["difference", "forward - a.csv"]["rmse"]
+    assert content["advice"]["yaw"] == "unclear"
     assert "no accuracy" in found.out
+    assert "Length against other estimates" in found.out
     assert sfr("check", tmp_path, *["--estimate", tmp_path / "a.csv"] * 3).code == 2
     assert sfr("check", tmp_path, *["--estimate", tmp_path / "a.csv"] * 2).code == 2, "one estimate is given twice"
 

@@ -81,6 +81,7 @@ def test_the_result_of_several_checks_is_the_worst() -> None:
     assert worst_result([consistent, few]) is few
     assert worst_result([few, inconsistent, consistent]) is inconsistent
     assert worst_result([consistent, consistent]) is consistent
+    assert worst_result([]) is few
 
 
 def test_figures_and_table_have_each_overlap() -> None:

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import msgspec
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check import check_tables
 from sfr_loc_map.evidence.check_result import CheckResult
 from sfr_loc_map.inputs import MAX_JSON_BYTES, hash_path, read_text
@@ -33,10 +34,11 @@ class CheckFile(msgspec.Struct):
     results: dict[str, CheckResult]
     calibration: list[str]
     figures: list[Figure]
+    advice: dict[str, Advice] = {}
 
     def tables(self) -> list[Table]:
         """Return the tables that the command prints."""
-        return check_tables(self.figures)
+        return check_tables(self.figures, self.advice)
 
     def open_points(self) -> Iterator[str]:
         """Yield the results that are not consistent."""
