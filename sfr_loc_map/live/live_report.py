@@ -10,7 +10,7 @@ from sfr_loc_map.metrics.judging.judge import with_missing_results
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.report.limit_bars import limit_bars
-from sfr_loc_map.report.score_plots import error_sizes
+from sfr_loc_map.report.plotted_data import error_sizes
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.summary import overall_of
 from sfr_loc_map.report.tables import Cell, Table

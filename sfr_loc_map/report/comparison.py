@@ -14,7 +14,8 @@ from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report import plots
-from sfr_loc_map.report.score_plots import growth, path_errors, path_of, range_rows
+from sfr_loc_map.report.plotted_data import errors_by_range, path_errors, path_of
+from sfr_loc_map.report.score_plots import growth
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text, row_title
 from sfr_loc_map.report.summary import overall_of
 from sfr_loc_map.report.tables import ABSENT, MARKS, MIB, NONE, PERCENT, Cell, Column, Row, Table, Unit, fitting, number
@@ -308,7 +309,7 @@ def _cost(named: Named, task: Task) -> list[plots.Plot]:
 def _over_range(named: Named) -> list[plots.Plot]:
     data, values = [], []
     for k, (name, score) in enumerate(named):
-        known = [(low, high, 1e3 * row.p50) for low, high, row in range_rows(score) if row.p50 is not None]
+        known = [(low, high, 1e3 * row.p50) for low, high, row in errors_by_range(score) if row.p50 is not None]
         values += [value for *_, value in known]
         if known:
             levels = [([low, high], plots.scaled([value] * 2, 1.0)) for low, high, value in known]

@@ -18,7 +18,8 @@ from sfr_loc_map.atomic import write_text
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.report.glossary import glossary
 from sfr_loc_map.report.plots import PALETTES, TEMPLATE, Plot
-from sfr_loc_map.report.score_plots import path_of, score_plots
+from sfr_loc_map.report.plotted_data import path_of
+from sfr_loc_map.report.score_plots import score_plots
 from sfr_loc_map.report.score_tables import FIRST_TABLES, score_tables
 from sfr_loc_map.report.summary import (
     LookFirst,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report.plots import error_scale, largest
-from sfr_loc_map.report.score_plots import error_sizes, limits_on, map_of, plotted_conditions
+from sfr_loc_map.report.plotted_data import PlottedLimit, error_sizes, limits_on, map_of, plotted_conditions
 from sfr_loc_map.report.tables import number
 
 
@@ -85,7 +85,7 @@ class Series:
     x: Sequence[float | None]
     sizes: Sequence[float | None]  #: Sizes of the errors, before scaling.
     row: Figure | None
-    limits: list[tuple[str, float]]  #: Statistic and limit.
+    limits: list[PlottedLimit]
     factor: float  #: From the unit of the errors to the unit of the drawing.
     unit: str  #: Unit of the drawing.
     mean: str = "mean"  #: Label of the mean of the row.
@@ -107,7 +107,7 @@ def _of_drive(score: Score) -> Iterator[Series]:
             title=f"Position error {at_the_end}",
             x_title=travelled,
             y_title="position error",
-            x=plotted.travelled_m,
+            x=plotted.at_end_m,
             sizes=sizes,
             row=score.figure("position", condition=condition),
             limits=limits_on(score, "position", condition),
@@ -120,7 +120,7 @@ def _of_drive(score: Score) -> Iterator[Series]:
                 title=f"Attitude error {at_the_end}",
                 x_title=travelled,
                 y_title="attitude error",
-                x=plotted.travelled_m,
+                x=plotted.at_end_m,
                 sizes=plotted.rows.attitude_deg,
                 row=score.figure("attitude", condition=condition),
                 limits=limits_on(score, "attitude", condition),
@@ -177,7 +177,9 @@ def _drawn(series: Series) -> PrintedPlot:
     lines = list(_statistics_of(series))
     x_most, x_step = _end_of(max((x for x, _ in pairs), default=0.0))
     y_most, y_step = _end_of(max([y for _, y in pairs] + [line.value for line in lines], default=0.0))
-    lines += [_Line(limit * factor, f"limit {number(limit * factor)} {unit}", DASHED) for _, limit in series.limits]
+    for limit in series.limits:
+        level = limit.value * factor
+        lines.append(_Line(level, f"{limit.title} {number(level)} {unit}", DASHED))
     return PrintedPlot(
         title=series.title,
         x_title=series.x_title,

@@ -6,15 +6,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from sfr_loc_map.metrics.catalogue import DIRECTIONS, Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, label_of
-from sfr_loc_map.metrics.details import ErrorImage, MapDetails, PathRows, PointRows, SubTrajectoryRows, Triangulation
-from sfr_loc_map.metrics.row_part import distance_of, range_of
+from sfr_loc_map.metrics.details import ErrorImage, PathRows, PointRows, SubTrajectoryRows, Triangulation
+from sfr_loc_map.metrics.row_part import distance_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report.notes import HOST
@@ -39,6 +37,17 @@ from sfr_loc_map.report.plots import (
     segments,
     span,
 )
+from sfr_loc_map.report.plotted_data import (
+    PlottedCondition,
+    PlottedLimit,
+    error_sizes,
+    errors_by_range,
+    limits_on,
+    map_of,
+    path_errors,
+    path_of,
+    plotted_conditions,
+)
 from sfr_loc_map.report.tables import MIB
 
 AT_THE_END = "distance travelled at the end, m"
@@ -57,22 +66,12 @@ STATES = {
     "other": ("@four", "square"),
 }
 """Colour and mark of each state that a call reports."""
-LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)
-SCATTER_ROWS = 3000
-LAW_STEPS = 40
-FAR = 10.0  #: A limit above this multiple of the largest value would compress a linear scale.
-
-
-class PlottedCondition(NamedTuple):
-    """Plotted data of one condition; `travelled_m` is the distance at the end of each sub-trajectory."""
-
-    rows: SubTrajectoryRows
-    travelled_m: list[float]
-
-    @property
-    def over(self) -> str:
-        """The condition in words."""
-        return label_of(self.rows.condition)
+LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  #: Ticks of the colour bar of point errors, mm.
+SCATTER_ROWS = 3000  #: Maximum number of marks of map points.
+LAW_STEPS = 40  #: Number of pieces of a line of the law of triangulation.
+LOGARITHMIC_ABOVE = 3.0  #: A limit above this multiple of the largest value makes an axis of sizes logarithmic.
+HIDDEN_ABOVE = 10.0
+"""A limit above this multiple of the largest value is only in the legend of a linear axis with negative values."""
 
 
 def score_plots(score: Score) -> list[tuple[str, list[Plot]]]:
@@ -83,17 +82,6 @@ def score_plots(score: Score) -> list[tuple[str, list[Plot]]]:
         ("Map", _map_plots(score)),
     )
     return [(title, plots) for title, plots in groups if plots]
-
-
-def path_of(score: Score) -> PathRows | None:
-    """Return the frames of the trajectory; None if they are unknown."""
-    details = score.details
-    return None if details is None or details.trajectory is None else details.trajectory.path
-
-
-def map_of(score: Score) -> MapDetails | None:
-    """Return the data for plots of the map; None if it is unknown."""
-    return None if score.details is None else score.details.map
 
 
 def _drive_plots(score: Score) -> list[Plot]:
@@ -110,92 +98,42 @@ def _drive_plots(score: Score) -> list[Plot]:
     ]
 
 
-def plotted_conditions(score: Score) -> list[PlottedCondition]:
-    """Return the sub-trajectories of each condition; conditions without sub-trajectories are omitted."""
-    details = None if score.details is None else score.details.trajectory
-    if details is None or details.path is None:
-        return []
-    known, every = np.array(details.path.travelled_m, np.float64), details.path.every
-    conditions = []
-    for rows in details.sub_trajectories:
-        if rows.start_frame:  # linear between the rows of a thinned path
-            travelled = np.interp(rows.end_frame, np.arange(len(known)) * every, known)
-            conditions.append(PlottedCondition(rows, [round(value, 4) for value in travelled.tolist()]))
-    return conditions
-
-
-def limits_on(
-    score: Score, figure: str, condition: str | None = None, part: str | None = None
-) -> list[tuple[str, float]]:
-    """Return the limits on a figure with their statistics; two requirements can limit the same statistic."""
-    found = [
-        (item.statistic, item.limit)
-        for item in score.verdicts
-        if item.figure == figure
-        and item.condition == condition
-        and item.statistic is not None
-        and (part is None or item.part == part)
-        and not item.is_of_target
-    ]
-    return list(dict.fromkeys(found))
-
-
 def _limit_lines(
-    score: Score,
-    figure: str,
+    limits: Sequence[PlottedLimit],
     ends: Values,
     factor: float = 1.0,
-    condition: str | None = None,
+    over: str = "",
     hidden_above: float = math.inf,
     **more: Any,  # noqa: ANN401
 ) -> list[Trace]:
-    """Return a line for each limit on a figure; a limit above `hidden_above` is only in the legend."""
+    """Return a line for each limit in the unit of the plot; a limit beyond `hidden_above` is only in the legend."""
     traces = []
-    for name, limit in limits_on(score, figure, condition):
-        far = {"visible": "legendonly"} if limit * factor > hidden_above else {}
-        title = f"limit of {statistic_title(name)}" + (f", {label_of(condition)}" if condition else "")
-        traces.append(line(title, (ends, scaled([limit] * 2, factor)), "@bad", dash="longdash", **(more | far)))
+    for limit in limits:
+        far = {"visible": "legendonly"} if abs(limit.value * factor) > hidden_above else {}
+        title = f"{limit.title}, {over}" if over else limit.title
+        level = scaled([limit.value] * 2, factor)
+        traces.append(line(title, (ends, level), "@bad", dash="longdash", **(more | far)))
     return traces
 
 
 def _error_axis(title: str, values: Values, limits: Sequence[float]) -> dict[str, Any]:
     """Return an axis from 0 for values and their limits; logarithmic if a limit is far above all values."""
-    if max(limits, default=0.0) > 3.0 * largest(values):
+    if max(limits, default=0.0) > LOGARITHMIC_ABOVE * largest(values):
         return log_axis(title, *span([*values, *limits]))
     return axis(title, rangemode="tozero")
 
 
-def error_sizes(rows: SubTrajectoryRows) -> list[float | None]:
-    """Return the norm of each position error, m; None if a component is unknown."""
-    return _sizes(rows.x_m, rows.y_m, rows.z_m)
-
-
-def _sizes(*columns: Values) -> list[float | None]:
-    return [_norm(row) for row in zip(*columns, strict=True)]
-
-
-def _norm(components: Sequence[float | None]) -> float | None:
-    known = [value for value in components if value is not None]
-    return math.hypot(*known) if len(known) == len(components) else None
-
-
 def _traces_to(rows: SubTrajectoryRows) -> list[list[str | int]]:
+    """Return condition, frames and stamps of each sub-trajectory, the `customdata` of its marks.
+
+    On a click, `page.js` shows the segment of a mark with these five values: it moves the trace `chosen sub-trajectory`
+    of the plot `top-view` along the trace `truth`, which has one frame in `Page.every`.
+    """
     frames = zip(rows.start_frame, rows.end_frame, rows.start_stamp_ns, rows.end_stamp_ns, strict=True)
     return [[label_of(rows.condition), first, last, str(start), str(end)] for first, last, start, end in frames]
 
 
 # ---- the drive
-
-
-def path_errors(path: PathRows) -> list[list[float | None]]:
-    """Return the errors x, y and z of each frame of a path, m, and their norm."""
-    truth = path.truth_x_m, path.truth_y_m, path.truth_z_m
-    estimate = path.estimate_x_m, path.estimate_y_m, path.estimate_z_m
-    errors = [
-        [None if e is None or t is None else e - t for t, e in zip(*columns, strict=True)]
-        for columns in zip(truth, estimate, strict=True)
-    ]
-    return [*errors, _sizes(*errors)]
 
 
 def _top_view(path: PathRows, conditions: list[PlottedCondition]) -> Plot:
@@ -276,7 +214,7 @@ def _marked(
     """Return a mark for each sub-trajectory, which names its frames and stamps."""
     hover = f"{TRACE_BACK}<br>error %{{y:.4g}} {unit}<extra></extra>"
     trace_back = {"customdata": _traces_to(plotted.rows), "hovertemplate": hover}
-    return marks(name, (plotted.travelled_m, errors), color, **trace_back, **more)
+    return marks(name, (plotted.at_end_m, errors), color, **trace_back, **more)
 
 
 def _position(score: Score, conditions: list[PlottedCondition]) -> Plot:
@@ -284,7 +222,7 @@ def _position(score: Score, conditions: list[PlottedCondition]) -> Plot:
     data = [trace for k, plotted in enumerate(conditions) for trace in _of_condition(score, plotted, k, factor, unit)]
     sizes = [size for plotted in conditions for size in scaled(error_sizes(plotted.rows), factor)]
     limits = [
-        limit * factor for plotted in conditions for _, limit in limits_on(score, "position", plotted.rows.condition)
+        limit.value * factor for plotted in conditions for limit in limits_on(score, "position", plotted.rows.condition)
     ]
     layout = {"xaxis": axis(AT_THE_END), "yaxis": _error_axis(f"size of the position error, {unit}", sizes, limits)}
     caption = "Each mark is one sub-trajectory: hover for its frames and stamps. A click on a name of the legend "
@@ -299,7 +237,7 @@ def _of_condition(score: Score, plotted: PlottedCondition, k: int, factor: float
     group: dict[str, Any] = {"legendgroup": over, "visible": True if k == 0 else "legendonly"}
     color, symbol = COLORS[k % len(COLORS)], SYMBOLS[k % len(SYMBOLS)]
     errors = scaled(error_sizes(plotted.rows), factor)
-    ends = [plotted.travelled_m[0], plotted.travelled_m[-1]]
+    ends = plotted.extent_m
     name = f"error over {over}, n = {_count_of(row)}"
     data = [_marked(plotted, name, errors, unit, color=color, symbol=symbol, **group)]
     for title, value, dash in (
@@ -308,7 +246,8 @@ def _of_condition(score: Score, plotted: PlottedCondition, k: int, factor: float
     ):
         if value is not None:
             data.append(line(f"{title}, {over}", (ends, scaled([value] * 2, factor)), color, dash=dash, **group))
-    data += _limit_lines(score, "position", ends, factor, condition, **(group if k else {}))
+    limits = limits_on(score, "position", condition)
+    data += _limit_lines(limits, ends, factor, over, **(group if k else {}))
     if row is not None and row.interval is not None:
         low, high = (bound * factor for bound in row.interval)
         data.append(band(f"95 % interval, {over}", ends, low, high, f"{color}-soft", **group))
@@ -349,8 +288,8 @@ class _Panel(NamedTuple):
     title: str
     errors: Values
     row: Figure | None
-    limited: str = ""  #: Figure whose limits are drawn; empty for none.
-    signs: tuple[float, ...] = (1.0,)  #: Signs of the drawn limits.
+    limits: Sequence[PlottedLimit] = ()
+    is_signed: bool = False  #: Whether errors have a sign, so that the limits are drawn with both signs.
 
 
 def _directions(score: Score, plotted: PlottedCondition) -> Plot:
@@ -363,31 +302,31 @@ def _directions(score: Score, plotted: PlottedCondition) -> Plot:
     scale = error_scale(largest(*errors.values()))
     over = f"Over {plotted.over}, n = {_count_of(score.figure('position', condition=condition))}"
     caption = f"{over}, by the axes of DS, along and across the path; mean and 3 sigma of each direction."
-    stacked = _stacked(score, plotted, panels, scale)
-    return Plot("directions", "Position error by direction", caption, *stacked, height=860, width="full")
+    data, layout = _stacked(plotted, panels, scale)
+    return Plot("directions", "Position error by direction", caption, data, layout, height=860, width="full")
 
 
 def _angles(score: Score, plotted: PlottedCondition) -> Plot:
     rows, condition = plotted.rows, plotted.rows.condition
     heading, attitude = (score.figure(name, condition=condition) for name in ("heading", "attitude"))
     panels = [
-        _Panel("heading", rows.heading_deg, heading, limited="heading", signs=(1.0, -1.0)),
-        _Panel("attitude", rows.attitude_deg, attitude, limited="attitude"),
+        _Panel("heading", rows.heading_deg, heading, limits_on(score, "heading", condition), is_signed=True),
+        _Panel("attitude", rows.attitude_deg, attitude, limits_on(score, "attitude", condition)),
     ]
     over = f"Over {plotted.over}, n = {_count_of(score.figure('position', condition=condition))}"
     caption = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
-    stacked = _stacked(score, plotted, panels, (1.0, "deg"))
-    return Plot("angles", "Heading and attitude error", caption, *stacked, height=480, width="full")
+    data, layout = _stacked(plotted, panels, (1.0, "deg"))
+    return Plot("angles", "Heading and attitude error", caption, data, layout, height=480, width="full")
 
 
 def _stacked(
-    score: Score, plotted: PlottedCondition, panels: Sequence[_Panel], scale: tuple[float, str]
+    plotted: PlottedCondition, panels: Sequence[_Panel], scale: tuple[float, str]
 ) -> tuple[list[Trace], dict[str, Any]]:
     """Return traces and layout of panels one below the other: errors, mean, mean ± 3 sigma, and limits."""
     factor, unit = scale
     data: list[Trace] = []
     layout: dict[str, Any] = {"grid": {"rows": len(panels), "columns": 1, "pattern": "coupled", "ygap": 0.14}}
-    ends = [plotted.travelled_m[0], plotted.travelled_m[-1]]
+    ends = plotted.extent_m
     for k, panel in enumerate(panels):
         suffix = str(k + 1) if k else ""
         axes: dict[str, Any] = {"yaxis": f"y{suffix}", "xaxis": "x", "showlegend": k == 0}
@@ -401,11 +340,11 @@ def _stacked(
             data.append(line("mean", (ends, scaled([mean] * 2, factor)), "@truth", dash="dash", **of_mean))
         errors = scaled(panel.errors, factor)
         data.append(_marked(plotted, "sub-trajectory", errors, unit, symbol=SYMBOLS[0], **axes, legendgroup="s"))
-        for sign in panel.signs if panel.limited else ():
-            shown = axes | {"showlegend": sign > 0.0}
-            hidden_above = FAR * largest(errors)
-            condition = plotted.rows.condition
-            data += _limit_lines(score, panel.limited, ends, sign, condition, hidden_above=hidden_above, **shown)
+        hidden_above = HIDDEN_ABOVE * largest(errors)
+        for sign in (1.0, -1.0) if panel.is_signed else (1.0,):
+            shown = axes | {"showlegend": sign > 0.0, "legendgroup": f"limits of {panel.title}"}
+            limits = [limit._replace(value=sign * limit.value) for limit in panel.limits]
+            data += _limit_lines(limits, ends, over=plotted.over, hidden_above=hidden_above, **shown)
         layout[f"yaxis{suffix}"] = axis(f"{panel.title},<br>{unit}", zeroline=True)
     layout["xaxis"] = axis(AT_THE_END)
     return data, layout
@@ -432,17 +371,17 @@ def _timeline(score: Score, kind: CallKind) -> list[Plot]:
             hover = f"call at stamp %{{customdata}} ns: %{{y:.4g}} s<extra>{name}</extra>"
             data.append(marks(name, places, color, symbol=symbol, size=5, customdata=stamps, hovertemplate=hover))
     ends = [min(seconds), max(seconds)]
-    data += _limit_lines(score, kind, ends)
-    limits = [limit for _, limit in limits_on(score, kind)]
+    limits = limits_on(score, kind)
+    data += _limit_lines(limits, ends)
     layout: dict[str, Any] = {
         "xaxis": axis("time since the first pair, s"),
-        "yaxis": _error_axis(f"{clock} per call, s", series.processing_time_s, limits),
+        "yaxis": _error_axis(f"{clock} per call, s", series.processing_time_s, [limit.value for limit in limits]),
     }
     if any(peak is not None for peak in series.peak_rss_bytes):
         peaks = scaled(series.peak_rss_bytes, 1 / MIB.size)
         data.append(line("peak memory", (seconds, peaks), "@three", yaxis="y2"))
-        for _, limit in limits_on(score, "peak", part=kind):
-            level = scaled([limit] * 2, 1 / MIB.size)
+        for limit in limits_on(score, "peak", part=kind):
+            level = scaled([limit.value] * 2, 1 / MIB.size)
             data.append(line("limit of the peak", (ends, level), "@bad", dash="longdash", yaxis="y2"))
         layout["grid"] = {"rows": 2, "columns": 1, "pattern": "coupled", "ygap": 0.14}
         layout["yaxis2"] = axis("peak memory, MiB")
@@ -459,19 +398,11 @@ def _map_plots(score: Score) -> list[Plot]:
     details = map_of(score)
     images = () if details is None else details.error_images
     plots = [_image(item, "third" if len(images) % 3 == 0 else "half") for item in images]
-    if any(True for _ in range_rows(score)):
+    if errors_by_range(score):
         plots.append(_over_range(score))
     if details is not None and details.cloud.x_m:
         plots.append(_in_space(details.cloud))
     return plots
-
-
-def range_rows(score: Score) -> Iterator[tuple[float, float, Figure]]:
-    """Yield the point errors by range, with the bounds of each range."""
-    for row in score.rows("point_error"):
-        bounds = range_of(row.part)
-        if bounds is not None:
-            yield *bounds, row
 
 
 class _LogScale(NamedTuple):
@@ -496,7 +427,7 @@ def _image(item: ErrorImage, width: str) -> Plot:
     block, columns = item.block_px, len(item.error_0p1mm[0]) if item.error_0p1mm else 0
     values = [[None if value < 0 else value / 10 for value in row] for row in item.error_0p1mm]
     scale = _log_scale([value for row in values for value in row])
-    shown = [scale.logs[k : k + columns] for k in range(0, len(scale.logs), columns)] if columns else values
+    shown = [scale.logs[k : k + columns] for k in range(0, len(scale.logs), max(columns, 1))]
     first = (block - 1) / 2
     image: Trace = {
         "type": "heatmap",
@@ -523,14 +454,14 @@ def _image(item: ErrorImage, width: str) -> Plot:
 
 
 def _over_range(score: Score) -> Plot:
-    details, bins = map_of(score), list(range_rows(score))
+    details, bins = map_of(score), errors_by_range(score)
     data: list[Trace] = []
     ranges: Values = () if details is None else details.cloud.range_m
     if details is not None and ranges:
         step = -(-len(ranges) // SCATTER_ROWS)
         some = ranges[::step], scaled(details.cloud.error_m[::step], 1e3)
         data.append(marks("points (some)", some, "@faint", size=3, hoverinfo="skip"))
-    low, high = min((value for value in ranges if value), default=0.5), bins[-1][1]
+    low, high = min((value for value in ranges if value), default=0.5), bins[-1].farthest_m
     for name, color, dash in (
         ("p50", "@one", "solid"),
         ("p95", "@two", "solid"),
@@ -540,10 +471,10 @@ def _over_range(score: Score) -> Plot:
             ([max(nearest, low), farthest], scaled([row.statistic(name)] * 2, 1e3)) for nearest, farthest, row in bins
         ]
         data.append(line(statistic_title(name), segments(levels), color, dash=dash, width=3))
-    data += _limit_lines(score, "point_error", [low, high], 1e3)
+    data += _limit_lines(limits_on(score, "point_error"), [low, high], 1e3)
     if details is not None:
         data += _law_lines(details.triangulation, score.number("disparity_error", "p50", part=None), low, high)
-    totals = [value for *_, row in bins for value in (row.p50, row.mean_plus_3sigma)]
+    totals = [value for bounded in bins for value in (bounded.row.p50, bounded.row.mean_plus_3sigma)]
     known = [value * 1e3 for value in totals if value] or [1.0]
     layout = {
         "xaxis": log_axis("range from the left camera, m", low, high)

@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.verdict import counts_of
 from sfr_loc_map.report.notes import EXACT, truth_text
-from sfr_loc_map.report.score_plots import error_sizes, plotted_conditions
+from sfr_loc_map.report.plotted_data import error_sizes, plotted_conditions
 from sfr_loc_map.report.tables import METRE, OPEN, UNKNOWN, VERDICTS, fitting, number
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 

@@ -1,6 +1,7 @@
 """Common view of a verdict for tables, bars, the test report, JUnit, the last line of a command and suites.
 
-Name, unit, numbers, style and reason of a verdict are only formatted here.
+Unit, numbers, style and displayed name of a verdict are only formatted here. Reasons and caveats are sentences of
+`metrics` and name a limit as the limits file does.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from sfr_loc_map.report.tables import (
 )
 
 MOST_SHOWN = 10.0  #: Largest displayed fraction of a limit.
-WITHOUT_NAME = (None, *Rebase)  #: Parts that are omitted in the name of a limit: the judged reading.
+WITHOUT_NAME = (None, *Rebase)  #: Parts that are omitted in the name of a limit: the readings of the document.
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,11 +140,14 @@ def limited_name(figure: str, part: str | None, condition: str | None, statistic
     words = [title_of(figure) + (f" over {label_of(condition)}" if condition else "")]
     if part not in WITHOUT_NAME:
         words.append((part or "").replace("_", " "))
-    if statistic == BOUND:
-        words.append("tolerance bound")
-    elif statistic not in (None, "value"):
-        words.append(statistic_title(statistic or ""))
+    if statistic not in (None, "value"):
+        words.append(limited_statistic_title(statistic or ""))
     return ", ".join(words)
+
+
+def limited_statistic_title(statistic: str) -> str:
+    """Return the displayed name of a limited statistic, which can be a tolerance bound."""
+    return "tolerance bound" if statistic == BOUND else statistic_title(statistic)
 
 
 def sign_of(item: Verdict) -> str:

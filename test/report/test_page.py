@@ -254,7 +254,7 @@ def test_two_requirements_on_one_statistic_are_both_drawn() -> None:
     assert len(drawn) == 2, "a limit that is stated twice is one line"
     printed = printed_plots(judged)[0]
     texts = [*(level.text for level in printed.levels), *printed.beyond.split(", ")]
-    assert len([text for text in texts if text.startswith("limit ")]) == 2
+    assert len([text for text in texts if text.startswith("limit of mean + 3 sigma ")]) == 2
 
 
 def test_limits_are_drawn_beside_their_figure_and_do_not_flatten_it() -> None:

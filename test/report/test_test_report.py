@@ -25,8 +25,8 @@ from sfr_loc_map.metrics.score_json import load_score
 from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.deviations import deviations_of, is_of_stage
 from sfr_loc_map.report.junit import junit
+from sfr_loc_map.report.plotted_data import error_sizes
 from sfr_loc_map.report.printed_plot import printed_plots
-from sfr_loc_map.report.score_plots import error_sizes
 from sfr_loc_map.report.score_tables import score_tables, table_of
 from sfr_loc_map.report.summary import overall_of
 from sfr_loc_map.report.test_report import CLAUSES, clauses_used, render_test_report
@@ -326,8 +326,8 @@ def test_the_report_on_paper_shows_attitude_and_map_with_their_limits() -> None:
     assert row is not None
     assert attitude.count == row.n
     shown = [*attitude.levels, *points.levels]
-    assert "limit 0.5 deg" in attitude.beyond + str(shown)
-    assert "limit 0.25 m" in points.beyond + str(shown)
+    assert "limit of p95 0.5 deg" in attitude.beyond + str(shown)
+    assert "limit of p95 0.25 m" in points.beyond + str(shown)
     kept = score.details.map.cloud
     assert points.count == score.number("point_error", "n", part=None)
     assert len(points.points) == len(kept.error_m[:: -(-len(kept.error_m) // 1000)]) > 100
