@@ -1,11 +1,12 @@
 """The catalogue of figures, one line each: the names, clauses and displayed statistics that every view uses.
 
-To add a figure, add its line here and, for an error of sub-trajectories, the function that computes its errors in
-`metrics.trajectory_errors.ERRORS`. To show one more statistic of a figure, add its name to the line. To add a quantile,
-add its field to `metrics.formulas.Statistics` and its line to `metrics.formulas.QUANTILES`. Any other statistic is
-computed in `metrics.formulas.statistics`, and `EXPANSION` of `metrics.judging.limited_figure` states how the error of
-the truth affects it. Reports, comparisons, suites, searches, histories, limits, the topics of the monitor and the check
-of stored scores then include the figure or statistic. Scores that were stored without a new statistic remain readable.
+To add a figure, add its line here, the text of a new clause in `CLAUSES`, and, for an error of sub-trajectories, the
+function that computes its errors in `metrics.trajectory_errors.ERRORS`. To show one more statistic of a figure, add its
+name to the line. To add a quantile, add its field to `metrics.formulas.Statistics` and its line to
+`metrics.formulas.QUANTILES`. Any other statistic is computed in `metrics.formulas.statistics`, and `EXPANSION` of
+`metrics.judging.limited_figure` states how the error of the truth affects it. Reports, comparisons, suites, searches,
+histories, limits, the topics of the monitor and the check of stored scores then include the figure or statistic. Scores
+that were stored without a new statistic remain readable.
 
 Three things have to be changed separately: the topics that `config/sros2_policy.xml` allows by name, the plots, which
 draw mean, mean + 3 sigma, p50 and p95, and the quantiles over the drives of a suite, which is judged by its worst
@@ -35,6 +36,24 @@ class Subject(StrEnum):
     EVIDENCE = "evidence"
 
 
+CLAUSES = {
+    "4.1.1": "Sub-trajectories from frame N to the frame N+x at which the condition is met",
+    "4.1.2": "Error before the start of a sub-trajectory does not count",
+    "4.1.3": "Standard deviation with Bessel's correction",
+    "4.2.1": "Time of a localisation call, wall clock on the target",
+    "4.2.2": "RAM of a localisation call, by a method that the supplier proposes",
+    "4.2.3.1": "3D position error",
+    "4.2.3.2": "Attitude error",
+    "4.2.3.3": "Heading error",
+    "4.3.1": "Time of a mapping call, wall clock on the target",
+    "4.3.2": "RAM of a mapping call, by a method that the supplier proposes",
+    "4.3.4": "Error of each point of the cloud",
+}
+"""Clauses of the specification that apply to figures, and their subjects."""
+OF_SUB_TRAJECTORIES = ("4.1.1", "4.1.2")  #: Clauses that apply to every error of the trajectory.
+STANDARD_DEVIATION = "4.1.3"
+
+
 class FigureKind(NamedTuple):
     """A figure of the catalogue."""
 
@@ -50,6 +69,7 @@ class FigureKind(NamedTuple):
     is_unsigned: bool = False  #: Whether the errors cannot be negative, so that their distribution is skewed.
     is_one_number: bool = False  #: Whether its rows have one number (`value`) instead of the statistics of many values.
     is_count: bool = False  #: Whether a figure of unit `1` is a count instead of a fraction.
+    is_better_if_larger: bool = False  #: Whether a larger value is better, unlike errors, times and memory.
 
 
 def of_completeness(name: str, title: str, *, unit: str = "1", is_count: bool = False) -> FigureKind:
@@ -93,7 +113,17 @@ CATALOGUE = (
     ),
     FigureKind("le90", Subject.MAP, "", "m", "height error, 90 % (LE90)", is_one_number=True),
     FigureKind("ce90", Subject.MAP, "", "m", "horizontal error, 90 % (CE90)", is_one_number=True),
-    FigureKind("coverage", Subject.MAP, "", "1", "coverage", ONE_NUMBER, ONE_NUMBER, is_one_number=True),
+    FigureKind(
+        "coverage",
+        Subject.MAP,
+        "",
+        "1",
+        "coverage",
+        ONE_NUMBER,
+        ONE_NUMBER,
+        is_one_number=True,
+        is_better_if_larger=True,
+    ),
     FigureKind(
         "points", Subject.MAP, "", "1", "points of the cloud", (), ONE_NUMBER, is_count=True, is_one_number=True
     ),
@@ -231,6 +261,14 @@ def defines(figure: str, part: str | None, statistic: str) -> bool:
         return False
     subject = KINDS[figure].subject
     return subject not in DEFINED or statistic in DEFINED[subject]
+
+
+def is_fraction(figure: str, part: str | None = None) -> bool:
+    """Return whether a figure of unit `1` is a fraction, which is shown in per cent, and not a count or a ratio."""
+    if figure not in KINDS or part == "count":
+        return False
+    kind = KINDS[figure]
+    return not kind.is_count and kind.subject not in (Subject.CONSISTENCY, Subject.EVIDENCE)
 
 
 def title_of(figure: str) -> str:

@@ -66,9 +66,13 @@ class PairedDifference(Record, frozen=True, kw_only=True, omit_defaults=False):
 class SideBySide(Record, frozen=True, kw_only=True, omit_defaults=False):
     """One figure of whole runs, which have no parts to pair: the value of each run, None if unknown."""
 
-    figure: str  #: Displayed name of the figure, with part and statistic.
+    label: str = msgspec.field(name="figure")  #: Figure, part and statistic in one text.
     unit: str
     values: tuple[float | None, ...]
+    figure: str = msgspec.field(name="kind")  #: Figure of the catalogue.
+    condition: str | None = None
+    part: str | None = None
+    statistic: str
 
 
 class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
@@ -114,7 +118,15 @@ def _side_by_side(scores: Sequence[Score]) -> Iterator[SideBySide]:
             found = [None if key not in known else known[key].statistic(statistic) for known in of_scores]
             if sum(value is not None for value in found) > 1:
                 words = (row.figure, row.part, "" if statistic == "value" else statistic)
-                yield SideBySide(figure=" ".join(filter(None, words)), unit=row.unit, values=tuple(found))
+                yield SideBySide(
+                    label=" ".join(filter(None, words)),
+                    unit=row.unit,
+                    values=tuple(found),
+                    figure=row.figure,
+                    condition=row.condition,
+                    part=row.part,
+                    statistic=statistic,
+                )
 
 
 def _is_of_a_whole_run(score: Score, row: Figure) -> bool:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import msgspec
 
 from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST
-from sfr_loc_map.metrics.catalogue import ALIGNED, DIRECTIONS, KINDS, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.catalogue import ALIGNED, DIRECTIONS, KINDS, Subject, is_fraction, statistic_title, title_of
 from sfr_loc_map.metrics.config import CallKind, Rebase, label_of
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.row_part import Place
@@ -278,18 +278,12 @@ def row_title(row: Figure) -> str:
     return f"{title_of(row.figure)}{over}{part}"
 
 
-def is_fraction(row: Figure) -> bool:
-    """Return whether a row of unit `1` is a fraction, which is shown in per cent, and not a count or a ratio."""
-    is_ratio = row.subject in (Subject.CONSISTENCY, Subject.EVIDENCE)
-    return row.figure in KINDS and not KINDS[row.figure].is_count and row.part != "count" and not is_ratio
-
-
 def row_unit(row: Figure) -> Unit:
     """Return the unit that suits the numbers of a row."""
     if row.unit == "bytes":
         return Unit("MiB")
     if row.unit == "1":
-        return PERCENT if is_fraction(row) else Unit()
+        return PERCENT if is_fraction(row.figure, row.part) else Unit()
     return fitting(Unit(row.unit), *(row.statistic(key) for key in NUMBERS), row.high95)
 
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import msgspec
 
 from sfr_loc_map.inputs import printable
+from sfr_loc_map.metrics.catalogue import CLAUSES, OF_SUB_TRAJECTORIES, STANDARD_DEVIATION
 from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
 from sfr_loc_map.metrics.records import TargetRecord
 from sfr_loc_map.metrics.score import Score
@@ -28,22 +29,7 @@ from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 
 TABLES = ("headline", "covered", "readings")  #: Tables of figures below the results.
 DOCUMENT = "Clarification of performance metrics for SFR Breadboarding"
-CLAUSES = {
-    "4.1.1": "Sub-trajectories from frame N to the frame N+x at which the condition is met",
-    "4.1.2": "Error before the start of a sub-trajectory does not count",
-    "4.1.3": "Standard deviation with Bessel's correction",
-    "4.2.1": "Time of a localisation call, wall clock on the target",
-    "4.2.2": "RAM of a localisation call, by a method that the supplier proposes",
-    "4.2.3.1": "3D position error",
-    "4.2.3.2": "Attitude error",
-    "4.2.3.3": "Heading error",
-    "4.3.1": "Time of a mapping call, wall clock on the target",
-    "4.3.2": "RAM of a mapping call, by a method that the supplier proposes",
-    "4.3.4": "Error of each point of the cloud",
-}
-OF_SUB_TRAJECTORIES = ("4.1.1", "4.1.2")  #: Clauses that apply to every error of the trajectory.
 WITH_SIGMA = ("sigma", "mean_plus_3sigma")  #: Statistics that depend on a standard deviation.
-STANDARD_DEVIATION = "4.1.3"
 
 
 def clauses_used(scores: Sequence[Score]) -> list[str]:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sfr_loc_map.inputs import printable
-from sfr_loc_map.metrics.catalogue import KINDS, clause_of, defines, statistic_title, title_of
+from sfr_loc_map.metrics.catalogue import KINDS, clause_of, defines, is_fraction, statistic_title, title_of
 from sfr_loc_map.metrics.config import Rebase, VerdictState, label_of
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.judging.reasons import why_open
@@ -161,7 +161,7 @@ def unit_of(item: Verdict) -> Unit:
         return PERCENT if item.is_lower_bound else Unit()
     kind = KINDS[item.figure]
     if kind.unit == "1":
-        return Unit() if kind.is_count else PERCENT
+        return PERCENT if is_fraction(item.figure, item.part) else Unit()
     unit = Unit("MiB" if kind.unit == "bytes" else kind.unit)
     return fitting(unit, item.limit, item.value, *(item.interval or ()))
 

@@ -4,7 +4,18 @@ import re
 
 import pytest
 
-from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, TOTAL, clause_of, defines, statistic_title
+from sfr_loc_map.metrics import catalogue
+from sfr_loc_map.metrics.catalogue import (
+    CATALOGUE,
+    CLAUSES_OF_MEMORY,
+    KINDS,
+    OF_SUB_TRAJECTORIES,
+    STANDARD_DEVIATION,
+    TOTAL,
+    clause_of,
+    defines,
+    statistic_title,
+)
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
 from sfr_loc_map.metrics.judging.limited_figure import EXPANSION
 from sfr_loc_map.metrics.table import NUMBERS
@@ -53,6 +64,11 @@ CLAUSES = {
 @pytest.mark.parametrize(("figure", "part"), CLAUSES)
 def test_clause_of_a_figure(figure: str, part: str | None) -> None:
     assert clause_of(figure, part) == CLAUSES[figure, part]
+
+
+def test_every_clause_of_the_catalogue_has_a_text() -> None:
+    used = {kind.clause for kind in CATALOGUE} | set(CLAUSES_OF_MEMORY.values()) | {*OF_SUB_TRAJECTORIES}
+    assert used - {""} | {STANDARD_DEVIATION} == set(catalogue.CLAUSES)
 
 
 def test_every_list_of_statistics_follows_the_columns_of_the_table() -> None:

@@ -56,7 +56,7 @@ def whole_run(coverage: float, mapping_p95: float | None = None) -> Score:
 
 def test_whole_runs_are_side_by_side() -> None:
     result = compare_scores([whole_run(0.5, 0.1), whole_run(0.6), whole_run(0.7, 0.3)], ["a", "b", "c"])
-    found = {item.figure: item.values for item in result.side_by_side}
+    found = {item.label: item.values for item in result.side_by_side}
     assert found == {"coverage": (0.5, 0.6, 0.7), "mapping p95": (0.1, None, 0.3)}
 
 

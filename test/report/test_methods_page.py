@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore, MethodKind,
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.metrics.table import figure_row
-from sfr_loc_map.report.comparison import methods_plots, methods_tables
+from sfr_loc_map.report.methods_page import methods_plots, methods_tables
 from sfr_loc_map.report.plots import plain
 
 LATENCY = Statistics(n=9, mean=0.05, sigma=0.01, mean_plus_3sigma=0.08, p50=0.05, p95=0.07, max=0.08)

@@ -29,8 +29,9 @@ from sfr_loc_map.metrics.score_json import from_dict
 from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.nodes.score_messages import figure_topics, score_statuses
-from sfr_loc_map.report.comparison import comparison_tables, methods_tables
+from sfr_loc_map.report.comparison import comparison_tables
 from sfr_loc_map.report.junit import junit
+from sfr_loc_map.report.methods_page import methods_tables
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.score_tables import score_markdown, score_tables, summary_tables, undefined_of
 from sfr_loc_map.report.table_formats import to_csv, to_rich

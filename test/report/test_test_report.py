@@ -14,6 +14,7 @@ from helpers import ROOT
 from helpers.cli_result import Sfr
 from helpers.made_scores import HOSTILE, calls, dig, half, json_of, of_drive, of_map, whole_score
 from sfr_loc_map.metrics.calls import score_target
+from sfr_loc_map.metrics.catalogue import CLAUSES
 from sfr_loc_map.metrics.caveats import truth_caveats
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.judge import judged, judged_again
@@ -29,7 +30,7 @@ from sfr_loc_map.report.plotted_data import error_sizes
 from sfr_loc_map.report.printed_plot import printed_plots
 from sfr_loc_map.report.score_tables import score_tables, table_of
 from sfr_loc_map.report.summary import overall_of
-from sfr_loc_map.report.test_report import CLAUSES, clauses_used, render_test_report
+from sfr_loc_map.report.test_report import clauses_used, render_test_report
 from sfr_loc_map.report.verdict_view import VerdictView
 
 COMMANDS = ("sfr score estimate.csv data", "sfr score cloud.ply data", "sfr score target data")

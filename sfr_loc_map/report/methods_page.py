@@ -1,0 +1,295 @@
+"""Several methods on one page: a row per method, the provenance of their scores, and common plots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from sfr_loc_map.metrics.catalogue import KINDS, OF_CALLS, TOTAL, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.config import CallKind, label_of
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.report import plots
+from sfr_loc_map.report.comparison import optional_cell
+from sfr_loc_map.report.plotted_data import errors_by_range, path_errors, path_of
+from sfr_loc_map.report.score_plots import growth
+from sfr_loc_map.report.score_tables import UNNAMED, convention_text
+from sfr_loc_map.report.summary import overall_of
+from sfr_loc_map.report.tables import ABSENT, MARKS, PERCENT, Cell, Column, Row, Table, Unit, fitting, number
+
+MAX_LETTERS = 60  #: Maximum length of a name in a legend.
+Named = Sequence[tuple[str, Score]]
+
+
+class Task(NamedTuple):
+    """A task of the document with the kind of its call and the subject of its errors."""
+
+    name: str  #: Name in the options of external nodes.
+    call: CallKind
+    subject: Subject
+
+
+TASKS = (
+    Task("localisation", CallKind.LOCALISATION, Subject.TRAJECTORY),
+    Task("mapping", CallKind.MAPPING_CALL, Subject.MAP),
+)
+"""Tasks whose time and memory the document defines [4.2.1, 4.3.1]. Stages of a mapping call are not tasks."""
+
+
+class MethodColumn(NamedTuple):
+    """A column of the table of methods."""
+
+    column: Column
+    cell_of: Callable[[Score], Cell]
+    is_marked: bool = True  #: Whether the best and the worst value are marked; columns of words have no marks.
+    is_better_if_larger: bool = False
+
+
+# ---- tables of methods
+
+
+def methods_tables(scores: Sequence[Score], names: Sequence[str]) -> list[Table]:
+    """Return the tables of several methods: a row per method, and the provenance of each score."""
+    named = list(zip(names, scores, strict=True))
+    return [_methods(named), _provenance(named)]
+
+
+def _cells_of(shown: MethodColumn, scores: Sequence[Score]) -> list[Cell]:
+    """Return the cells of a column with marks on the best and the worst value."""
+    cells = [shown.cell_of(score) for score in scores]
+    return _marked(cells, larger_is_better=shown.is_better_if_larger) if shown.is_marked else cells
+
+
+def _marked(cells: list[Cell], *, larger_is_better: bool) -> list[Cell]:
+    shown = [float(f"{cell.value:.4g}") if isinstance(cell.value, (int, float)) else None for cell in cells]
+    known = [value for value in shown if value is not None]
+    if len(set(known)) < 2:  # values that are equal in all displayed digits are not marked
+        return cells
+    best, worst = (max(known), min(known)) if larger_is_better else (min(known), max(known))
+    marks: dict[object, str] = {best: "best", worst: "worst"}
+    return [replace(cell, mark=marks.get(value, "")) for cell, value in zip(cells, shown, strict=True)]
+
+
+def _methods(named: Named) -> Table:
+    """Return a table with a row per method; its columns are the compared figures of the catalogue, first condition."""
+    shown = [
+        MethodColumn(Column("verdict", words=True), _verdict, is_marked=False),
+        MethodColumn(Column("kind", words=True), _kind, is_marked=False),
+    ]
+    compared = {row.figure: row for _, score in named for row in compared_rows(score)}
+    for figure, first in compared.items():
+        over = f" over {label_of(first.condition)}" if first.condition else ""
+        title = f"{title_of(figure)}{over}"
+        for statistic in KINDS[figure].compared:
+            unit = fitting(Unit(first.unit), *(_compared_number(score, figure, statistic) for _, score in named))
+            words = title if statistic == TOTAL else f"{title}, {statistic_title(statistic)}"
+            larger = KINDS[figure].is_better_if_larger
+            shown.append(
+                MethodColumn(Column(words, unit), _figure_cell(figure, statistic, unit), is_better_if_larger=larger)
+            )
+    if any(score.association is not None for _, score in named):
+        shown.append(MethodColumn(Column("frames"), partial(_frames, name="matched"), is_marked=False))
+        shown.append(MethodColumn(Column("lost"), partial(_frames, name="lost")))
+    if any(score.has(Subject.MAP) for _, score in named):
+        larger = KINDS["coverage"].is_better_if_larger
+        shown.append(MethodColumn(Column("coverage", PERCENT), _coverage, is_better_if_larger=larger))
+    for statistic in OF_CALLS:
+        shown.append(MethodColumn(Column(f"time {statistic}", Unit("ms")), partial(_times, statistic=statistic)))
+    shown.append(MethodColumn(Column("memory", Unit("MiB")), _peaks))
+    shown.append(MethodColumn(Column("findings"), _finding_count))
+    ordered = sorted(named, key=lambda item: rank_of(item[1]))
+    columns = [_cells_of(column, [score for _, score in ordered]) for column in shown]
+    rows_of_all = tuple((Cell.head(name), *cells) for (name, _), *cells in zip(ordered, *columns, strict=True))
+    note = (
+        "Errors: mean + 3 sigma, with its 95 % interval. Time per call: localisation / mapping call. A latency "
+        "is marked: it includes transport and queueing, unlike a time per call. Memory: largest peak. "
+        f"{MARKS['best']} best, {MARKS['worst']} worst of the column."
+    )
+    heads = (Column("method", words=True), *(item.column for item in shown))
+    return Table("methods", "Methods", heads, rows_of_all, note)
+
+
+def _verdict(score: Score) -> Cell:
+    return Cell.verdict(overall_of(score).state)
+
+
+def _kind(score: Score) -> Cell:
+    return Cell(ABSENT if score.method is None else score.method.kind.value)
+
+
+def _coverage(score: Score) -> Cell:
+    return optional_cell(score.number("coverage"), PERCENT)
+
+
+def _finding_count(score: Score) -> Cell:
+    return Cell.number(sum(item.count for item in score.findings))
+
+
+def compared_rows(score: Score) -> list[Figure]:
+    """Return the errors by which methods are compared: the judged errors over the first condition."""
+    errors = [kind for kind in KINDS.values() if TOTAL in kind.compared]
+    rows = (score.judged_row(kind.name, subject=kind.subject) for kind in errors)
+    return [row for row in rows if row is not None]
+
+
+def rank_of(score: Score) -> tuple[bool, float]:
+    """Return the sort key of a method: mean + 3 sigma of the position or point error; methods without errors last."""
+    error = next((row.mean_plus_3sigma for row in compared_rows(score)), None)
+    return error is None, error or 0.0
+
+
+def _compared_number(score: Score, figure: str, statistic: str) -> float | None:
+    row = score.judged_row(figure)
+    return None if row is None else row.statistic(statistic)
+
+
+def _figure_cell(figure: str, statistic: str, unit: Unit) -> Callable[[Score], Cell]:
+    def cell_of(score: Score) -> Cell:
+        row, value = score.judged_row(figure), _compared_number(score, figure, statistic)
+        if row is None or value is None:
+            return Cell(ABSENT)
+        has_interval = statistic == TOTAL and row.interval is not None
+        interval = f" ({Cell.interval(row.interval, unit=unit).text})" if has_interval else ""
+        return Cell(number(value, unit=unit) + interval, value)
+
+    return cell_of
+
+
+def _frames(score: Score, name: str) -> Cell:
+    return optional_cell(None if score.association is None else getattr(score.association, name))
+
+
+def _times(score: Score, statistic: str) -> Cell:
+    rows = [score.figure(task.call, part=None) for task in TASKS]
+    latency = None if score.external is None else score.external.latency_s
+    if latency is not None and not any(rows):
+        seconds = getattr(latency, statistic)
+        return Cell(f"latency {number(seconds, unit=Unit('ms'))}")
+    return _joined([None if row is None else row.statistic(statistic) for row in rows], Unit("ms"))
+
+
+def _peaks(score: Score) -> Cell:
+    return _joined([score.number("peak", part=task.call) for task in TASKS], Unit("MiB"))
+
+
+def _joined(numbers: Sequence[float | None], unit: Unit) -> Cell:
+    values = [value for value in numbers if value is not None]
+    text = " / ".join(number(value, unit=unit) for value in values)
+    return Cell(text or ABSENT, values[0] if len(values) == 1 else None)
+
+
+def _provenance(named: Named) -> Table:
+    rows: list[Row] = []
+    for name, score in named:
+        method, origin = score.method, score.provenance
+        inputs = {} if origin is None else origin.inputs
+        own = inputs.get("estimate") or inputs.get("cloud")
+        texts = (
+            UNNAMED if method is None else f"{method.name} {method.version or ''}".strip(),
+            convention_text(score) or ABSENT,
+            ABSENT if own is None else own.path,
+            ABSENT if own is None else own.sha256[:16],
+            UNNAMED if origin is None else f"sfr_loc_map {origin.version}",
+            UNNAMED if origin is None else origin.time or UNNAMED,
+        )
+        rows.append((Cell.head(name), *map(Cell, texts)))
+    titles = ("method", "name and version", "poses converted", "estimate or cloud", "sha256", "scored by", "time")
+    columns = tuple(Column(title, words=True) for title in titles)
+    return Table("provenance", "Provenance of the scores", columns, tuple(rows))
+
+
+# ---- plots of methods
+
+
+def methods_plots(scores: Sequence[Score], names: Sequence[str]) -> list[tuple[str, list[plots.Plot]]]:
+    """Return the plots by heading for which the scores have data."""
+    named = [(plots.plain(name[:MAX_LETTERS]), score) for name, score in zip(names, scores, strict=True)]
+    groups = (
+        ("Localisation", [*_paths(named), *growth(named)]),
+        ("Cost against accuracy", [plot for task in TASKS for plot in _cost(named, task)]),
+        ("Maps", _over_range(named)),
+    )
+    return [(title, group) for title, group in groups if group]
+
+
+def _paths(named: Named) -> list[plots.Plot]:
+    paths = [(k, name, path_of(score)) for k, (name, score) in enumerate(named)]
+    known = [
+        (plots.line_style(k), name, path, path_errors(path)[-1])
+        for k, name, path in paths
+        if path is not None and path.stamp_ns
+    ]
+    if not known:
+        return []
+    longest = max((path for _, _, path, _ in known), key=lambda path: len(path.stamp_ns))
+    above: list[plots.Trace] = [plots.line("truth", (longest.truth_x_m, longest.truth_y_m), "@truth", width=3)]
+    errors: list[plots.Trace] = []
+    factor, unit = plots.error_scale(plots.largest(*(size for *_, size in known)))
+    for style, name, path, size in known:
+        above.append(plots.line(name, (path.estimate_x_m, path.estimate_y_m), width=1.5, **style))
+        errors.append(plots.line(name, (path.travelled_m, plots.scaled(size, factor)), **style))
+    upright = plots.axis(f"size of estimate - truth, {unit}", rangemode="tozero")
+    over = {"xaxis": plots.axis(plots.TRAVELLED), "yaxis": upright}
+    caption = "Since the first frame, without re-basing."
+    return [
+        plots.Plot(
+            "paths", "Trajectories from above", "Equal axes.", above, plots.from_above(), height=560, width="full"
+        ),
+        plots.Plot("errors", "Accumulated position error", caption, errors, over),
+    ]
+
+
+def _cost(named: Named, task: Task) -> list[plots.Plot]:
+    data, times, errors = [], [], []
+    for k, (name, score) in enumerate(named):
+        seconds, node = score.number(task.call, "p50", part=None), score.external
+        is_latency = seconds is None and node is not None and node.task == task.name
+        if is_latency and node is not None and node.latency_s is not None:
+            seconds = node.latency_s.p50
+        error = next((row.mean_plus_3sigma for row in compared_rows(score) if row.subject is task.subject), None)
+        if not seconds or not error:
+            continue
+        color, symbol = plots.line_style(k)["color"], plots.SYMBOLS[k // len(plots.COLORS) % len(plots.SYMBOLS)]
+        times.append(1e3 * seconds)
+        errors.append(1e3 * error)
+        label, symbol = (f"{name} (latency)", f"{symbol}-open") if is_latency else (name, symbol)
+        data.append(plots.marks(label, ([times[-1]], [errors[-1]]), color, symbol=symbol, size=13, showlegend=True))
+    if not data:
+        return []
+    what = "position error" if task.subject is Subject.TRAJECTORY else "point error"
+    layout = {
+        "xaxis": plots.log_axis("median time of a call, ms", *plots.span(times)),
+        "yaxis": plots.log_axis(f"{what}, mean + 3 sigma, mm", *plots.span(errors)),
+    }
+    caption = "Lower left is better. Open marks: latency over topics, which includes transport and queueing."
+    title = f"Cost against accuracy: {task.name}"
+    return [plots.Plot(f"cost-{task.name}", title, caption, data, layout, width="full", height=440)]
+
+
+def _over_range(named: Named) -> list[plots.Plot]:
+    data, values = [], []
+    for k, (name, score) in enumerate(named):
+        known = [(low, high, 1e3 * row.p50) for low, high, row in errors_by_range(score) if row.p50 is not None]
+        values += [value for *_, value in known]
+        if known:
+            levels = [([low, high], plots.scaled([value] * 2, 1.0)) for low, high, value in known]
+            data.append(plots.line(name, plots.segments(levels), width=3, **plots.line_style(k)))
+    if not data:
+        return []
+    layout = {
+        "xaxis": plots.axis("range from the left camera, m"),
+        "yaxis": plots.log_axis("median point error, mm", *plots.span(values)),
+    }
+    return [plots.Plot("map-ranges", "Point error over range", "Median of each range.", data, layout, width="full")]
+
+
+def names_of(paths: Sequence[Path], scores: Sequence[Score]) -> list[str]:
+    """Return the names of the methods if they differ, otherwise the names or paths of the files."""
+    methods = [score.method.name.rpartition("/")[2] for score in scores if score.method is not None]
+    for names in (methods, [path.name for path in paths], [str(path) for path in paths]):
+        if len(set(names)) == len(paths):
+            return names
+    return [f"{position}: {path}" for position, path in enumerate(paths, 1)]
