@@ -15,6 +15,14 @@ from sfr_loc_map.metrics.score import Score
 MAX_EXCESS = 0.05  #: Maximum fraction of the true path that is noise without a warning.
 
 
+def caveats_of(score: Score) -> Iterator[str]:
+    """Yield the caveats of a score, in the words of its warnings."""
+    if score.truth is not None:
+        yield from truth_caveats(score.truth)
+    yield from reading_caveats(score)
+    yield from score.caveats
+
+
 def truth_caveats(about: TruthRecord) -> Iterator[str]:
     """Yield how this truth restricts the score: one sentence for each missing or noisy component."""
     if not about.attitude:

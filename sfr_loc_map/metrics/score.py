@@ -248,7 +248,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return data_frame({} if details is None else columns_of(details.sub_trajectories))
 
     def plot(self, name: str | None = None) -> PlotlyFigure:
-        """Return a figure of the report as a plotly figure for a notebook; by default the first figure."""
+        """Return a plot of the report page as a plotly figure for a notebook; by default the first plot."""
         from sfr_loc_map.report.plots import to_figure
         from sfr_loc_map.report.score_plots import score_plots
 

@@ -1,5 +1,11 @@
 """Deviations of a score from the document, and data of the score that is not judged.
 
+The sentences about a score are classified as follows:
+
+- caveats (`metrics.caveats.caveats_of`) restrict the meaning of the figures and are warnings of the score as well;
+- deviations are the caveats and the sentences of this module;
+- anomalies of the test report are the contradiction, the findings, and the warnings that are not caveats.
+
 To add a deviation, add a function that yields its sentences, and its line in `DEVIATIONS`.
 """
 
@@ -10,7 +16,7 @@ from collections.abc import Callable, Iterator
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.calls import STATED_CLOCK
 from sfr_loc_map.metrics.catalogue import MOVING, STANDING, SUB_TRAJECTORIES, TOTAL, Subject
-from sfr_loc_map.metrics.caveats import reading_caveats, truth_caveats
+from sfr_loc_map.metrics.caveats import caveats_of
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Rebase, label_of
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.row_part import RowPart
@@ -78,14 +84,6 @@ def _caveats(score: Score) -> Iterator[str]:
         yield f"{text[0].upper()}{text[1:]}."
 
 
-def caveats_of(score: Score) -> Iterator[str]:
-    """Yield the caveats of a score, in the words of its warnings."""
-    if score.truth is not None:
-        yield from truth_caveats(score.truth)
-    yield from reading_caveats(score)
-    yield from score.caveats
-
-
 def _map_range(score: Score) -> Iterator[str]:
     """Yield ranges of the map that differ from the default ranges, if a verdict depends on them."""
     if score.provenance is None or not any(item.subject is Subject.MAP for item in score.verdicts):
@@ -107,7 +105,7 @@ def _calls(score: Score) -> Iterator[str]:
 
 
 def _calls_of(item: Verdict, *, is_stated: bool) -> Iterator[str]:
-    """Yield that calls were measured on the host or stated by a node, or that a limit is on a stage of a call."""
+    """Yield a sentence if calls were not measured on the target, and if a limit is on a stage of a call."""
     is_on_calls = item.subject in (Subject.TIMING, Subject.MEMORY)
     if is_on_calls and not item.is_of_target:
         on_target = "the document requires the target [4.2.1, 4.3.1]"
@@ -139,6 +137,7 @@ def _relaxed_rules(score: Score) -> Iterator[str]:
         name = item.name.removesuffix("_max_share")
         if name in strict and item.limit > strict[name]:
             yield f"The limits allow {item.name} {item.limit:g}; the default is {strict[name]:g}."
+        # the uncovered fraction is the shortfall `pixels_without_point`
         if item.name == COVERAGE_MIN and item.limit < 1.0 - strict["pixels_without_point"]:
             yield (
                 f"The limits require {item.name} {item.limit:g}; the default is "
@@ -174,7 +173,7 @@ def _unmatched_estimates(score: Score) -> Iterator[str]:
 
 
 def _images(score: Score) -> Iterator[str]:
-    """Yield parts of the drive without images, and that the images are unknown."""
+    """Yield a sentence if parts of the drive have no images, and if the images are unknown."""
     if score.association is None:
         return
     without_images = score.number("path_without_images") or 0.0
@@ -222,13 +221,13 @@ def _unjudged_map(score: Score) -> Iterator[str]:
 
 
 def _unknown_calls(score: Score) -> Iterator[str]:
-    """Yield that the calls of a judged drive are unknown."""
+    """Yield a sentence if the calls of a judged drive are unknown."""
     if score.calls is None and score.association is not None and score.verdicts:
         yield "The calls of the run are unknown. Its findings and the states of its poses are therefore unknown, too."
 
 
 def _external_node(score: Score) -> Iterator[str]:
-    """Yield that the item under test was not isolated."""
+    """Yield a sentence if the item under test was not isolated."""
     if score.external is not None:
         yield "The external node was not isolated: it could read the ground truth from the disk."
 

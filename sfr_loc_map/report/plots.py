@@ -100,7 +100,7 @@ TEMPLATE: dict[str, Any] = {
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """One figure of a page."""
+    """One plot of a page."""
 
     name: str  #: Used as an anchor and by the script.
     title: str

@@ -186,7 +186,7 @@ class LookFirst(NamedTuple):
 def look_first(score: Score) -> tuple[LookFirst, ...]:
     """Return the first items to look at, in the order of `LOOK_FIRST`.
 
-    A contradiction of estimate and truth and incomplete results are not repeated, because the verdict states them.
+    A contradiction of estimate and truth and incomplete results are not items, because the banner states them.
     """
     items = chain.from_iterable(items_of(score) for items_of in LOOK_FIRST)
     return tuple(islice(items, MOST_TO_LOOK_AT))

@@ -1,6 +1,6 @@
 """The formats of a table: terminal, HTML, Markdown and CSV.
 
-All formats but CSV have the same texts. The sign of a verdict is a colour on the terminal. CSV has the exact values.
+All formats but CSV have the same texts. The icon of a verdict has a colour on the terminal. CSV has the exact values.
 """
 
 from __future__ import annotations

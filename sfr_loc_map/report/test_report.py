@@ -15,10 +15,11 @@ import msgspec
 
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.catalogue import CLAUSES, OF_SUB_TRAJECTORIES, STANDARD_DEVIATION
+from sfr_loc_map.metrics.caveats import caveats_of
 from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
 from sfr_loc_map.metrics.records import TargetRecord
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.report.deviations import caveats_of, deviations_of
+from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.notes import NO_INTERVAL
 from sfr_loc_map.report.page import from_template
 from sfr_loc_map.report.printed_plot import DRAWING, PrintedPlot, printed_plots
@@ -43,8 +44,11 @@ def clauses_used(scores: Sequence[Score]) -> list[str]:
     return sorted(found)
 
 
-class Evidence(NamedTuple):
-    """Evidence from the output file of another command. It supports the verdicts and never changes them."""
+class AdditionalEvidence(NamedTuple):
+    """Evidence from the output file of another command. It supports the verdicts and never changes them.
+
+    `suite.pages.evidence_files` reads the files.
+    """
 
     heading: str
     path: str
@@ -70,11 +74,11 @@ class InputRow(NamedTuple):
     sha256: str
 
 
-class Command(NamedTuple):
+class ScoreSection(NamedTuple):
     """The parts of the report about one score, which one command of the procedure reproduces."""
 
     number: int  #: From 1.
-    text: str  #: Command line.
+    command: str  #: Command line.
     overall: Overall
     item: dict[str, str]  #: Item under test: names and texts.
     inputs: list[InputRow]
@@ -92,29 +96,33 @@ class SignedReport:
     issue: str
     overall: Overall
     no_common_verdict: str  #: Why the scores have no common verdict; empty if they have one.
-    commands: list[Command]  #: Item under test, procedure, data and results of each score.
+    sections: list[ScoreSection]  #: Item under test, procedure, data and results of each score.
     clauses: list[tuple[str, str]]  #: Clauses of the document and their texts.
     counts: dict[str, int]  #: Number of results by verdict.
-    evidence: list[Evidence]
+    evidence: list[AdditionalEvidence]
     deviations: list[str]
     anomalies: list[str]
     open_points: list[str]
 
 
 def render_test_report(
-    scores: Sequence[Score], title: str = "", number: str = "", issue: str = "", evidence: Sequence[Evidence] = ()
+    scores: Sequence[Score],
+    title: str = "",
+    number: str = "",
+    issue: str = "",
+    evidence: Sequence[AdditionalEvidence] = (),
 ) -> str:
     """Return the report of judged scores as HTML without scripts, formatted for A4."""
     common = common_verdict(scores)
-    commands = [_command(score, index) for index, score in enumerate(scores, 1)]
-    states = [row.view.item.state.value for command in commands for row in command.results]
+    sections = [_section(score, index) for index, score in enumerate(scores, 1)]
+    states = [row.view.item.state.value for section in sections for row in section.results]
     report = SignedReport(
         title=title or "Test report",
         number=printable(number),
         issue=printable(issue),
-        overall=overall_of_all(common, [command.overall for command in commands]),
+        overall=overall_of_all(common, [section.overall for section in sections]),
         no_common_verdict=common.text,
-        commands=commands,
+        sections=sections,
         clauses=[(clause, CLAUSES[clause]) for clause in clauses_used(scores)],
         counts={state: states.count(state) for state in dict.fromkeys(states)},
         evidence=[_printable(item, index) for index, item in enumerate(evidence, 1)],
@@ -127,12 +135,12 @@ def render_test_report(
     )
 
 
-def _command(score: Score, number: int) -> Command:
+def _section(score: Score, number: int) -> ScoreSection:
     made = score.provenance
     files = {} if made is None else made.inputs
-    return Command(
+    return ScoreSection(
         number=number,
-        text=UNKNOWN if made is None else made.command or UNKNOWN,
+        command=UNKNOWN if made is None else made.command or UNKNOWN,
         overall=overall_of(score),
         item=_item(score),
         inputs=[InputRow(role, printable(file.path), file.sha256) for role, file in files.items()],
@@ -142,7 +150,7 @@ def _command(score: Score, number: int) -> Command:
     )
 
 
-def _printable(evidence: Evidence, number: int) -> Evidence:
+def _printable(evidence: AdditionalEvidence, number: int) -> AdditionalEvidence:
     tables = _named(f"evidence-{number}", evidence.tables)
     return evidence._replace(path=printable(evidence.path), tables=tuple(tables))
 
@@ -208,6 +216,7 @@ def _results(score: Score, command: int) -> Iterator[ResultRow]:
 
 
 def _anomalies(score: Score) -> Iterator[str]:
+    """Yield a contradiction, the findings, and the warnings that are not caveats, which are deviations."""
     if score.contradiction is not None:
         yield score.contradiction
     yield from map(str, score.findings)

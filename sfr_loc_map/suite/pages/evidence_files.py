@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.catalogue import statistic_title, title_of
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
-from sfr_loc_map.report.test_report import Evidence
+from sfr_loc_map.report.test_report import AdditionalEvidence
 from sfr_loc_map.suite.pages.tables import budget_tables
 from sfr_loc_map.suite.statistics.budget import Budget
 
@@ -138,12 +138,12 @@ KINDS: tuple[type[CheckFile | BudgetFile | SearchFile], ...] = (CheckFile, Budge
 """Kinds of evidence, in the order of a report."""
 
 
-def read_evidence(paths: Sequence[Path]) -> list[Evidence]:
+def read_evidence(paths: Sequence[Path]) -> list[AdditionalEvidence]:
     """Return the evidence of files, in the order of a report; raise InputError for other files."""
     read = [(path, read_file(path)) for path in paths]
     read.sort(key=lambda item: KINDS.index(type(item[1])))
     return [
-        Evidence(
+        AdditionalEvidence(
             heading=content.heading,
             path=str(path),
             sha256=hash_path(path),
