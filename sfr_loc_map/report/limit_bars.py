@@ -5,6 +5,7 @@ A bar is a view of a verdict (`VerdictView`) as plain values, which the server s
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from sfr_loc_map.metrics.config import VerdictState, label_of
@@ -42,7 +43,13 @@ class LimitBar:
 def limit_bars(score: Score) -> list[LimitBar]:
     """Return all limits of a score: missed limits first, then the others by decreasing fraction of the limit."""
     bars = [_bar(place, view) for place, view in enumerate(verdict_views(score))]
-    return sorted(bars, key=lambda bar: (bar.state != VerdictState.FAIL, -1.0 * (bar.share or -1.0), bar.place))
+    return sorted(bars, key=_order)
+
+
+def _order(bar: LimitBar) -> tuple[bool, float, int]:
+    """Return the sort key of a bar; an unknown fraction is after all others."""
+    unused = math.inf if bar.share is None else -bar.share
+    return bar.state != VerdictState.FAIL, unused, bar.place
 
 
 def _bar(place: int, view: VerdictView) -> LimitBar:

@@ -52,12 +52,12 @@ class View(NamedTuple):
     title: str
     shows: Callable[[Score, Figure], bool]
     note: Callable[[Score], str] = lambda score: ""
-    #: Statistics of a row, in addition to limited statistics; None for a detailed table, which has all statistics.
+    #: Statistics of a row by the catalogue, to which those of all limits are added; None for a table of all statistics.
     statistics: Callable[[Figure], Sequence[str]] | None = None
 
 
 def is_headline(score: Score, row: Figure) -> bool:
-    """Return whether a row is in the first table: full figures of the catalogue, and limited figures."""
+    """Return whether a row is in the first table: judged rows of figures with `shown` statistics, and limited rows."""
     if is_limited(score, row):
         return True
     if row.figure not in KINDS or not KINDS[row.figure].shown:
@@ -68,7 +68,7 @@ def is_headline(score: Score, row: Figure) -> bool:
 
 
 def is_limited(score: Score, row: Figure) -> bool:
-    """Return whether a limit is on a row."""
+    """Return whether a limit is on a row. Completeness has a table of its own above the plots."""
     return any(
         score.row_of(item) is row and item.subject is not Subject.COMPLETENESS and item.value is not None
         for item in score.verdicts
@@ -265,7 +265,11 @@ def _count(value: float | None, key: str) -> Cell:
 
 
 def undefined_of(row: Figure, statistic: str) -> str:
-    """Return the text of an undefined number: not enough data if the figure could have this number."""
+    """Return the text of an undefined number of a row.
+
+    The value of a figure with a single number is unknown. A statistic of a figure with too few values has not enough
+    data. All other numbers do not apply to the figure.
+    """
     if row.is_one_number or row.value is not None:
         return UNKNOWN if statistic == "value" else ABSENT
     return NOT_ENOUGH if statistic != "value" and not row.is_defined else ABSENT
@@ -342,7 +346,7 @@ def method_table(score: Score) -> Table:
     if (usage := score.processes) is not None:
         facts["processor time"] = f"{usage.cpu_s:.3g} s, {number(usage.cpu_outside_s)} s of it outside the calls"
         threads, processes = (UNKNOWN if count is None else count for count in (usage.threads, usage.processes))
-        facts["largest numbers"] = f"{threads} threads, {processes} processes"
+        facts["maximum"] = f"{threads} threads, {processes} processes"
     if text := convention_text(score):
         facts["converted"] = text
     rows = tuple((Cell.head(name), Cell(text)) for name, text in facts.items())

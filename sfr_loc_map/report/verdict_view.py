@@ -170,7 +170,8 @@ def confidence_text(item: Verdict) -> str:
     """Return whether a verdict is certain, in words."""
     if item.proof is not None:
         return words_of(item.proof, item.state)
-    return {True: "yes", False: "no", None: ABSENT}[item.certain] + " (asked for)" * item.needs_certainty
+    text = {True: "yes", False: "no", None: ABSENT}[item.certain]
+    return f"{text} (required)" if item.needs_certainty else text
 
 
 def share_of_limit(item: Verdict, value: float) -> float:
