@@ -16,48 +16,52 @@ FIRST_TABLES = ("pairs", "methods")  #: Tables above the plots of a page.
 
 def comparison_tables(result: Comparison) -> list[Table]:
     """Return the tables of a comparison: pairs of sub-trajectories, complete runs side by side."""
-    names, tables = result.names, []
-    if result.pairs:
-        rows: list[Row] = []
-        for pair in result.pairs:
-            unit = fitting(Unit(pair.unit), pair.first, pair.other)
-            row = (
-                Cell.head(f"{title_of(pair.figure)}, {unit.symbol}, over {label_of(pair.condition)}"),
-                Cell(pair.name),
-                optional_cell(pair.first, unit),
-                optional_cell(pair.other, unit),
-                optional_cell(pair.difference, unit, signed=True),
-                Cell.interval(pair.ci95, unit=unit, signed=True),
-                Cell.number(pair.count),
-                optional_cell(pair.p_corrected),
-                Cell(pair.outcome.value),
-            )
-            rows.append(row)
-        columns = (
-            Column("figure", words=True),
-            Column("method", words=True),
-            Column(names[0]),
-            Column("other"),
-            Column("difference"),
-            Column("95 % interval"),
-            Column("n"),
-            Column("p, corrected"),
-            Column("outcome", words=True),
+    tables = [_pairs_table(result), _runs_table(result)]
+    return [table for table in tables if table.rows]
+
+
+def _pairs_table(result: Comparison) -> Table:
+    rows: list[Row] = []
+    for pair in result.pairs:
+        unit = fitting(Unit(pair.unit), pair.first, pair.other)
+        row = (
+            Cell.head(f"{title_of(pair.figure)}, {unit.symbol}, over {label_of(pair.condition)}"),
+            Cell(pair.name),
+            optional_cell(pair.first, unit),
+            optional_cell(pair.other, unit),
+            optional_cell(pair.difference, unit, signed=True),
+            Cell.interval(pair.ci95, unit=unit, signed=True),
+            Cell.number(pair.count),
+            optional_cell(pair.p_corrected),
+            Cell(pair.outcome.value),
         )
-        title = f"Mean + 3 sigma, compared with {names[0]}, paired by sub-trajectory"
-        note = f"A method is better or worse if p is at most {SIGNIFICANT} and the interval excludes zero. "
-        note += f"p: p-value of the difference, corrected for {len(result.pairs)} comparisons (Holm)."
-        tables.append(Table("pairs", title, columns, tuple(rows), note))
-    if result.side_by_side:
-        title = "Complete runs side by side (not paired, without an interval)"
-        columns = (Column("figure", words=True), Column("unit", words=True), *map(Column, names))
-        whole = []
-        for item in result.side_by_side:
-            unit = _whole_run_unit(item)
-            name = Cell.head(limited_name(item.figure, item.part, item.condition, item.statistic))
-            whole.append((name, Cell(unit.symbol), *(optional_cell(value, unit) for value in item.values)))
-        tables.append(Table("runs", title, columns, tuple(whole)))
-    return tables
+        rows.append(row)
+    columns = (
+        Column("figure", words=True),
+        Column("method", words=True),
+        Column(result.names[0]),
+        Column("other"),
+        Column("difference"),
+        Column("95 % interval"),
+        Column("n"),
+        Column("p, corrected"),
+        Column("outcome", words=True),
+    )
+    title = f"Mean + 3 sigma, compared with {result.names[0]}, paired by sub-trajectory"
+    note = f"A method is better or worse if p is at most {SIGNIFICANT} and the interval excludes zero. "
+    note += f"p: p-value of the difference, corrected for {len(result.pairs)} comparisons (Holm)."
+    return Table("pairs", title, columns, tuple(rows), note)
+
+
+def _runs_table(result: Comparison) -> Table:
+    rows: list[Row] = []
+    for item in result.side_by_side:
+        unit = _whole_run_unit(item)
+        name = Cell.head(limited_name(item.figure, item.part, item.condition, item.statistic))
+        rows.append((name, Cell(unit.symbol), *(optional_cell(value, unit) for value in item.values)))
+    title = "Complete runs side by side (not paired, without an interval)"
+    columns = (Column("figure", words=True), Column("unit", words=True), *map(Column, result.names))
+    return Table("runs", title, columns, tuple(rows))
 
 
 def _whole_run_unit(item: SideBySide) -> Unit:
