@@ -91,7 +91,10 @@ class Endpoints:
         return partial(self._node.destroy_subscription, subscription)
 
     def add_latched(self, kind: type[Any], topic: str, callback: Callable[..., None]) -> None:
-        """Subscribe to latched messages, beside a volatile subscription that reports incompatible publishers."""
+        """Subscribe to latched messages of a topic that has a volatile subscription, too.
+
+        Later messages arrive twice. Only the volatile subscription reports publishers of incompatible quality.
+        """
         subscription = self._node.create_subscription(
             kind,
             topic,
