@@ -103,6 +103,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         config = self.config
         self._poses_received = 0  # since the last `look_around`
         self._lm_frame = config.frame(config.lm_frame)
+        self._mapping = config.mapping  # parameters of the next pair that the worker processes
         self._pairs: list[CountedPair] = []  # of the map in progress
         self._mapped_rig: StereoRig | None = None  # of the pairs that the worker processes; `rig` may be newer
         self._mapper: Mapper | None = None  # for the parameters and the mapped rig, created on demand
@@ -112,7 +113,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def apply_config(self, config: MappingNodeConfig) -> None:
         """Process the next pairs with changed parameters; pairs of the map in progress are kept."""
-        self.worker.enqueue(self._forget_mapper)
+        self.worker.enqueue(partial(self._set_mapping, config.mapping))
 
     def reset_received(self) -> None:
         """Reset the counts of received messages."""
@@ -151,7 +152,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
                 self.get_logger().warning("camera_info has changed: a new map begins")
             self._pairs.clear()
             self._mapped_rig = rig
-            self._forget_mapper()
+            self._mapper = None
 
         self._matching.clear_pairs()
         self.worker.enqueue(work)
@@ -191,14 +192,15 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     # ---- in the worker's thread
 
-    def _forget_mapper(self) -> None:
+    def _set_mapping(self, mapping: MappingConfig) -> None:
+        self._mapping = mapping
         self._mapper = None
 
     def _mapper_of_rig(self) -> Mapper:
         """Return the mapper; raise an `SfrError` if there is no rig yet, or if the parameters do not suit the rig."""
         if self._mapped_rig is None:
             raise InputError("no camera_info was received yet: publish it for both navigation cameras")
-        self._mapper = self._mapper or Mapper(self._mapped_rig, self.config.mapping)
+        self._mapper = self._mapper or Mapper(self._mapped_rig, self._mapping)
         return self._mapper
 
     def _reset(self) -> str:
@@ -240,7 +242,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def _publish_terrain(self, fused: FusedMap, stamp_ns: int) -> None:
         try:
-            grid = terrain_grid(fused.cloud, self.config.mapping.terrain, fused.poses_lm_left, fused.random_sigma)
+            grid = terrain_grid(fused.cloud, self._mapping.terrain, fused.poses_lm_left, fused.random_sigma)
         except SfrError as error:
             self.status.warn(f"no elevation and no hazard of this map: {error}")
             return

@@ -1,5 +1,6 @@
 """The mapping node over DDS."""
 
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -45,6 +46,35 @@ def test_pairs_that_wait_for_their_poses_are_dropped_at_a_deactivation(ros: None
         peer.until(lambda: disparities, "disparity")
         peer.spin(0.2)
         assert [stamp_of(message) for message in disparities] == [nav_pair(1).pair.stamp_ns]
+
+
+def test_a_changed_parameter_applies_to_the_pairs_that_are_received_after_the_change(ros: None, capfd: Capture) -> None:
+    with Manager("mapping_node") as peer, LocalNode(peer, capfd, MappingNode, *params("pairs_per_map:=1")) as node:
+        clouds = peer.listen(PointCloud2, "mapping/points")
+        elevations = peer.listen(PointCloud2, "mapping/elevation")
+        before = MappingConfig()
+        after = replace(before, max_range_m=6.0, terrain=TerrainConfig(cell_m=0.25))
+        free = threading.Event()
+        node.node.worker.enqueue(lambda: print(free.wait(30)))
+        send_infos(peer, "nav", NAV_RIG)
+
+        def send(index: int) -> None:
+            item = nav_pair(index)
+            peer.publish(PoseStamped, "nav/pose", raw(bag_messages.pose(item.pair.stamp_ns, item.T_lm_navsb)))
+            send_pair(peer, "nav", item.pair)
+            peer.until(lambda: node.node.worker.waiting == index + 1, "the pair")
+
+        send(0)
+        assert peer.set(mapping__max_range_m=6.0, mapping__terrain__cell_m=0.25) == ""
+        send(1)
+        free.set()
+        peer.until(lambda: len(elevations) == 2, "both maps")
+        for index, config in enumerate((before, after)):
+            item, mapper = nav_pair(index), Mapper(NAV_RIG, config)
+            fused = mapper.fuse([mapper.process(item.pair, item.T_lm_navsb, 0)])
+            assert np.array_equal(cloud_from_msg(clouds[index]).to_structured(), fused.cloud.to_structured())
+            grid = terrain_grid(fused.cloud, config.terrain, fused.poses_lm_left, fused.random_sigma)
+            assert str(elevations[index]) == str(sent(elevation_msg(grid, item.pair.stamp_ns, "lm")))
 
 
 def test_mapping_makes_disparities_and_clouds_of_sets_of_pairs(ros: None, capfd: Capture) -> None:
