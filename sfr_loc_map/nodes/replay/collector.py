@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -68,7 +69,11 @@ class ResultCollector:
         self._check_nodes()
 
     def wait_for_pair(self, rig: str, stamp_ns: int) -> None:
-        """Wait for the results of a pair."""
+        """Wait for the results of a pair of a replay in lock step.
+
+        Raises the last unusable input that a node of the suite has reported, also before this pair, because in lock
+        step no message may be lost. A replay at a rate continues after an unusable input.
+        """
         if (external := self._external_of(rig)) is not None:
             external.wait_for(stamp_ns)
             return
@@ -87,8 +92,15 @@ class ResultCollector:
         self._peer.wait_for(is_complete, ANSWER_TIMEOUT_S, problem)
 
     def finish(self) -> None:
-        """Finish a map in progress, and wait for the missing results."""
-        self._wait_for_rest(self._finish_map())
+        """Wait for the missing results, finish a map in progress, and wait for the last map.
+
+        Each wait ends if no result has arrived for `QUIET_S`, so that lost pairs do not fail a replay at a rate.
+        """
+        results = self.results
+        self._wait_while_results_arrive(lambda: all(self._has_results(*pair) for pair in results.sent_pairs))
+        maps = self._finish_map()
+        self._wait_while_results_arrive(lambda: results.map_count >= maps)
+        self._check_nodes()
 
     def close(self) -> None:
         """Add the answers and the process of an external node; called even if the replay has failed."""
@@ -111,28 +123,23 @@ class ResultCollector:
         return self.results.has_pair(rig, stamp_ns) if external is None else external.is_settled(stamp_ns)
 
     def _finish_map(self) -> int:
-        """Let our mapper finish a map in progress; return the number of expected maps."""
+        """Let our mapper finish a map in progress; return the number of expected maps of the pairs that it received."""
         if self.results.external_task is Task.MAPPING:
             return 0
-        mapped = self.results.sent_stamps(Task.MAPPING.rig)
-        maps, left = divmod(len(mapped), self._pairs_per_map)
+        maps, left = divmod(len(self.results.mapped_stamps), self._pairs_per_map)
         if not left:
             return maps
-        for stamp_ns in mapped:
-            self.wait_for_pair(Task.MAPPING.rig, stamp_ns)
         self._peer.call_trigger(f"{Task.MAPPING.node}/finish", f"{Task.MAPPING.node} did not finish its map")
         return maps + 1
 
-    def _wait_for_rest(self, maps: int) -> None:
-        """Wait for the results of all published pairs and for a number of maps, as long as results arrive."""
-        results, count, deadline = self.results, -1, 0.0
-        while count != results.count or time.monotonic() < deadline:
-            if results.map_count >= maps and all(self._has_results(*pair) for pair in results.sent_pairs):
-                return
-            if count != results.count:
-                count, deadline = results.count, time.monotonic() + QUIET_S
+    def _wait_while_results_arrive(self, is_complete: Callable[[], bool]) -> None:
+        """Wait until a condition holds, or until no result has arrived for `QUIET_S`."""
+        count, last_change_s = self.results.count, time.monotonic()
+        while not is_complete() and time.monotonic() - last_change_s < QUIET_S:
             self._peer.spin(POLL_S)
             self._check_nodes()
+            if self.results.count != count:
+                count, last_change_s = self.results.count, time.monotonic()
 
     def _on_odometry(self, message: Odometry) -> None:
         self.results.add_pose(odometry_row(message), covariance_of(message))

@@ -95,6 +95,12 @@ class ReceivedResults:
         mapped = self.calls[Task.MAPPING]
         return sum((MappingState.MAPPED_SET, stamp_ns) in mapped for stamp_ns, _ in self.clouds)
 
+    @property
+    def mapped_stamps(self) -> list[int]:
+        """Stamps of the published pairs whose results our mapper has published."""
+        rig = Task.MAPPING.rig
+        return [stamp_ns for stamp_ns in self.sent_stamps(rig) if self.has_pair(rig, stamp_ns)]
+
     def replay_result(self) -> ReplayResult:
         """Return the results of the replay, for its score and its files."""
         (cloud, mapped_ns), points = self.last_map(), None

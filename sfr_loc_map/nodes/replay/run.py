@@ -62,7 +62,8 @@ def replay_and_score(
             raise KeyboardInterrupt
         if files is not None:
             _save(result, files)
-        remarks = tuple(_remarks(results, options))
+        remarks = tuple(_remarks(results))
+        _check_map(results)
     score = score_replay(
         source,
         result,
@@ -92,14 +93,21 @@ def _save(result: ReplayResult, files: ReplayFiles) -> None:
     save_replay(result, files)
 
 
-def _remarks(results: ReceivedResults, options: ReplayOptions) -> Iterator[str]:
-    """Yield remarks on missing results and on the answers of an external node; raise a NodeError without a cloud."""
-    theirs = None if options.external is None else options.external.task  # its answers are counted in the score
+def _remarks(results: ReceivedResults) -> Iterator[str]:
+    """Yield remarks on missing results and on the answers of an external node."""
+    theirs = results.external_task  # its answers are counted in the score
     played = len(results.sent_stamps(Task.LOCALISATION.rig))
     if (missing := played - len(results.poses)) > 0 and theirs is not Task.LOCALISATION:
         yield f"{missing} of {played} pairs have no odometry: the nodes could not keep up"
-    if results.sent_stamps(Task.MAPPING.rig) and not results.clouds and theirs is not Task.MAPPING:
-        raise NodeError("mapping_node published no cloud: play slower (--rate) or in lock step (--rate 0)")
+    pairs = len(results.sent_stamps(Task.MAPPING.rig))
+    if (missing := pairs - len(results.mapped_stamps)) > 0 and theirs is not Task.MAPPING:
+        yield f"{missing} of {pairs} pairs are missing in the map: the nodes could not keep up"
     if (node := results.external) is not None:
         answers = node.score.answers
         yield f"external node {node.method.name}: {answers.answered} of {answers.pairs} pairs answered"
+
+
+def _check_map(results: ReceivedResults) -> None:
+    """Raise a NodeError if our mapper received pairs and published no cloud."""
+    if results.sent_stamps(Task.MAPPING.rig) and not results.clouds and results.external_task is not Task.MAPPING:
+        raise NodeError("mapping_node published no cloud: play slower (--rate) or in lock step (--rate 0)")

@@ -2,15 +2,22 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.message_types import Level, StatusKind
+from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.lifecycle.diagnostics import status_msg
+from sfr_loc_map.nodes.replay import collector as module
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
+from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import DIAGNOSTICS
 
 
@@ -40,3 +47,28 @@ def test_a_replay_at_a_rate_fails_with_an_internal_fault_and_continues_after_an_
         for action in (lambda: collector.note_sent("loc", 2, 0.0), collector.finish):
             with pytest.raises(NodeError, match=r"^mapping_node: a stage has failed$"):
                 action()
+
+
+def test_a_lost_pair_does_not_fail_the_map_of_a_shortened_replay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The map in progress is finished without the pair, of which nothing arrives."""
+    monkeypatch.setattr(module, "QUIET_S", 0.3)
+    supervisor = SimpleNamespace(processes={}, check=lambda: None)
+    results = ReceivedResults()
+
+    def add_call(state: MappingState) -> None:
+        results.add_call(Task.MAPPING, CallRecord(1, 0.1, state, task=Task.MAPPING))
+
+    def finish(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        add_call(MappingState.MAPPED_SET)
+        results.add_cloud(1, PointCloud.from_structured(np.zeros(2, PointCloud.dtype())))
+        response.success = True
+        return response
+
+    with ReplayPeer(supervisor) as peer:
+        peer.ros_node.create_service(Trigger, "mapping_node/finish", finish)
+        collected = ResultCollector(peer, results, None, pairs_per_map=3, is_lock_step=False)
+        for stamp_ns in (1, 2):
+            collected.note_sent("nav", stamp_ns, 0.0)
+        add_call(MappingState.MAPPED)
+        collected.finish()
+    assert (results.mapped_stamps, results.map_count) == ([1], 1)
