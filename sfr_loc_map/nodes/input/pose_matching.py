@@ -26,6 +26,7 @@ class PoseMatching(Generic[T]):
 
     def add_pose(self, stamp_ns: int, pose: Transform) -> list[tuple[T, Transform]]:
         """Add a pose; return the pairs that now have a pose, in the order of their arrival."""
+        self._poses.pop(stamp_ns, None)  # a repeated stamp becomes the newest
         self._poses[stamp_ns] = pose
         if len(self._poses) > MAX_POSES:
             self._poses.pop(next(iter(self._poses)))

@@ -41,3 +41,10 @@ def test_what_waits_is_bounded() -> None:
     for stamp in range(MAX_POSES + 1):
         matching.pose(stamp)
     assert (matching.pair(0), matching.pair(1)) == ([], [(1, 1.0)])
+
+
+def test_a_repeated_pose_is_kept_as_the_newest() -> None:
+    matching = Matching()
+    for stamp in (*range(MAX_POSES), 0, MAX_POSES):
+        matching.pose(stamp)
+    assert (matching.pair(0), matching.pair(1)) == ([(0, 0.0)], [])
