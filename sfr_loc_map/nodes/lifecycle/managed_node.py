@@ -232,8 +232,13 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start to receive and publish."""
-        enable = super().on_activate
-        return self._run("activate", NodeState.ACTIVE, lambda: enable(state), self._activate, undo=self._deactivate)
+        enable, disable = super().on_activate, super().on_deactivate
+
+        def undo() -> None:
+            self._deactivate()
+            disable(state)
+
+        return self._run("activate", NodeState.ACTIVE, lambda: enable(state), self._activate, undo=undo)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop receiving, finish the running job, stop publishing."""

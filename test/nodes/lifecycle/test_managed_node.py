@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import rclpy
 from lifecycle_msgs.msg import Transition
+from rclpy.lifecycle import LifecyclePublisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
@@ -229,6 +230,23 @@ def test_an_exception_of_a_parameter_or_service_callback_does_not_end_the_node(r
         assert node.text.count("Traceback") == 3
         send_infos(peer, "loc", LOC_RIG)
         assert peer.play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+
+
+class FailsAtActivation(LocalisationNode):
+    """Refuses to be activated."""
+
+    def subscribe(self) -> None:
+        super().subscribe()
+        raise InputError("a refusal")
+
+
+def test_nothing_is_received_or_published_after_a_failed_activation(ros: None, capfd: Capture) -> None:
+    with Manager() as peer, LocalNode(peer, capfd, FailsAtActivation, *params("autostart:=false")) as node:
+        assert peer.change(CONFIGURE) == (True, "inactive")
+        assert peer.change(ACTIVATE) == (False, "inactive")
+        outputs = [item for item in node.node.publishers if isinstance(item, LifecyclePublisher)]
+        assert [item.is_activated for item in outputs] == [False] * len(outputs) != []
+        peer.until(lambda: not peer.node.count_subscribers("loc/left/image_rect"), "the end of the subscription")
 
 
 class FailsAtHealth(LocalisationNode):
