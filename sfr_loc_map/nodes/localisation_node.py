@@ -238,9 +238,10 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
             estimate = localiser.process(pair, motion)
         self._session.accept(estimate)
         self.publish_estimate(estimate)
+        times = self.times(received, conversion_s)
         self._publish_tracks(pair, estimate, messages.header_msg(pair.stamp_ns, received.frame_id))
         call = call_of_estimate(estimate, usage, {} if motion is None else {"motion_prior": 1.0})
-        self.publish_call(replace(call, times=self.times(received, conversion_s)), LEVELS[estimate.state])
+        self.publish_call(replace(call, times=times), LEVELS[estimate.state])
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
         """Publish odometry, and tf and path unless tracking is lost; called in the order of the pairs."""
