@@ -122,7 +122,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def expects_input(self) -> bool:
         """Return whether a map is in progress. Between maps, no input is expected."""
-        return bool(self._pairs)
+        return bool(self._pairs)  # a list of the worker, which may change at the next moment
 
     def agreeing_stamps(self) -> int:
         """Return how many consecutive pairs after a jump of the stamps start a new run: at most the pairs of a map."""
@@ -133,7 +133,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         return [*super().inputs(), Input({NAV_POSE: PoseStamped}, self._poses_received, self.config.input.reliability)]
 
     def counts(self) -> dict[str, int]:
-        """Return what was dropped since the start, by name."""
+        """Return what was dropped since the configuration, by name."""
         return super().counts() | {"dropped_without_pose": self._matching.dropped}
 
     def restart_after_fault(self) -> None:
@@ -220,7 +220,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._disparity.publish(disparity)
         cost, times = usage.cost(MappingState.MAPPED), self.times(received, conversion_s)
         call = CallRecord(pair.stamp_ns, *cost, result.statistics, times=times, task=Task.MAPPING)
-        self._report_call(call, result.warnings)
+        self.publish_call(call, self._reported(result.warnings))
         if len(self._pairs) == self.config.pairs_per_map:
             self._fuse()
 
@@ -234,9 +234,10 @@ class MappingNode(PairNode[MappingNodeConfig]):
         stamp_ns = stamps_ns[-1]
         self._cloud.publish(messages.cloud_msg(fused.cloud, stamp_ns, self._lm_frame))
         whole = call_of_stages([*(pair.usage for pair in pairs), usage])
+        level = self._reported(fused.warnings)
         for took, state in ((usage, MappingState.FUSED), (whole, MappingState.MAPPED_SET)):
-            self._report_call(call_of_fusion(fused, stamps_ns, took, state), fused.warnings)
-        # After the calls were reported, because their latency is that of the cloud.
+            self.publish_call(call_of_fusion(fused, stamps_ns, took, state), level)
+        # After the calls, so that the grids do not delay the report.
         self._publish_terrain(fused, stamp_ns)
         return len(fused.cloud)
 
@@ -253,10 +254,11 @@ class MappingNode(PairNode[MappingNodeConfig]):
         pairs = len(self._pairs)
         return f"{self._fuse()} points of {pairs} pairs published"
 
-    def _report_call(self, call: CallRecord, warnings: Sequence[str]) -> None:
+    def _reported(self, warnings: Sequence[str]) -> Level:
+        """Report the warnings of a result, and return the level of its call."""
         for warning in warnings:
             self.status.warn(warning)
-        self.publish_call(call, Level.WARN if warnings else Level.OK)
+        return Level.WARN if warnings else Level.OK
 
 
 main = partial(run, MappingNode)

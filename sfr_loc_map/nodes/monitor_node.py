@@ -178,7 +178,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._last_ns = 0
 
     def counts(self) -> dict[str, int]:
-        """Return what was dropped since the start, by name."""
+        """Return what was dropped since the configuration, by name."""
         dropped = {
             "dropped_in_transport": self._lost_in_transport,
             "dropped_stray": self._runs.strays + self._truth.strays,

@@ -190,7 +190,7 @@ class PairNode(ManagedNode[P], ABC):
         self._stereo.clock_jumped_back(self.get_clock().now().nanoseconds)
 
     def counts(self) -> dict[str, int]:
-        """Return what was dropped since the start, by name."""
+        """Return what was dropped since the configuration, by name."""
         counts = self._stereo.counts() | super().counts()
         counts["dropped_rejected"] += self._failed
         return counts
@@ -205,7 +205,7 @@ class PairNode(ManagedNode[P], ABC):
         self._stereo.forget_waiting()
 
     def publish_call(self, call: CallRecord, level: Level) -> None:
-        """Publish a call with the counts since the start, for programs on `~/call` and for people on /diagnostics."""
+        """Publish a call with the counts since the configuration, for programs on `~/call` and for people on /diagnostics."""
         call = replace(call, counts=self.counts())
         self._call_publisher.publish(String(data=encode_call(call)))
         self.status.report_call(call, level)

@@ -53,7 +53,7 @@ class CallRecord:
     fused: bool | None = None  #: Whether the cloud contains each surface once; None if the mapper does not report it.
     #: Times around the call, s: decoding, latencies. `times` and `counts` are shown live but not written to files.
     times: Mapping[str, float] = field(default_factory=dict)
-    counts: Mapping[str, int] = field(default_factory=dict)  #: Messages dropped since the start, by cause.
+    counts: Mapping[str, int] = field(default_factory=dict)  #: Messages dropped since the configuration, by cause.
     version: str = ""  #: Version of the method, if a node reports it.
     task: Task = field(default=Task.LOCALISATION, kw_only=True)  #: Task of the node that made the call.
 

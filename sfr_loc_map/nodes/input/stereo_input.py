@@ -43,8 +43,8 @@ class StereoInputConfig:
 
     image_transport: str = param(
         "auto",
-        doc="Image topics: image_rect (raw), image_rect/compressed (compressed), or both (auto); likewise for "
-        "image_raw.",
+        doc="Image topics: image_rect (raw), image_rect/compressed (compressed), or both until a raw image is received "
+        "(auto); likewise for image_raw.",
         choices=("raw", "compressed", "auto"),
     )
     rectify: bool = param(
@@ -173,7 +173,7 @@ class StereoInput:
                     self._remove_compressed[side] = remove
 
     def counts(self) -> dict[str, int]:
-        """Return what was dropped since the start, by name."""
+        """Return what was dropped since the configuration, by name."""
         return {
             "dropped_in_transport": sum(gaps.lost for gaps in self._gaps.values()),
             "dropped_unpaired": self._pairing.unpaired + self._pairing.overflowed,

@@ -116,7 +116,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """
 
     def clock_jumped_back(self) -> None:
-        """Start a new run."""
+        """Called when the clock was set back. A node whose runs depend on stamps alone ignores the event."""
 
     def apply_config(self, config: C) -> None:
         """Apply another configuration."""
@@ -126,7 +126,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         return True
 
     def counts(self) -> dict[str, int]:
-        """Return what was dropped since the start, by name; called in any thread."""
+        """Return what was dropped since the configuration, by name; called in any thread."""
         return {"dropped_overload": self._worker.dropped if self._worker is not None else 0}
 
     def look_around(self) -> None:

@@ -11,7 +11,7 @@ from threading import Condition, Thread
 
 Work = Callable[[], None]
 OnFault = Callable[[Exception, bool], None]
-MAX_WAITING_BYTES = 256_000_000  #: Maximum total size of the waiting messages: sixteen clouds of 1 Mpx.
+MAX_WAITING_BYTES = 256_000_000  #: Maximum total size of the waiting messages with a size: sixteen clouds of 1 Mpx.
 
 
 class Overload(StrEnum):
@@ -29,14 +29,14 @@ class Job:
 
     work: Work
     is_droppable: bool = False
-    size_bytes: int = 0  #: Size of the message that the job holds; 0 if the message is small.
+    size_bytes: int = 0  #: Size of the message that the job holds; 0 if only the number of such jobs is bounded.
 
 
 class Worker:
     """Runs jobs in the order in which they were added.
 
-    Droppable jobs (stereo pairs) are bounded in number and size. Other jobs (a new rig, a new pose, a reset) are never
-    dropped and keep their position in the common queue.
+    Droppable jobs (stereo pairs, messages) are bounded in number, and those with a size (clouds) also in total size.
+    Other jobs (a new rig, a new pose, a reset) are never dropped and keep their position in the common queue.
     """
 
     def __init__(self, name: str, overload: Overload, capacity: int, on_fault: OnFault) -> None:
@@ -56,7 +56,7 @@ class Worker:
             self._append(Job(work))
 
     def enqueue_droppable(self, work: Work, size_bytes: int = 0) -> None:
-        """Add a job that may be dropped, with the size of its message; 0 if the message is small.
+        """Add a job that may be dropped, with the size of its message; 0 if only the number of jobs is bounded.
 
         If the queue is full, the oldest droppable job is dropped and counted. If the total size would exceed
         `MAX_WAITING_BYTES`, the oldest droppable jobs with a size are dropped.

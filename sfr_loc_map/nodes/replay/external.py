@@ -1,7 +1,11 @@
 """Test an external node in place of one of the suite's nodes.
 
-Its messages are read leniently, stored unchanged, and published converted for the monitor. If its process ends during
-the replay, this is a finding.
+Its messages are read leniently, and the converted results are published for the monitor. If its process ends during the
+replay, this is a finding.
+
+Poses are stored as published and converted twice. During the replay each pose is converted for the monitor and the
+page, by the declared convention. After the replay all poses are converted for the score (`external_poses`), because a
+diagnosis of the convention requires all poses. Clouds are converted once, when received: points are stored in LM.
 """
 
 from __future__ import annotations
@@ -286,7 +290,7 @@ class ExternalMapper(ExternalNode):
         return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
 
     def accept(self, message: PointCloud2, points: FloatArray) -> None:
-        """Add the points in LM, and publish the cloud if it has all fields."""
+        """Add the finite points in LM, and publish the cloud, with its points in LM, if it has all fields."""
         stamp_ns = stamp_of(message)
         self._results.add_points(stamp_ns, points[np.isfinite(points).all(axis=1)])
         try:
