@@ -108,11 +108,18 @@ class MonitorNodeConfig(NodeConfig):
 class MonitorNode(ManagedNode[MonitorNodeConfig]):
     """Receives estimates, ground truth, clouds and calls, and publishes the score.
 
-    What is discarded at each event:
+    State of the node, and what becomes of the state at a new run of any source and at `~/reset`. An activation keeps
+    all state but the waiting messages. A configuration and a clean-up create all state again (`reset_state`).
 
-    - new run of any source: what was scored of the previous run (`_begin_run`); `CommonRuns` drops its late messages
-    - `~/reset`: as at a new run, and the stamps of all sources
-    - configuration, clean-up: everything (`reset_state`)
+    | state | new run | `~/reset` |
+    |---|---|---|
+    | estimates, ground truth, calls, score of the last map | cleared | cleared |
+    | stamps of all sources (`CommonRuns`) | late messages of the previous run are dropped | cleared |
+    | clouds, true points and `nav/pose` of maps | kept, because a map may be in progress | kept |
+    | calibration, configurations of the nodes | kept | kept |
+    | whether an estimate and the ground truth were received | kept | kept |
+
+    Ground truth from /tf also has runs of its own (`TruthFrame`).
     """
 
     task = "monitor"

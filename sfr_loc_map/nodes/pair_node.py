@@ -88,14 +88,24 @@ class Backoff:
 class PairNode(ManagedNode[P], ABC):
     """A managed node whose worker processes the pairs of one rig; its input is handled in the executor's thread.
 
-    What is discarded at each event:
+    State of the nodes, and what becomes of the state at an activation, at `~/reset`, and when the stamps have jumped or
+    the clock was set back (new run). A configuration and a clean-up create all state again (`reset_state`).
 
-    - activation: waiting messages and pairs, and the last stamp (`forget_waiting`)
-    - `~/reset`: as at an activation, and the results of the run
-    - jump of the stamps or of the clock: the results of the run, once the earlier pairs are processed (`on_new_run`)
-    - first rig, other cameras: results that depend on the previous cameras (`on_rig`)
-    - internal fault: results that may be wrong (`restart_after_fault`)
-    - configuration, clean-up: everything (`reset_state`)
+    | state | activation | `~/reset` | new run |
+    |---|---|---|---|
+    | pairs that wait for the worker | cleared | cleared | processed first |
+    | waiting images, last stamp | cleared | cleared | stamps: kept; clock: cleared |
+    | calibration, bit depth | cleared | kept | kept |
+    | extrinsics from /tf_static, `motion_prior` | kept | kept | kept |
+    | localiser | kept | starts at the identity | starts at its first pose |
+    | published path | kept | cleared | cleared by the first older stamp |
+    | pairs that wait for a pose | cleared | cleared | cleared |
+    | poses of `nav/pose` | cleared | cleared | kept, because they may belong to the new run |
+    | map in progress | kept | cleared | cleared |
+
+    `motion_prior` has runs of its own (`OdometryBuffer`). When the cameras change (`on_rig`), the localiser restarts at
+    its last pose, and pairs that wait for a pose and the map in progress are cleared. After an internal fault
+    (`restart_after_fault`), the localiser restarts at its last pose, and the map in progress is cleared.
     """
 
     task: Task
@@ -205,7 +215,7 @@ class PairNode(ManagedNode[P], ABC):
         self._stereo.forget_waiting()
 
     def publish_call(self, call: CallRecord, level: Level) -> None:
-        """Publish a call with the counts since the configuration, for programs on `~/call` and for people on /diagnostics."""
+        """Publish a call with the dropped messages, for programs on `~/call` and for people on /diagnostics."""
         call = replace(call, counts=self.counts())
         self._call_publisher.publish(String(data=encode_call(call)))
         self.status.report_call(call, level)

@@ -61,9 +61,20 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     - states: `check_config`, `reset_state` and `setup` at a configuration, `subscribe` at an activation
     - events: `apply_config`, `clock_jumped_back`, `restart_after_fault`, `count_failed`
-    - health: `expects_input`, `counts`, `look_around`
+    - health: `expects_input`; `counts` and `look_around`, which an override calls by `super()`
 
-    Jobs given to `worker` are run in order in the worker's thread.
+    Jobs given to `worker` are run in order in the worker's thread. Errors are reported by these routes:
+
+    | error | level | counted | then |
+    |---|---|---|---|
+    | `SfrError` of a job, such as an unusable pair | ERROR, `NODE: input` | `count_failed`, if droppable | continues |
+    | other exception of a job | ERROR, `NODE: fault` | `count_failed`, if droppable | `restart_after_fault` |
+    | exception of a callback (`Endpoints.guarded`) | as of a job, in the worker's queue | no | as of a job |
+    | `SfrError` of a service | none, in the answer | no | continues |
+    | `SfrError` of a transition | ERROR, `NODE: health` | no | the previous state is restored |
+
+    An optional message that is unusable, such as `initialpose`, is only a warning (`PairNode.ignoring_broken`). A pair
+    that cannot be used before it is enqueued is reported and counted by `StereoInput`.
     """
 
     task: str  #: Task of the node; the default node name is `TASK_node`.
