@@ -101,7 +101,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Create the state of the node, without input and results."""
         super().reset_state()
         config = self.config
-        self._poses_received = 0  # since the last `look_around`
+        self._poses_received = 0  # since the last `report_periodically`
         self._lm_frame = config.frame(config.lm_frame)
         self._mapping = config.mapping  # parameters of the next pair that the worker processes
         self._pairs: list[CountedPair] = []  # of the map in progress

@@ -124,7 +124,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     task = "monitor"
     config_type = MonitorNodeConfig
-    names_of_others = tuple(f"input.{item.name}" for item in fields(StereoInputConfig))
+    foreign_parameters = tuple(f"input.{item.name}" for item in fields(StereoInputConfig))
 
     def check_config(self, config: MonitorNodeConfig) -> None:
         """Check the frames of the ground truth."""
@@ -192,9 +192,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         }
         return dropped | super().counts()
 
-    def look_around(self) -> None:
+    def report_periodically(self) -> None:
         """Log what was dropped, follow a change of the truth's type, and report why nothing is scored."""
-        super().look_around()
+        super().report_periodically()
         if self._has_truth:
             return
         reason = self._truth.reason_for_silence()

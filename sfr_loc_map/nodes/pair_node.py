@@ -109,7 +109,7 @@ class PairNode(ManagedNode[P], ABC):
     """
 
     task: Task
-    _call_count_before = 0  # at the last `look_around`
+    _call_count_before = 0  # at the last `report_periodically`
 
     @abstractmethod
     def on_pair(self, pair: ReceivedPair) -> None:
@@ -164,9 +164,9 @@ class PairNode(ManagedNode[P], ABC):
         except InputError as error:
             self.status.warn(f"{error}; ignored")
 
-    def look_around(self) -> None:
+    def report_periodically(self) -> None:
         """Log what was dropped and, if no pair was processed since the last call, what the node waits for."""
-        super().look_around()
+        super().report_periodically()
         if doubled := self._stereo.check_publishers():
             self.status.warn(doubled, "publishers")
         has_worked = self.status.call_count > self._call_count_before or not self.worker.is_idle

@@ -353,7 +353,7 @@ def test_a_node_that_waits_names_the_topics_that_it_was_given(ros: None, capfd: 
     remaps = [f"loc/{side}/image_rect/compressed:=/eye/{side}/compressed" for side in SIDES]
     arguments = [word for rule in remaps for word in ("-r", rule)]
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *arguments) as node:
-        node.node.look_around()
+        node.node.report_periodically()
         assert "/eye/left/compressed, /loc/left/camera_info, /eye/right/compressed" in node.text
         assert "/loc/left/image_rect" not in node.text.partition("Waiting for")[2]
 
@@ -376,7 +376,7 @@ def test_two_publishers_of_an_image_are_named_and_not_taken_for_losses(ros: None
         peer.play(0)
         other = peer.node.create_publisher(Image, "loc/left/image_rect", 10)
         peer.until(lambda: peer.node.count_publishers("loc/left/image_rect") == 2, "two publishers")
-        node.node.look_around()
+        node.node.report_periodically()
         peer.well(Level.WARN, "loc/left/image_rect has 2 publishers (/peer, /peer): stop all but one")
         (images,) = (item for item in node.node.subscriptions if item.topic_name == "/loc/left/image_rect")
         for number in range(1, 100, 2):
@@ -428,7 +428,7 @@ def test_compressed_images_that_cannot_be_decoded_are_reported_once_and_the_next
         for kind, topic, message in malformed_messages.compressed_images("loc", loc_pair(0), lambda: next(stamps)):
             peer.publish(kind, topic, message)
         peer.refused("its camera_info says")
-        node.node.look_around()
+        node.node.report_periodically()
         assert "Waiting for" not in node.text, "images are received: their own reason was reported"
         pair = loc_pair(0)
         for side, pixels in zip(SIDES, (pair.left, pair.right), strict=True):

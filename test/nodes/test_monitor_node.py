@@ -270,11 +270,11 @@ def test_the_truth_may_have_each_type_that_is_scored_of_files(ros: None, capfd: 
 
         send_estimate(0)
         peer.until(lambda: node.node._has_estimate, "the estimate")
-        node.node.look_around()
+        node.node.report_periodically()
         assert "nothing is scored without true poses on /ground_truth/odometry: no publisher" in node.text
         truth = stack.enter_context(tracker(kind))
         peer.until(lambda: node.node.count_publishers("/ground_truth/odometry"), "the publisher")
-        node.node.look_around()
+        node.node.report_periodically()
         peer.until(truth.get_subscription_count, "the subscription")
         for k in range(40):
             if k:
@@ -311,7 +311,7 @@ def test_a_truth_of_another_type_is_named(ros: None, capfd: Capture) -> None:
         peer.publish(Odometry, "localisation/odometry", raw(bag_messages.odometry(START_NS, np.zeros(3), NO_TURN)))
         peer.until(lambda: node.node._has_estimate, "the estimate")
         peer.until(lambda: node.node.count_publishers("/ground_truth/odometry"), "the publisher")
-        node.node.look_around()
+        node.node.report_periodically()
         assert "the type is std_msgs/msg/String: nav_msgs/msg/Odometry or" in node.text
 
 

@@ -82,14 +82,14 @@ def test_a_source_that_has_ended_is_named_ever_more_seldom(
 ) -> None:
     monkeypatch.setattr(managed_node, "LOG_PERIOD_S", 1e6)  # looks around when it is told to
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT) as node:
-        node.node.look_around()
+        node.node.report_periodically()
         assert "Waiting for 4 topics (no publisher): /loc/left/image_rect" in node.text
         send_infos(peer, "loc", LOC_RIG)
         for index in range(2):
             peer.play(index)
             node.node.worker.wait_idle()
             for _ in range(1 + 100):  # the first has the call; then silence for 100 periods: said after 1, 2, 4, .. 64
-                node.node.look_around()
+                node.node.report_periodically()
             assert node.text.count("The source has ended or is silent. Waiting for 2 topics") == 7 * (index + 1)
         peer.well(Level.WARN, "The source has ended or is silent. Waiting for 2 topics (the publisher /peer exists")
 

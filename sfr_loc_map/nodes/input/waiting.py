@@ -22,7 +22,7 @@ class Input:
     """An input that a node requires, on one of several topics."""
 
     topics: Mapping[str, type[Any]]  #: Message types by relative name.
-    received: int  #: Messages since the last `look_around`; 1 once received if the input is not a stream.
+    received: int  #: Messages since the last `report_periodically`; 1 once received if the input is not a stream.
     reliability: str = Reliability.BEST_EFFORT  #: Reliability that the node requests.
     is_stream: bool = True  #: Whether the input is published continuously; camera_info may be published once.
 

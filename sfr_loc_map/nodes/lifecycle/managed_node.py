@@ -61,7 +61,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     - states: `check_config`, `reset_state` and `setup` at a configuration, `subscribe` at an activation
     - events: `apply_config`, `clock_jumped_back`, `restart_after_fault`, `count_failed`
-    - health: `expects_input`; `counts` and `look_around`, which an override calls by `super()`
+    - health: `expects_input`; `counts` and `report_periodically`, which an override calls by `super()`
 
     Jobs given to `worker` are run in order in the worker's thread. Errors are reported by these routes:
 
@@ -79,7 +79,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     task: str  #: Task of the node; the default node name is `TASK_node`.
     config_type: type[C]  #: Dataclass of the parameters.
-    names_of_others: tuple[str, ...] = ()  #: Parameters of other nodes, in sections that this node has, too.
+    foreign_parameters: tuple[str, ...] = ()  #: Parameters of other nodes, in sections that this node has, too.
     live_parameters: tuple[str, ...] = ()  #: Name prefixes of the parameters that may be set at any time.
     _worker: Worker | None = None
 
@@ -140,7 +140,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """Return what was dropped since the configuration, by name; called in any thread."""
         return {"dropped_overload": self._worker.dropped if self._worker is not None else 0}
 
-    def look_around(self) -> None:
+    def report_periodically(self) -> None:
         """Log what was dropped since the last call; called every `LOG_PERIOD_S` while the node is active."""
         counts, before = self.counts(), self._counts_before
         self._counts_before = counts
@@ -322,7 +322,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._log_endpoints()
         self._publish_config()
         self._counts_before = self.counts()
-        self.endpoints.add_timer(LOG_PERIOD_S, self.look_around)
+        self.endpoints.add_timer(LOG_PERIOD_S, self.report_periodically)
 
     def _log_endpoints(self) -> None:
         heard = ", ".join(subscription.topic_name for subscription in self.subscriptions)
@@ -417,7 +417,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
             if name.startswith(BUILT_IN):
                 continue
             self.undeclare_parameter(name)
-            if name in self._infos or (name not in self.names_of_others and is_near_miss(name, self._infos)):
+            if name in self._infos or (name not in self.foreign_parameters and is_near_miss(name, self._infos)):
                 given[name] = as_list(parameter.value)
             else:
                 self.get_logger().info(f"this node has no parameter '{name}': ignored")
