@@ -127,7 +127,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self.load_kernels("localisation")
         if self._pose_file is not None:
             self._pose_file.check()
-        self.status.meter.mark_idle()
+        self.meter.mark_idle()
         self._odometry = add_publisher(Odometry, ESTIMATE, OUTPUT_DEPTH)
         self._path_publisher = add_publisher(PathMsg, ESTIMATED_PATH, 1, latched=True)
         self._pose_set = add_publisher(PoseWithCovarianceStamped, INITIAL_POSE_SET, 1, latched=True)
@@ -237,7 +237,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         localiser = self._session.localiser_at(pair.stamp_ns, self._extrinsics.T_rb_sb)
         before_ns, wait_s = self._session.tracked_ns, self.config.motion_prior.wait_s
         motion = None if before_ns is None else self._motion_prior.between(before_ns, pair.stamp_ns, wait_s)
-        with self.status.meter.measure() as usage:
+        with self.meter.measure() as usage:
             estimate = localiser.process(pair, motion)
         self._session.accept(estimate)
         self.publish_estimate(estimate)

@@ -81,7 +81,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Load compiled code and create publishers."""
         super().setup()
         self.load_kernels("mapping", "terrain")
-        self.status.meter.mark_idle()
+        self.meter.mark_idle()
         add_publisher = self.endpoints.add_publisher
         self._cloud = add_publisher(PointCloud2, CLOUD, 1, latched=True)
         self._elevation = add_publisher(PointCloud2, ELEVATION, 1, latched=True)
@@ -212,7 +212,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         pair = received.decode()
         conversion_s = time.perf_counter() - begin
         mapper = self._mapper_of_rig()
-        with self.status.meter.measure() as usage:
+        with self.meter.measure() as usage:
             result = mapper.process(pair, pose, len(self._pairs))
         self._pairs.append(CountedPair(result, usage))
         header = messages.header_msg(pair.stamp_ns, received.frame_id)
@@ -228,7 +228,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Fuse and publish the map in progress; return the number of points."""
         mapper, pairs = self._mapper_of_rig(), self._pairs.copy()
         self._pairs.clear()
-        with self.status.meter.measure() as usage:
+        with self.meter.measure() as usage:
             fused = mapper.fuse([pair.result for pair in pairs])
         stamps_ns = [pair.result.stamp_ns for pair in pairs]
         stamp_ns = stamps_ns[-1]

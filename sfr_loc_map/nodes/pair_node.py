@@ -16,6 +16,7 @@ from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.message_types import Level
+from sfr_loc_map.metrics.call_meter import CallMeter
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
 from sfr_loc_map.nodes.input.waiting import Input, missing_input
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
@@ -109,7 +110,6 @@ class PairNode(ManagedNode[P], ABC):
     """
 
     task: Task
-    _call_count_before = 0  # at the last `report_periodically`
 
     @abstractmethod
     def on_pair(self, pair: ReceivedPair) -> None:
@@ -133,7 +133,11 @@ class PairNode(ManagedNode[P], ABC):
         return AGREEING
 
     def setup(self) -> None:
-        """Create the publisher of calls, latched so that the doctor can detect whether the node has processed input."""
+        """Create the meter of calls, and their publisher.
+
+        Calls are latched, so that the doctor can detect whether the node has processed input.
+        """
+        self.meter = CallMeter()
         self._call_publisher = self.endpoints.add_publisher(String, "~/call", CALL_DEPTH, latched=True)
 
     def reset_state(self) -> None:
@@ -154,6 +158,7 @@ class PairNode(ManagedNode[P], ABC):
     def subscribe(self) -> None:
         """Subscribe to the images and the camera_info, which defines the rig."""
         self.forget_waiting()
+        self._call_count_before = 0  # at the last `report_periodically`
         self._stereo.subscribe()
 
     @contextmanager
@@ -218,7 +223,7 @@ class PairNode(ManagedNode[P], ABC):
         """Publish a call with the dropped messages, for programs on `~/call` and for people on /diagnostics."""
         call = replace(call, counts=self.counts())
         self._call_publisher.publish(String(data=encode_call(call)))
-        self.status.report_call(call, level)
+        self.status.report_call(call, level, self.meter.method)
 
     def times(self, received: ReceivedPair, conversion_s: float) -> dict[str, float]:
         """Return the latencies of a result that was just published, and the decoding time, s."""

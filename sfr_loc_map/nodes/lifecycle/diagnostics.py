@@ -27,7 +27,6 @@ from rclpy.qos import QoSProfile
 from sfr_loc_map.config import param
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.message_types import Level, StatusKind
-from sfr_loc_map.metrics.call_meter import CallMeter
 from sfr_loc_map.nodes.ros.messages import header_msg
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import DIAGNOSTICS
@@ -125,12 +124,11 @@ class StatusReporter:
 
     def __init__(self, node: Node, task: str, config: HealthConfig, snapshot: Callable[[], NodeSnapshot]) -> None:
         """Create the publisher; `snapshot` describes the node at present."""
-        self.config = config
+        self._config = config
         self._node, self._task, self._snapshot = node, task, snapshot
         self._last_health: tuple[str, ...] = ()  # lifecycle state, level and lasting findings last published
-        self._lock, self._process, self.meter = Lock(), psutil.Process(), CallMeter()
-        self.call_count = 0
-        self.activity = ""  #: Activity of the node beside its calls: `COMPILING` or empty.
+        self._lock, self._process = Lock(), psutil.Process()
+        self._activity = ""
         self.publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, QoSProfile(depth=QUEUE_DEPTH))
         self.reset()
 
@@ -146,6 +144,20 @@ class StatusReporter:
             self._drops: dict[str, float] = {}
             self._last_call: tuple[Level, str] | None = None
             self._offsets: dict[str, float] = {}
+            self._call_count = 0
+
+    @property
+    def call_count(self) -> int:
+        """Number of calls since the reset."""
+        return self._call_count
+
+    def set_config(self, config: HealthConfig) -> None:
+        """Use other thresholds."""
+        self._config = config
+
+    def set_activity(self, activity: str) -> None:
+        """Set the activity of the node beside its calls: `COMPILING` or empty."""
+        self._activity = activity
 
     def note_arrival(self) -> None:
         """Note that input was received."""
@@ -180,39 +192,50 @@ class StatusReporter:
         snapshot = self._snapshot()
         with self._lock:
             now = time.monotonic()
-            for name, count in snapshot.counts.items():
-                if count > self._counts.get(name, 0):
-                    self._drops[name] = now
-                self._counts[name] = count
-            window = self.config.window_s
-            self._problems = {key: item for key, item in self._problems.items() if now - item[0] <= window}
-            problems = [(level, text) for _, level, text in reversed(self._problems.values())]
             memory = int(self._process.memory_info().rss)
-            lasting = self._findings(now, memory, snapshot)
-            findings = problems + lasting
+            self._note_drops(snapshot.counts, now)
+            lasting = self._lasting_findings(now, memory, snapshot)
+            findings = self._recent_problems(now) + lasting
             level = max((found for found, _ in findings), key=SEVERITY.index, default=Level.OK)
-            words = [text for severity in reversed(SEVERITY) for found, text in findings if found is severity]
-            values: dict[str, Value] = {
-                "lifecycle": snapshot.lifecycle,
-                "activity": self.activity,
-                "received_messages_hz": self._rate(self._arrivals, now),
-                "processed_hz": self._rate(self._calls, now),
-                "waiting": snapshot.waiting,
-                "resident_memory_bytes": memory,
-            }
-            values |= self._offsets
-            values |= {n.removesuffix("_s") + "_p95_s": float(np.quantile(v, 0.95)) for n, v in self._latencies.items()}
-            if len(words) > MAX_REASONS:
-                words[MAX_REASONS:] = [f"and {len(words) - MAX_REASONS} more"]
-            message = "; ".join(words) or (snapshot.lifecycle if self._last_call is None else self._last_call[1])
-            before = self._last_health
-            self._last_health = (snapshot.lifecycle, level.name, *(text for _, text in lasting))
-            values |= dict(snapshot.counts)
-        if not only_changes or before != self._last_health:
+            state = snapshot.lifecycle if self._last_call is None else self._last_call[1]
+            message = _reasons(findings) or state
+            values = self._health_values(now, memory, snapshot)
+            health = (snapshot.lifecycle, level.name, *(text for _, text in lasting))
+            has_changed = health != self._last_health
+            self._last_health = health
+        if has_changed or not only_changes:
             self._publish(StatusKind.HEALTH, level, message, values)
 
-    def _findings(self, now: float, memory: int, snapshot: NodeSnapshot) -> list[tuple[Level, str]]:
-        config, found = self.config, list(snapshot.findings)
+    def _note_drops(self, counts: Mapping[str, int], now: float) -> None:
+        """Note the time of each count that has grown."""
+        for name, count in counts.items():
+            if count > self._counts.get(name, 0):
+                self._drops[name] = now
+            self._counts[name] = count
+
+    def _recent_problems(self, now: float) -> list[tuple[Level, str]]:
+        """Forget the problems from before the window, and return the others, newest first."""
+        window_s = self._config.window_s
+        self._problems = {key: item for key, item in self._problems.items() if now - item[0] <= window_s}
+        return [(level, text) for _, level, text in reversed(self._problems.values())]
+
+    def _health_values(self, now: float, memory: int, snapshot: NodeSnapshot) -> dict[str, Value]:
+        values: dict[str, Value] = {
+            "lifecycle": snapshot.lifecycle,
+            "activity": self._activity,
+            "received_messages_hz": self._rate(self._arrivals, now),
+            "processed_hz": self._rate(self._calls, now),
+            "waiting": snapshot.waiting,
+            "resident_memory_bytes": memory,
+        }
+        values |= self._offsets
+        for name, seconds in self._latencies.items():
+            values[name.removesuffix("_s") + "_p95_s"] = float(np.quantile(seconds, 0.95))
+        return values | dict(snapshot.counts)
+
+    def _lasting_findings(self, now: float, memory: int, snapshot: NodeSnapshot) -> list[tuple[Level, str]]:
+        """Return the findings that hold now, in contrast to problems, which were noted at a time."""
+        config, found = self._config, list(snapshot.findings)
         if memory > config.memory_warn_mb * MB:
             found.append((Level.WARN, f"more than {config.memory_warn_mb} MB of resident memory in use"))
         if snapshot.lifecycle != NodeState.ACTIVE:
@@ -230,7 +253,7 @@ class StatusReporter:
     def _remember(self, moments: deque[float], now: float) -> None:
         """Add a time, and forget the times before the window."""
         moments.append(now)
-        while now - moments[0] > self.config.window_s:
+        while now - moments[0] > self._config.window_s:
             moments.popleft()
 
     def _rate(self, moments: deque[float], now: float) -> float:
@@ -238,17 +261,20 @@ class StatusReporter:
 
         The time since the reset counts as at least 1 s, so that two messages right after the reset give no high rate.
         """
-        span = min(self.config.window_s, max(now - self._since, 1.0))
+        span = min(self._config.window_s, max(now - self._since, 1.0))
         return sum(now - moment <= span for moment in moments) / span
 
-    def report_call(self, call: CallRecord, level: Level) -> None:
-        """Publish state, time and memory of a call, and note the call for the health."""
-        self.call_count += 1
+    def report_call(self, call: CallRecord, level: Level, memory_method: str) -> None:
+        """Publish state, time and memory of a call, and note the call for the health.
+
+        `memory_method` is how the memory was measured.
+        """
+        self._call_count += 1
         memory = {"peak_rss_bytes": call.peak_rss_bytes, "above_idle_bytes": call.above_idle_bytes}
         took: dict[str, Value] = {"processing_time_s": call.processing_time_s}
         took |= {name: value for name, value in memory.items() if value is not None} | dict(call.times)
         values: dict[str, Value] = {"task": self._task, "stamp_ns": call.stamp_ns, "state": call.state}
-        values |= {"reason": call.reason, "memory_method": self.meter.method, **took, **call.counts}
+        values |= {"reason": call.reason, "memory_method": memory_method, **took, **call.counts}
         self._publish(StatusKind.CALL, level, call.outcome, values, call.stamp_ns)
         self.note_call(level, call.outcome, call.times, call.statistics)
         self.publish_health(only_changes=True)
@@ -285,3 +311,11 @@ class StatusReporter:
         status = status_msg(f"{self._node.get_fully_qualified_name().lstrip('/')}: {kind}", level, message, values)
         stamp_ns = self._node.get_clock().now().nanoseconds if stamp_ns is None else stamp_ns
         self.publisher.publish(DiagnosticArray(header=header_msg(stamp_ns, ""), status=[status]))
+
+
+def _reasons(findings: Sequence[tuple[Level, str]]) -> str:
+    """Return the texts of findings, worst first, of which at most `MAX_REASONS`; empty without findings."""
+    texts = [text for severity in reversed(SEVERITY) for level, text in findings if level is severity]
+    if len(texts) > MAX_REASONS:
+        texts[MAX_REASONS:] = [f"and {len(texts) - MAX_REASONS} more"]
+    return "; ".join(texts)

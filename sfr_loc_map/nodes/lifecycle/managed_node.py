@@ -173,7 +173,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
         def say(line: str) -> None:
             self.get_logger().info(line)
-            self.status.activity = COMPILING
+            self.status.set_activity(COMPILING)
             self.status.note_problem(Level.WARN, line, COMPILING)
             self.status.publish_health()
 
@@ -181,7 +181,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
             for part in parts:
                 load_kernels(part, say, self.context.ok)
         finally:
-            self.status.activity = ""
+            self.status.set_activity("")
 
     def add_service(self, name: str, work: Callable[[], str], first: Callable[[], object] = lambda: None) -> None:
         """Offer a Trigger service of the active node: `first` is called immediately, `work` in the worker's queue.
@@ -454,7 +454,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.config = config
         self.get_logger().info(f"parameters have changed; configuration {self.config_json()}")
         self.endpoints.reliability = config.output_reliability
-        self.status.config = config.health
+        self.status.set_config(config.health)
         self._health_timer.timer_period_ns = round(config.health.period_s * NS_PER_S)
         if self._worker is not None:
             self.apply_config(config)

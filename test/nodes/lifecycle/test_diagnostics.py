@@ -7,6 +7,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 
 from helpers.node_scenes import sent
+from sfr_loc_map.metrics.call_meter import METHOD
 from sfr_loc_map.nodes.lifecycle.diagnostics import (
     HealthConfig,
     Level,
@@ -24,7 +25,9 @@ def test_a_call_is_reported_in_readable_values(ros: None) -> None:
     taken: list[DiagnosticArray] = []
     reporter.publisher = SimpleNamespace(publish=taken.append)
     about = {"reason": "few_landmarks", "step": np.ones(48), "times": {"conversion_s": 0.5}, "counts": {"dropped_x": 4}}
-    reporter.report_call(CallRecord(5, 0.25, "lost", 123456789, statistics={"inliers": 1 / 3}, **about), Level.ERROR)
+    reporter.report_call(
+        CallRecord(5, 0.25, "lost", 123456789, statistics={"inliers": 1 / 3}, **about), Level.ERROR, METHOD
+    )
     node.destroy_node()
     status = sent(taken[0]).status[0]
     assert (status.name, level_of(status), status.message) == ("rover/tried: call", Level.ERROR, "lost: few_landmarks")
