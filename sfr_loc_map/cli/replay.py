@@ -176,7 +176,15 @@ def replay(
             task_under_test,
         )
 
-        node = {"command": command, "watch": watch, "answers": answers, "frames": frames}
+        external_node = node_under_test(
+            task_under_test(opened, external, method),
+            answers=answers,
+            command=command,
+            watch=watch,
+            frames=frames,
+            timeout_s=answer_timeout,
+            correction=correction,
+        )
         options = ReplayOptions(
             localisation=parameters.build(LocalisationConfig, "localisation"),
             mapping=parameters.build(MappingConfig, "mapping"),
@@ -191,7 +199,7 @@ def replay(
             paused=start_paused,
             monitor=parameters.section("monitor"),
             page=page,
-            external=node_under_test(task_under_test(opened, external, method), node, answer_timeout, correction),
+            external=external_node,
         )
         files = None if out is None else ReplayFiles(out)
         with _room_for(files, (source, limits, config), overwrite=overwrite):

@@ -62,7 +62,10 @@ class AnswerBook:
         return True
 
     def note_restart(self, how: str) -> None:
-        """Note that the node ended during the run, although another process answers in its place."""
+        """Note that the node ended during the run, although another process answers in its place.
+
+        The replay continues to wait for answers, unlike after `note_end`.
+        """
         self._findings.setdefault(FindingKind.CRASHED, self._crash(how))
 
     def note_end(self, how: str) -> None:

@@ -153,7 +153,7 @@ class ResultCollector:
                 return  # an external node need not report its calls
             raise
         if external is not None:
-            external.version = call.version or external.version
+            external.note_call(call)
         self.results.add_call(task, call)
 
     def _on_cloud(self, message: PointCloud2) -> None:

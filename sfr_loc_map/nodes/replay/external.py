@@ -45,6 +45,7 @@ from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
 from sfr_loc_map.nodes.ros import environment, messages
 from sfr_loc_map.nodes.ros.publishers import UNKNOWN_NODE
 from sfr_loc_map.nodes.ros.qos import LATCHED
+from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.runs.replay_result import ExternalResult
 from sfr_loc_map.topics import RECTIFIED
 
@@ -68,7 +69,7 @@ class ExternalNode(ABC):
         The poses or clouds that the node publishes are added to `results`.
         """
         self.options = options
-        self.version: str | None = None
+        self._version: str | None = None  # as its calls state
         self._peer, self._command = peer, command
         self._name = "external" if command is None else command.name  # until the graph reports the node
         self._watch: ProcessWatch | None = None
@@ -88,6 +89,10 @@ class ExternalNode(ABC):
     def note_sent(self, stamp_ns: int, sent_s: float) -> None:
         """Note a pair and the time of the monotonic clock when its last image was published, s."""
         self._answers.note_sent(stamp_ns, sent_s)
+
+    def note_call(self, call: CallRecord) -> None:
+        """Note a call that the node has reported, which may state its version."""
+        self._version = call.version or self._version
 
     def wait_until_ready(self, topics: Iterable[str]) -> None:
         """Wait until the node subscribes to images, subscribe to its answers, and start measuring its process.
@@ -152,7 +157,7 @@ class ExternalNode(ABC):
             process=None if self._watch is None else self._watch.usage,
             ended=answers.ended,
         )
-        method = MethodRecord(name=self._name, version=self.version, kind=MethodKind.EXTERNAL)
+        method = MethodRecord(name=self._name, version=self._version, kind=MethodKind.EXTERNAL)
         log, declared = "" if self._command is None else self._command.text, options.convention.settings
         of_cloud = ConventionRecord(declared=declared) if options.task is Task.MAPPING and declared else None
         return ExternalResult(method, score, answers.findings, log, of_cloud)  # poses are converted later

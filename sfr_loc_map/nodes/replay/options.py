@@ -65,7 +65,7 @@ class ReplayOptions:
     duration_s: float  #: Duration of the played interval of the source, s.
     paused: bool  #: Whether the replay waits for the service ~/resume before the first pair.
     parameter_file: Path | None  #: ROS parameter file for all nodes; the parameters above override it.
-    monitor: Mapping[str, Any] = field(default_factory=dict)  #: Other parameters of the monitor.
+    monitor: Mapping[str, Any] = field(default_factory=dict)  #: Parameters of the monitor besides score and limits.
     page: LiveProcess | None = None  #: Live page that shows the run; None: no page.
     external: ExternalOptions | None = None  #: External node under test; None: only nodes of the suite.
 
@@ -96,10 +96,14 @@ def task_under_test(source: Source, external: str | None, method: str) -> Task |
 
 
 def node_under_test(
-    task: Task | None, given: Mapping[str, str], timeout_s: float, correction: Correction
+    task: Task | None, *, answers: str, command: str, watch: str, frames: str, timeout_s: float, correction: Correction
 ) -> ExternalOptions | None:
-    """Return the options of an external node, None without one; raise a ConfigError if an option does not apply."""
+    """Return the options of an external node, None without one; raise a ConfigError if an option does not apply.
+
+    `answers`, `command`, `watch` and `frames` are the values of the options of the command; empty if not given.
+    """
     if task is None:
+        given = {"command": command, "watch": watch, "answers": answers, "frames": frames}
         needless = [f"--{option}" for option, value in given.items() if value]
         needless += ["--convention or --apply-diagnosis"] if correction.is_wanted else []
         if needless:
@@ -109,10 +113,10 @@ def node_under_test(
         raise ConfigError("'--apply-diagnosis' applies only to poses: omit it with --external mapping")
     return ExternalOptions(
         task=task,
-        topic=given["answers"] or RESULTS[task],
-        command=given["command"],
-        watch=given["watch"],
-        frames=" -> ".join(given["frames"].split(",")),
+        topic=answers or RESULTS[task],
+        command=command,
+        watch=watch,
+        frames=" -> ".join(frames.split(",")),
         timeout_s=timeout_s,
         convention=correction.declared,
     )

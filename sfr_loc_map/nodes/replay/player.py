@@ -68,9 +68,13 @@ class Player:
         self.stopped = True
 
     def wait_until_ready(self) -> None:
-        """Wait until all nodes subscribe to this node and have discovered its subscriptions."""
+        """Wait until each subscription of the graph to a topic of this node is connected.
+
+        The nodes have then also discovered the subscriptions of this node.
+        """
         node = self._peer.ros_node
         names = list(self._peer.supervisor.processes)
+        # The service is offered once a node is active.
         resets = [node.create_client(Trigger, f"{name}/reset") for name in names]
         publishers = [*self._publishers.values()]
         if Task.LOCALISATION.node in names:  # an external node need not subscribe to initialpose

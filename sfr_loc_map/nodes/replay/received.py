@@ -31,10 +31,10 @@ class ReceivedResults:
     covariances: dict[int, FloatArray] = field(default_factory=dict)  #: Covariance `(6, 6)` of each pose by stamp.
     #: Calls of each task by state (empty for localisation) and stamp.
     calls: dict[Task, dict[tuple[str, int], CallRecord]] = field(default_factory=lambda: {task: {} for task in Task})
-    clouds: list[tuple[int, PointCloud]] = field(default_factory=list)  #: Stamp and points of each published cloud.
+    clouds: list[tuple[int, PointCloud]] = field(default_factory=list)  #: Stamp and content of each cloud with pixels.
     #: Rig (`loc`, `nav`) and stamp of each pair that was published to the nodes.
     sent_pairs: set[tuple[str, int]] = field(default_factory=set)
-    #: Stamp and points `(N, 3)` in LM of each cloud of an external node.
+    #: Stamp and points `(N, 3)` in LM of each cloud of an external node, whose clouds may lack pixels.
     points: list[tuple[int, FloatArray]] = field(default_factory=list)
     external: ExternalResult | None = None  #: Answers and process of the external node; set at the end of the replay.
 
@@ -103,9 +103,11 @@ class ReceivedResults:
 
     def replay_result(self) -> ReplayResult:
         """Return the results of the replay, for its score and its files."""
-        (cloud, mapped_ns), points = self.last_map(), None
+        points: FloatArray | None = None
         if self.external_task is Task.MAPPING:
             cloud, points, mapped_ns = self.external_map()
+        else:
+            cloud, mapped_ns = self.last_map()
         return ReplayResult(self.trajectory, cloud, self.records, mapped_ns, self.external, points)
 
     def external_map(self) -> tuple[PointCloud | None, FloatArray | None, tuple[int, ...]]:
@@ -142,5 +144,6 @@ class ReceivedResults:
     def has_pair(self, rig: str, stamp_ns: int) -> bool:
         """Return whether the results of a pair of a node of the suite are complete."""
         if rig == Task.LOCALISATION.rig:
-            return stamp_ns in self.covariances and ("", stamp_ns) in self.calls[Task.LOCALISATION]
+            is_posed = stamp_ns in self.covariances  # each pose has a covariance
+            return is_posed and ("", stamp_ns) in self.calls[Task.LOCALISATION]
         return (MappingState.MAPPED, stamp_ns) in self.calls[Task.MAPPING]

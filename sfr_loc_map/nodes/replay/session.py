@@ -18,7 +18,7 @@ from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
 from sfr_loc_map.nodes.input.extrinsics import publish_extrinsics
-from sfr_loc_map.nodes.launch.processes import Supervisor, user_command
+from sfr_loc_map.nodes.launch.processes import ChildProcess, Supervisor, user_command
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import external_node
 from sfr_loc_map.nodes.replay.node_arguments import node_arguments, pairs_per_map
@@ -48,7 +48,7 @@ def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, 
     Returns whether a signal ended the replay early. After an error, `results` has what was received before.
     `progress` is called with the rig of each played pair.
     """
-    with started_nodes(source, options, results, say) as participants:
+    with started_participants(source, options, results, say) as participants:
         with signals.stopping(participants.player.stop) as interrupted:
             say(f"playing from {options.offset_s:g} s")
             play_and_collect(source, options, participants, progress)
@@ -87,9 +87,14 @@ def play_and_collect(source: Source, options: ReplayOptions, participants: Parti
 
 
 @contextmanager
-def started_nodes(source: Source, options: ReplayOptions, results: ReceivedResults, say: Say) -> Iterator[Participants]:
-    """Start each node of a replay as a process, and end the processes after the `with` block."""
-    check_source(source, options.offset_s)
+def started_participants(
+    source: Source, options: ReplayOptions, results: ReceivedResults, say: Say
+) -> Iterator[Participants]:
+    """Start the nodes of a replay, create player and collector, and wait until all communicate with each other.
+
+    The processes are ended after the `with` block.
+    """
+    _check_source(source, options.offset_s)
     environment.isolate()
     environment.prepare()
     topics = message_stream.topics_of(source)
@@ -97,16 +102,7 @@ def started_nodes(source: Source, options: ReplayOptions, results: ReceivedResul
     if options.external is not None:
         topics = {name: kind for name, kind in topics.items() if name not in names(Role.TRUTH)}
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sfr-replay-")))
-        if "ROS_LOG_DIR" not in os.environ:
-            os.environ["ROS_LOG_DIR"] = str(folder / "log")
-            stack.callback(os.environ.pop, "ROS_LOG_DIR", None)
-        supervisor = stack.enter_context(Supervisor(folder))
-        for node_name, arguments in node_arguments(source, options, folder).items():
-            supervisor.start(node_name, arguments)
-        command = None
-        if options.external is not None and options.external.command:
-            command = stack.enter_context(user_command(options.external.command, folder))
+        supervisor, command = stack.enter_context(_started_processes(source, options))
         peer = stack.enter_context(ReplayPeer(supervisor))
         external = external_node(peer, source, options.external, command, results)
         player = Player(peer, topics, options.rate, paused=options.paused)
@@ -124,6 +120,23 @@ def started_nodes(source: Source, options: ReplayOptions, results: ReceivedResul
         yield Participants(peer, player, collector)
 
 
+@contextmanager
+def _started_processes(source: Source, options: ReplayOptions) -> Iterator[tuple[Supervisor, ChildProcess | None]]:
+    """Start each node of the suite as a process, and the command of an external node if given."""
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sfr-replay-")))
+        if "ROS_LOG_DIR" not in os.environ:
+            os.environ["ROS_LOG_DIR"] = str(folder / "log")
+            stack.callback(os.environ.pop, "ROS_LOG_DIR", None)
+        supervisor = stack.enter_context(Supervisor(folder))
+        for node_name, arguments in node_arguments(source, options, folder).items():
+            supervisor.start(node_name, arguments)
+        command = None
+        if options.external is not None and options.external.command:
+            command = stack.enter_context(user_command(options.external.command, folder))
+        yield supervisor, command
+
+
 def _missing_poses(source: Source, results: ReceivedResults) -> str:
     """Return what the estimate lacks, as a text for the page; empty if nearly every image has a pose."""
     images = 0 if source.loc is None else len(source.loc)
@@ -131,7 +144,7 @@ def _missing_poses(source: Source, results: ReceivedResults) -> str:
     return "" if images - posed <= MISSING_SHARE * images else "not every image of the source has a pose"
 
 
-def check_source(source: Source, offset_s: float = 0.0) -> None:
+def _check_source(source: Source, offset_s: float = 0.0) -> None:
     """Check a source before the start of the nodes; raise an InputError if the replay would fail later."""
     if source.loc is not None and source.loc.rig.T_rb_sb is None:
         raise InputError(

@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.config import score_config
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.nodes.replay.options import ReplayOptions
 from sfr_loc_map.nodes.replay.received import ReceivedResults
-from sfr_loc_map.nodes.replay.session import Participants, play_and_collect, started_nodes
+from sfr_loc_map.nodes.replay.session import Participants, play_and_collect, started_participants
 from sfr_loc_map.runs.offline import start_pose
 from sfr_loc_map.scoring.score_collected import score_replay
 
@@ -72,7 +72,7 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
     )
     reports: list[str] = []
     results = ReceivedResults()
-    with started_nodes(source, options, results, lambda line: None) as parts:
+    with started_participants(source, options, results, lambda line: None) as parts:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         parts.peer.ros_node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
         play_and_collect(source, options, parts, lambda rig: None)
