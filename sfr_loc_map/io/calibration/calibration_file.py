@@ -65,20 +65,20 @@ def read_calibration(path: Path, size: tuple[int, int] | None = None) -> Calibra
 def _calibration(path: Path, size: tuple[int, int] | None) -> Calibration:
     where = f"calibration '{path}'"
     with naming(path), refusing(where):
-        found = _opened(_only_file(path) if path.is_dir() else path, size)
-        reader = next((reader for reader in READERS if reader.recognises(found)), None)
+        opened = _opened(_only_file(path) if path.is_dir() else path, size)
+        reader = next((reader for reader in READERS if reader.recognises(opened)), None)
         if reader is None:
             *known, last = (reader.shown for reader in READERS)
-            names = ", ".join(found.shown_names[:8]) or "none of these names"
+            names = ", ".join(opened.shown_names[:8]) or "none of these names"
             raise InputError(f"{where}: a file of {', '.join(known)} or {last} is required, it has {names}")
-        (left, right), text = reader.read(found)
+        (left, right), text = reader.read(opened)
     if len(sizes := {left.size, right.size, size or left.size}) > 1:
         shown = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
         raise InputError(f"{where} and the images differ in size, {shown} px: calibrate both cameras at the image size")
     rig = rig_from_projections(np.array(left.p), np.array(right.p), left.size, where)
     if rig.baseline_m > LARGEST_BASELINE_M:
         raise InputError(f"{where}: the baseline is {rig.baseline_m:g} m: give it in metres")
-    T_rb_sb = read_rig(found.file).T_rb_sb if reader.read is _rig else None
+    T_rb_sb = reader.extrinsics(opened.file) if reader.extrinsics else None
     return Calibration((left, right), left.is_rectified and right.is_rectified, T_rb_sb, text)
 
 
@@ -99,17 +99,12 @@ class _OpenedFile:
 
 
 class _Reader(NamedTuple):
-    """The reader of the files of a program, and the names by which they are recognised."""
+    """The reader of the files of a program, and how they are recognised."""
 
     shown: str  #: Program, and names of its files for messages.
     read: Callable[[_OpenedFile], tuple[Cameras, str]]
-    any_of: tuple[frozenset[str], ...]  #: Sets of plain names; a file that has all names of one set is recognised.
-
-    def recognises(self, found: _OpenedFile) -> bool:
-        """Return whether a file is of this program. COLMAP is recognised by the names of its files."""
-        if self.read is _colmap:
-            return found.other is not None and found.files[0].name.endswith(COLMAP_FILE)
-        return isinstance(found.content, dict) and any(names <= found.content.keys() for names in self.any_of)
+    recognises: Callable[[_OpenedFile], bool]  #: Whether a file is of this program.
+    extrinsics: Callable[[Path], Transform | None] | None = None  #: Reads the pose of the rig in RB; None if absent.
 
 
 def _opened(file: Path, size: tuple[int, int] | None) -> _OpenedFile:
@@ -253,16 +248,16 @@ def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera) -> Transform:
     return in_imu.inverse() @ other_in_imu
 
 
-def _kalibr(found: _OpenedFile) -> tuple[Cameras, str]:
-    content = found.content
+def _kalibr(opened: _OpenedFile) -> tuple[Cameras, str]:
+    content = opened.content
     if "cam1" not in content:
         raise ValueError("it has only cam0: a stereo pair needs cam0 and cam1")
     one, other = (msgspec.convert(content.get(name), _KalibrCamera, strict=False) for name in ("cam0", "cam1"))
-    if further := [name for name in found.shown_names if re.fullmatch(r"cam[2-9]", name)]:
-        _log.warning(f"calibration '{found.file}': cam0 and cam1 are used, not {', '.join(further)}")
+    if further := [name for name in opened.shown_names if re.fullmatch(r"cam[2-9]", name)]:
+        _log.warning(f"calibration '{opened.file}': cam0 and cam1 are used, not {', '.join(further)}")
     poses = Transform.identity(), _pose_of_right(one, other)
     cameras = [one.calibrated("cam0", poses[0]), other.calibrated("cam1", poses[1])]
-    return _side_by_side(f"Kalibr '{found.file.name}'", cameras, ["cam0", "cam1"])
+    return _side_by_side(f"Kalibr '{opened.file.name}'", cameras, ["cam0", "cam1"])
 
 
 class _SensorPose(msgspec.Struct):
@@ -288,34 +283,34 @@ def read_sensor_yaml(path: Path) -> CalibratedCamera:
         return CalibratedCamera(camera.resolution, _four(camera.intrinsics), d, pose, lens)
 
 
-def _euroc(found: _OpenedFile) -> tuple[Cameras, str]:
-    files = _two_files(found, "cam0 and cam1")
+def _euroc(opened: _OpenedFile) -> tuple[Cameras, str]:
+    files = _two_files(opened, "cam0 and cam1")
     cameras = [read_sensor_yaml(path) for path in files]
     return _side_by_side("EuRoC", cameras, [f"'{path.parent.name}/{path.name}'" for path in files])
 
 
-def _two_files(found: _OpenedFile, names: str) -> list[Path]:
+def _two_files(opened: _OpenedFile, names: str) -> list[Path]:
     """Return the files of the two cameras; InputError if there is only one."""
-    if found.other is None:
+    if opened.other is None:
         raise InputError(
-            f"calibration '{found.file}' has one camera: add the file of the other camera beside it, named as {names}"
+            f"calibration '{opened.file}' has one camera: add the file of the other camera beside it, named as {names}"
         )
-    return found.files
+    return opened.files
 
 
-def _rig(found: _OpenedFile) -> tuple[Cameras, str]:
-    rig = read_rig(found.file)
+def _rig(opened: _OpenedFile) -> tuple[Cameras, str]:
+    rig = read_rig(opened.file)
     left, right = (RawCamera.of_rectified((rig.width, rig.height), projection(rig, side)) for side in SIDES)
-    return (left, right), f"rig '{found.file.name}'"
+    return (left, right), f"rig '{opened.file.name}'"
 
 
-def _orbslam(found: _OpenedFile) -> tuple[Cameras, str]:
+def _orbslam(opened: _OpenedFile) -> tuple[Cameras, str]:
     """Read the settings of ORB-SLAM: LEFT.K, RIGHT.K, ... or two cameras for raw images, one camera for rectified ones.
 
     Two raw cameras are given by Camera1, Camera2 and Stereo.T_c1_c2, in older files by Camera, Camera2 and Tlr. One
     camera with Camera.bf or Stereo.b is that of rectified images without distortion.
     """
-    content, size, text = found.content, found.size, f"ORB-SLAM '{found.file.name}'"
+    content, size, text = opened.content, opened.size, f"ORB-SLAM '{opened.file.name}'"
     if "left.k" in content:
         left, right = (_orbslam_raw(content, side.upper()).checked(text) for side in SIDES)
         return (left, right), f"{text}, LEFT and RIGHT"
@@ -366,10 +361,10 @@ def _side_by_side(name: str, cameras: list[CalibratedCamera], names: list[str]) 
     return rectified_cameras(name, *cameras), f"{name}, {names[0]} and {names[1]}"
 
 
-def _ros(found: _OpenedFile) -> tuple[Cameras, str]:
+def _ros(opened: _OpenedFile) -> tuple[Cameras, str]:
     """Read two files of camera_calibration, or two messages of camera_info as `ros2 topic echo` prints them."""
     cameras = []
-    for path in _two_files(found, "left and right"):
+    for path in _two_files(opened, "left and right"):
         content = _content(path)
         values = {_plain(str(name)): value for name, value in content.items()} if isinstance(content, dict) else {}
         names = (("camera_matrix", "k"), ("rectification_matrix", "r"), ("projection_matrix", "p"))
@@ -380,9 +375,9 @@ def _ros(found: _OpenedFile) -> tuple[Cameras, str]:
     return (left, right), f"ROS '{one.name}' and '{two.name}'"
 
 
-def _opencv(found: _OpenedFile) -> tuple[Cameras, str]:
-    values: dict[str, Any] = {"given": found.size or ()}
-    files = [found.file, *([found.other] if found.other else [])]
+def _opencv(opened: _OpenedFile) -> tuple[Cameras, str]:
+    values: dict[str, Any] = {"given": opened.size or ()}
+    files = [opened.file, *([opened.other] if opened.other else [])]
     for file in reversed(files):
         values |= {_plain(str(name)): value for name, value in dict(_content(file)).items()}
     ks = [_numbers(values, f"M{n}", f"K{n}", f"cameraMatrix{n}") for n in (1, 2)]
@@ -426,17 +421,28 @@ def _colmap(opened: _OpenedFile) -> tuple[Cameras, str]:
     return _side_by_side(f"COLMAP '{file.parent.name}'", found, names)
 
 
-def _any_of(*names: str) -> tuple[frozenset[str], ...]:
-    return tuple(frozenset({name}) for name in names)
+def _has(*alternatives: str) -> Callable[[_OpenedFile], bool]:
+    """Return a test whether the content has all names of one alternative, such as `T_BS intrinsics`."""
+    sets = [{_plain(name) for name in names.split()} for names in alternatives]
+
+    def is_named(opened: _OpenedFile) -> bool:
+        return isinstance(opened.content, dict) and any(names <= opened.content.keys() for names in sets)
+
+    return is_named
+
+
+def _is_colmap(opened: _OpenedFile) -> bool:
+    """Return whether two files have the names of COLMAP."""
+    return opened.other is not None and opened.files[0].name.endswith(COLMAP_FILE)
 
 
 READERS = (
-    _Reader("Kalibr (cam0, cam1)", _kalibr, _any_of("cam0")),
-    _Reader("EuRoC", _euroc, (frozenset({"tbs", "intrinsics"}),)),
-    _Reader("ORB-SLAM", _orbslam, _any_of("left.k", "camera.fx", "camera1.fx")),
-    _Reader("OpenCV (M1, D1, M2, D2, R, T)", _opencv, _any_of("m1", "k1", "cameramatrix1", "r1", "t")),
-    _Reader("ROS (camera_matrix, projection_matrix)", _ros, (*_any_of("projectionmatrix"), frozenset({"k", "r", "p"}))),
-    _Reader("COLMAP (cameras.txt and rig_config.json)", _colmap, ()),
-    _Reader("a rig.json", _rig, _any_of("baselinem")),
+    _Reader("Kalibr (cam0, cam1)", _kalibr, _has("cam0")),
+    _Reader("EuRoC", _euroc, _has("T_BS intrinsics")),
+    _Reader("ORB-SLAM", _orbslam, _has("LEFT.K", "Camera.fx", "Camera1.fx")),
+    _Reader("OpenCV (M1, D1, M2, D2, R, T)", _opencv, _has("M1", "K1", "cameraMatrix1", "R1", "T")),
+    _Reader("ROS (camera_matrix, projection_matrix)", _ros, _has("projection_matrix", "k r p")),
+    _Reader("COLMAP (cameras.txt and rig_config.json)", _colmap, _is_colmap),
+    _Reader("a rig.json", _rig, _has("baseline_m"), lambda file: read_rig(file).T_rb_sb),
 )
 """The readers of calibrations. The first reader that recognises a file reads it."""

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.plausibility import plausible_quats, plausible_rotations
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.tables.number_text import number_or_nan, parse_number
@@ -131,7 +131,7 @@ class PoseColumns:
 
     name: str  #: Name of the layout in messages.
     separator: str | None  #: None: spaces.
-    places: Mapping[str, int]  #: Column of each key, from 0.
+    index_of: Mapping[str, int]  #: Column of each key, from 0.
     units: Mapping[str, str]  #: Unit of each key, if the header or `--columns` gives a unit.
     width: int  #: Number of columns.
     skip: int = 0  #: Number of lines before the first row.
@@ -140,7 +140,7 @@ class PoseColumns:
     inferred: str = ""  #: Unit of the stamps if it was inferred from their magnitude.
 
     def __contains__(self, key: str) -> bool:
-        return key in self.places
+        return key in self.index_of
 
     @property
     def format(self) -> TrajectoryFormat:
@@ -148,36 +148,38 @@ class PoseColumns:
         if self.is_matrix:
             return TrajectoryFormat.KITTI if self.stamp_key is None else TrajectoryFormat.MATRIX
         for known, order, separators in _ORDERS:
-            if self.separator in separators and all(self.places.get(key) == k for k, key in enumerate(order)):
+            if self.separator in separators and all(self.index_of.get(key) == k for k, key in enumerate(order)):
                 return known
         return TrajectoryFormat.COLUMNS
 
     @property
     def position_keys(self) -> tuple[str, ...]:
         """The three columns of the position."""
-        return POSITION if "z" in self.places else ("x", "y", DOWN)
+        return POSITION if "z" in self.index_of else ("x", "y", DOWN)
 
     @property
     def is_matrix(self) -> bool:
         """Whether the poses are 3 x 4 matrices."""
-        return MATRIX[0] in self.places
+        return MATRIX[0] in self.index_of
 
     @property
     def stamp_key(self) -> str | None:
         """The column of the stamp or of the frame number; None if lines have neither."""
-        return next((key for key in (STAMP, SECONDS, FRAME) if key in self.places), None)
+        return next((key for key in (STAMP, SECONDS, FRAME) if key in self.index_of), None)
 
     @property
     def has_covariance(self) -> bool:
         """Whether the columns contain a complete covariance."""
-        return all(key in self.places for key in COVARIANCE_KEYS)
+        return all(key in self.index_of for key in COVARIANCE_KEYS)
 
     @property
     def value_keys(self) -> list[str]:
         """The columns of numbers other than the stamp."""
-        poses = MATRIX if self.is_matrix else (*self.position_keys, *(key for key in QUATERNION if key in self.places))
+        poses = (
+            MATRIX if self.is_matrix else (*self.position_keys, *(key for key in QUATERNION if key in self.index_of))
+        )
         covariances = COVARIANCE_KEYS if self.has_covariance else ()
-        return [*poses, *((NANOSECONDS,) if NANOSECONDS in self.places else ()), *covariances]
+        return [*poses, *((NANOSECONDS,) if NANOSECONDS in self.index_of else ()), *covariances]
 
     @property
     def fraction_ns(self) -> int:
@@ -539,35 +541,47 @@ def _fit(layout: Layout, table: FloatArray, width: int, comma: str) -> float:
     if layout.widths and width not in layout.widths:
         return 0.0
     rows = table[np.isfinite(table[:, : len(keys)]).all(axis=1)]
-    if not len(rows):
+    if not len(rows) or (keys[0] == STAMP and not _are_stamps(layout, rows[:, 0], width)):
         return 0.0
-    place = {key: number for number, key in enumerate(keys)}
-    good = np.ones(len(rows), np.bool_)
-    if "qw" in place:
-        quats = rows[:, [place[key] for key in QUATERNION]]
-        good &= plausible_quats(quats) | (not quats.any())
-    if MATRIX[0] in place:
-        matrices = rows[:, place[MATRIX[0]] : place[MATRIX[0]] + 12].reshape(-1, 3, 4)
-        good &= plausible_rotations(matrices[:, :, :3])
-    if NANOSECONDS in place:
-        fraction = rows[:, place[NANOSECONDS]]
-        good &= (fraction >= 0.0) & (fraction < NS_PER_S) & (fraction == np.floor(fraction))
-        good &= rows[:, 0] == np.floor(rows[:, 0])
-    if FRAME in place:
-        frames = rows[:, 0]
-        good &= (frames == np.floor(frames)) & (frames >= 0.0) & (frames < MAX_FRAME)
-    whole = bool((rows[:, 0] == np.floor(rows[:, 0])).all())
-    if keys[0] == STAMP and MATRIX[0] in place and whole and float(rows[:, 0].max()) < MAX_FRAME:
-        return 0.0
-    if layout.unit == "ns" and not whole:
-        return 0.0
-    steps = np.diff(rows[:, 0])
+    return float(_fitting_rows(keys, rows).mean())
+
+
+def _are_stamps(layout: Layout, stamps: FloatArray, width: int) -> bool:
+    """Return whether the first column `(N,)` can be the stamps of a layout that begins with stamps."""
+    are_integers = bool(_is_integer(stamps).all())
+    if layout.unit == "ns" and not are_integers:
+        return False
+    if MATRIX[0] in layout.keys and are_integers and float(stamps.max()) < MAX_FRAME:  # numbers of frames
+        return False
+    steps = np.diff(stamps)
     increasing, decreasing = (float(np.mean(steps * sign >= 0.0)) if len(steps) else 1.0 for sign in (1.0, -1.0))
-    if keys == (STAMP, *POSITION) and max(increasing, decreasing) < FIT:  # such as the rows of a 4 x 4 matrix
-        return 0.0
-    if keys[0] == STAMP and width > len(keys) and not (len(steps) and np.mean(steps > 0.0) >= FIT):
-        return 0.0  # the first rows of a matrix look like a stamp and a quaternion
-    return float(good.mean())
+    if layout.keys == (STAMP, *POSITION) and max(increasing, decreasing) < FIT:  # such as the rows of a 4 x 4 matrix
+        return False
+    has_extra_columns = width > len(layout.keys)  # the first columns of a matrix look like a stamp and a quaternion
+    return not has_extra_columns or bool(len(steps) and np.mean(steps > 0.0) >= FIT)
+
+
+def _fitting_rows(keys: Sequence[str], rows: FloatArray) -> Mask:
+    """Return which rows `(N, K)` have a valid attitude, fraction of a second and frame number, if a layout has them."""
+    index_of = {key: index for index, key in enumerate(keys)}
+    fitting = np.ones(len(rows), np.bool_)
+    if "qw" in index_of:
+        quats = rows[:, [index_of[key] for key in QUATERNION]]
+        fitting &= plausible_quats(quats) | (not quats.any())  # zeros in all rows: positions without attitudes
+    if MATRIX[0] in index_of:
+        first = index_of[MATRIX[0]]
+        fitting &= plausible_rotations(rows[:, first : first + 12].reshape(-1, 3, 4)[:, :, :3])
+    if NANOSECONDS in index_of:
+        fraction = rows[:, index_of[NANOSECONDS]]
+        fitting &= (fraction >= 0.0) & (fraction < NS_PER_S) & _is_integer(fraction) & _is_integer(rows[:, 0])
+    if FRAME in index_of:
+        frames = rows[:, index_of[FRAME]]
+        fitting &= _is_integer(frames) & (frames >= 0.0) & (frames < MAX_FRAME)
+    return fitting
+
+
+def _is_integer(numbers: FloatArray) -> Mask:
+    return np.asarray(numbers == np.floor(numbers))
 
 
 # ---- units
@@ -617,7 +631,7 @@ def _with_time_unit(found: PoseColumns, rows: Sequence[Sequence[str]], name: str
     """Return the columns with the unit of the stamps, which is inferred from their magnitude if it is not given."""
     if STAMP not in found or found.units.get(STAMP):
         return found
-    texts = [cells[found.places[STAMP]] for cells in rows if len(cells) > found.places[STAMP]]
+    texts = [cells[found.index_of[STAMP]] for cells in rows if len(cells) > found.index_of[STAMP]]
     if texts and not _is_number(texts[0]) and _is_time(texts[0]):
         return replace(found, units={**found.units, STAMP: UTC_UNIT}, inferred=UTC_UNIT)
     unit = time_unit(texts, is_seconds=found.format is TrajectoryFormat.TUM)

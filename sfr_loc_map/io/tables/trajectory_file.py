@@ -142,44 +142,46 @@ def read_trajectory_file(path: Path, columns: str = "", option: str = COLUMNS_OP
             blocks, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=1, tolerant=True
         )
         return _loaded(path, table, TrajectoryFormat.CSV, signs=CONJUGATED)
-    found = pose_columns(lines, name, columns, option)
-    return _read_columns(path, blocks, name, found)
+    table_columns = pose_columns(lines, name, columns, option)
+    return _read_columns(path, blocks, name, table_columns)
 
 
-def _read_columns(path: Path, blocks: Iterable[bytes], name: str, found: PoseColumns) -> LoadedTrajectory:
+def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseColumns) -> LoadedTrajectory:
     """Return the poses, or positions, of a table whose columns are known."""
-    keys = found.value_keys
-    stamp_keys = () if found.stamp_key is None else (found.stamp_key,)
-    places = [found.places[key] for key in (*stamp_keys, *keys)]
+    keys = columns.value_keys
+    stamp_keys = () if columns.stamp_key is None else (columns.stamp_key,)
+    indices = [columns.index_of[key] for key in (*stamp_keys, *keys)]
     table = parse_table(
         blocks,
         name,
-        found.name,
-        places,
-        stamp=found.stamp() if stamp_keys else None,
-        separator=found.separator,
-        more=found.by_header or places != list(range(found.width)),
-        skip=found.skip,
+        columns.name,
+        indices,
+        stamp=columns.stamp() if stamp_keys else None,
+        separator=columns.separator,
+        more=columns.by_header or indices != list(range(columns.width)),
+        skip=columns.skip,
         tolerant=True,
     )
     values = dict(zip(keys, table.values.T, strict=True))
-    if found.is_matrix:
-        is_optical = found.format is TrajectoryFormat.KITTI
+    if columns.is_matrix:
+        is_optical = columns.format is TrajectoryFormat.KITTI
         positions, quats = _of_matrices(table.values[:, :KITTI_COLUMNS], is_optical=is_optical)
     else:
-        positions = np.stack([values[key] for key in found.position_keys], axis=1) * np.array(found.scales)
+        positions = np.stack([values[key] for key in columns.position_keys], axis=1) * np.array(columns.scales)
         quats = np.stack([values.get(key, np.zeros(len(positions))) for key in QUATERNION], axis=1)
-    stamps_ns, said, by_index = table.stamps_ns, "", False
-    if NANOSECONDS in found:
-        stamps_ns = stamps_ns + _fractions_ns(table, values[NANOSECONDS] * found.fraction_ns)
-    if not stamp_keys or found.stamp_key == FRAME:
+    stamps_ns, stamps_from, by_index = table.stamps_ns, "", False
+    if NANOSECONDS in columns:
+        stamps_ns = stamps_ns + _fractions_ns(table, values[NANOSECONDS] * columns.fraction_ns)
+    if not stamp_keys or columns.stamp_key == FRAME:
         numbers = stamps_ns // NS_PER_S if stamp_keys else table.row_numbers
         rows = len(table.lines) + len(table.skipped_lines)
         is_consecutive = not stamp_keys or (len(numbers) > 0 and int(numbers[-1]) + 1 == rows)
-        stamps_ns, said, by_index = _stamps_of_frames(path, numbers, rows if is_consecutive else None)
+        stamps_ns, stamps_from, by_index = _stamps_of_frames(path, numbers, rows if is_consecutive else None)
     poses = replace(table, stamps_ns=stamps_ns, values=np.concatenate((positions, quats), axis=1))
-    covariance = _covariance(values) if found.has_covariance else None
-    return _loaded(path, poses, found.format, columns=found, stamps=said, by_index=by_index, covariance=covariance)
+    covariance = _covariance(values) if columns.has_covariance else None
+    return _loaded(
+        path, poses, columns.format, columns=columns, stamps=stamps_from, by_index=by_index, covariance=covariance
+    )
 
 
 def _fractions_ns(table: Table, fractions_ns: FloatArray) -> IntArray:
