@@ -86,8 +86,8 @@ MUTATIONS = (
     Mutation(FORMULAS, "np.cos(0.5 * np.radians(turn_deg))", "np.cos(np.radians(turn_deg))"),
     Mutation(
         FORMULAS,
-        "(distance_m >= metres - DISTANCE_TOLERANCE_M) & (",
-        "(distance_m >= metres - DISTANCE_TOLERANCE_M) | (",
+        "(distance_m >= metres - DISTANCE_TOLERANCE_M) & is_turned",
+        "(distance_m >= metres - DISTANCE_TOLERANCE_M) | is_turned",
     ),
     Mutation(SCORE, "ends = np.maximum(ends, formulas.ends_by_time", "ends = np.minimum(ends, formulas.ends_by_time"),
     Mutation(SCORE, "is_met = ends < count", "is_met = ends < count - 1"),
@@ -237,7 +237,7 @@ MUTATIONS = (
     Mutation("metrics/aligned_error.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
     # limits and limits files
     Mutation("metrics/judging/limits_file.py", 'not 0 <= bound < float("inf")', 'not 0 <= bound <= float("inf")'),
-    Mutation("metrics/judging/limits_file.py", "if key in SHARES and bound > 1:", "if key in SHARES and bound > 100:"),
+    Mutation("metrics/judging/limits_file.py", '.unit == "1" and bound > 1:', '.unit == "1" and bound > 100:'),
     Mutation("metrics/judging/limits_file.py", "not 1 <= independent < 1e9", "not 0 <= independent < 1e9"),
     Mutation("metrics/limits.py", "MINIMUM_INDEPENDENT = 5.0", "MINIMUM_INDEPENDENT = 4.0"),
     Mutation("metrics/judging/limits_file.py", "entry = {**of_all, **entry}", "entry = {**entry, **of_all}"),

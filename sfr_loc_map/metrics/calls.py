@@ -94,6 +94,7 @@ def concatenated(parts: Sequence[Calls]) -> Calls:
         {name: values for name, values in stage_s.items() if values is not None},
         stacked([part.heap_bytes for part in parts], counts),
         stacked([part.stack_bytes for part in parts], counts),
+        memory_method="; ".join(dict.fromkeys(part.memory_method for part in parts if part.memory_method)) or None,
     )
 
 

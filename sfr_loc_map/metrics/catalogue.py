@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.row_part import Place, RowPart
+from sfr_loc_map.metrics.row_part import Place, RowPart, is_of_distance
 
 
 class Subject(StrEnum):
@@ -241,13 +241,16 @@ def clause_of(figure: str, part: str | None) -> str:
     """Return the clause that defines a figure of a part; empty if the specification does not define the figure.
 
     4.2.1 and 4.3.1 define the time of a call on the target, 4.2.2 and 4.3.2 the memory of a call. The specification
-    does not define stages of a mapping call, times on another host, errors along one direction, or the times and memory
-    that an external node reports for its own calls.
+    does not define stages of a mapping call, times on another host, or the times and memory that an external node
+    reports for its own calls. Of the errors of sub-trajectories it defines neither those along one direction nor those
+    of the parts `moving`, `other frames` and a distance (`5 m`), whose sub-trajectories are chosen by other rules.
     """
     place, call = RowPart.of(part).place, RowPart.of(part).call
     if figure not in KINDS or part in DIRECTIONS or place is Place.STATED:
         return ""
     kind = KINDS[figure]
+    if kind.subject is Subject.TRAJECTORY and (part in (MOVING, OTHER_FRAMES) or is_of_distance(part)):
+        return ""
     if kind.subject is Subject.TIMING:
         return kind.clause if part == Place.TARGET else ""
     if kind.subject is Subject.MEMORY:

@@ -73,7 +73,7 @@ def ends_apart(
 ) -> IntArray:
     """Return the first frame N+x, from `earliest` on, at the straight-line distance and the rotation angle from N.
 
-    The result is F if there is no such frame.
+    The result is F if there is no such frame. An angle of 0 deg requires no attitudes, which may be unknown (NaN).
     """
     ends = earliest.copy()
     half_turn_cosine = np.cos(0.5 * np.radians(turn_deg)) + 1e-12  # accepts a rotation by exactly this angle
@@ -82,7 +82,8 @@ def ends_apart(
         first, last = starts[searching], ends[searching]
         distance_m = np.linalg.norm(true_position[last] - true_position[first], axis=1)
         cosine = np.abs(np.sum(true_attitude[last] * true_attitude[first], axis=1))
-        is_apart = (distance_m >= metres - DISTANCE_TOLERANCE_M) & (cosine <= half_turn_cosine)
+        is_turned = (cosine <= half_turn_cosine) | (turn_deg <= 0.0)
+        is_apart = (distance_m >= metres - DISTANCE_TOLERANCE_M) & is_turned
         searching = searching[~is_apart]
         ends[searching] += 1
         searching = searching[ends[searching] < len(true_position)]

@@ -86,6 +86,11 @@ def distance_part(distance_m: float) -> str:
     return f"{distance_m:g} m"
 
 
+def is_of_distance(part: str | None) -> bool:
+    """Return whether a part is a distance travelled."""
+    return (part or "").endswith(" m") and range_of(part) is None
+
+
 def distance_of(part: str | None) -> float:
     """Return the distance travelled of such a part, m; 0 for a row without a part."""
     return float((part or "0").removesuffix(" m"))

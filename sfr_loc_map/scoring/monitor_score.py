@@ -193,8 +193,6 @@ class MonitorScore:
         """Start a run, judged by limits if there are any. `body` is the tracked body of the true poses."""
         self.map_inputs = MapInputs()
         self._config, self._limits, self._body = config, limits, body
-        self._contradiction: str | None = None  # result of the last diagnosis
-        self._diagnosed_poses = 0  # number of poses at the last diagnosis
         self.restart()
 
     def restart(self) -> None:
@@ -204,6 +202,8 @@ class MonitorScore:
         self._truth = _Rows(TRUE_POSE)
         self._calls = _CallRows()
         self._covariance_ns = -1  # stamp of the last estimate with a published covariance
+        self._contradiction: str | None = None  # result of the last diagnosis
+        self._diagnosed_poses = 0  # number of poses at the last diagnosis
         self.map_score: ScoredMap | None = None
 
     def add_estimate(

@@ -28,6 +28,12 @@ CLAUSES = {
     ("attitude", "pose"): "4.2.3.2",
     # "measured in degrees about the vertical axis of the global frame"
     ("heading", "pose"): "4.2.3.3",
+    # sub-trajectories that the document does not choose
+    ("position", "moving"): "",
+    ("heading", "other frames"): "",
+    ("attitude", "5 m"): "",
+    ("position", "0.5 m"): "",
+    ("position", "pooled"): "4.2.3.1",
     # "for each point in the point cloud"
     ("point_error", None): "4.3.4",
     # "elapsed on the target hardware (GR740 development board) between the processing API being invoked and the

@@ -109,6 +109,9 @@ def test_ends_apart_are_those_of_a_loop(seed: int, metres: float, turn_deg: floa
             40,
         )
         assert end == wanted
+    unknown = np.full_like(quats, np.nan)
+    of_positions = formulas.ends_apart(starts, np.minimum(starts + 1, 40), positions, unknown, metres, turn_deg)
+    assert of_positions.tolist() == (found.tolist() if turn_deg == 0.0 else [40] * len(starts))
 
 
 @pytest.mark.clause("4.1.3", "4.2.3.1")

@@ -169,6 +169,7 @@ def test_what_a_limit_says_of_itself_counts_before_what_its_block_says() -> None
         ({"map": {"coverage_min": float("nan")}}, "a number >= 0"),
         ({"map": {"point_error_p95_m": float("inf")}}, "a number >= 0"),
         ({"completeness": {"missing_max_share": 5}}, "a fraction from 0 to 1"),
+        ({"map": {"coverage_min": 95}}, "a fraction from 0 to 1"),
         ({"minimum_independent": 0.5, "map": {"coverage_min": 0.8}}, "minimum_independent"),
         ({"map": [1]}, "a mapping"),
         ({"minimum_count": 1, "map": {"coverage_min": 0.8}}, "minimum_count"),

@@ -126,6 +126,14 @@ def test_a_prism_is_compared_where_it_is() -> None:
     assert total(wrong) > 0.1
 
 
+def test_a_straight_line_distance_requires_no_attitudes() -> None:
+    truth, estimate = drive()
+    config = replace(CONFIG, conditions=("displacement=2",))
+    scores = [as_score(score_trajectory(Estimates.of(estimate), each, config)) for each in (truth, alone(truth))]
+    counts = [score.number("chord", "n", condition="displacement=2") for score in scores]
+    assert counts[0] == counts[1] > 10
+
+
 def test_what_needs_attitudes_is_refused_or_unknown() -> None:
     truth, estimate = drive()
     part = alone(truth)

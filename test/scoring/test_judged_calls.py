@@ -38,6 +38,19 @@ def test_memory_of_zero_is_not_known(judge: Judge, peak: str, part: str) -> None
     assert (result.code, score["verdicts"][0]["value"]) == (0, 900_000)
 
 
+@pytest.mark.clause("4.2.2")
+def test_a_score_of_files_states_the_methods_of_measuring_memory(judge: Judge) -> None:
+    """Each file may state a method; calls without a method add nothing."""
+    options: list[object] = []
+    for name, method in (("a", "sampled by the kit"), ("b", ""), ("c", "by the linker"), ("d", "by the linker")):
+        path = judge.calls(judge.estimate.stamps_ns[:40], f"{name}.csv", peak=1000)
+        header, *rows = path.read_text().splitlines()
+        path.write_text("\n".join([f"{header},memory_method", *(f"{row},{method}" for row in rows)]) + "\n")
+        options += ["--stats", path]
+        stated = judge(*options)[1]["calls"]["memory_method"]
+        assert stated == ("sampled by the kit" if name < "c" else "sampled by the kit; by the linker")
+
+
 def test_lost_and_degraded_frames_have_limits_of_their_own(judge: Judge) -> None:
     calls = judge.calls(judge.estimate.stamps_ns[:40], state="lost")
     more = judge.calls(judge.estimate.stamps_ns[40:], "more.csv")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from msgspec.structs import replace as struct_replace
+from scipy.spatial.transform import Rotation
 
 from helpers.made_scene import NAV_RIG
 from helpers.message_bags import write_messages
@@ -309,6 +310,26 @@ def test_a_live_score_by_positions_alone_is_that_of_the_file() -> None:
     assert found.number("attitude", "mean") is None
     with pytest.raises(InputError, match="no attitude"):
         monitor.add_estimate(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), None)
+
+
+def test_a_new_run_forgets_the_contradiction_of_the_run_before() -> None:
+    """The second run is as long as the first one, which had conjugated attitudes."""
+    s = np.linspace(0.0, 20.0, 200)
+    turns = Rotation.from_euler("ZYX", np.column_stack((0.8 * np.sin(0.5 * s), 0.1 * np.sin(s), 0.05 * np.cos(s))))
+    truth = Trajectory(np.arange(200) * 100_000_000, np.column_stack((s, np.sin(s), 0.2 * np.sin(s))), turns.as_quat())
+    monitor = MonitorScore(ScoreConfig(CONFIG), None)
+    contradictions = []
+    for quats in (turns.inv().as_quat(), turns.as_quat()):
+        monitor.restart()
+        for stamp, position, true, given in zip(
+            truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, quats, strict=True
+        ):
+            monitor.add_truth(stamp, position, true)
+            monitor.add_estimate(stamp, position, given, None)
+        monitor.diagnose()
+        contradictions.append(monitor.result().contradiction)
+    assert "conjugated" in contradictions[0]
+    assert contradictions[1] is None
 
 
 def test_a_new_run_forgets_which_pairs_the_maps_of_the_run_before_contain() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from sfr_loc_map.config import load_yaml, suggestion
 from sfr_loc_map.errors import ConfigError, MetricsError
-from sfr_loc_map.metrics.catalogue import Subject
+from sfr_loc_map.metrics.catalogue import KINDS, Subject
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.limits import (
     BOUND,
@@ -100,14 +100,14 @@ def _limits_of(section: LimitSection, block: object, origin: str, condition: str
         number = isinstance(bound, (int, float)) and not isinstance(bound, bool)
         if not number or not 0 <= bound < float("inf"):
             raise ConfigError(f"{origin}: '{key}' is {bound!r}: a number >= 0 is required, in the unit of its name")
-        if key in SHARES and bound > 1:
+        where, over = (LimitSection.COMPLETENESS, None) if key in shares else (section, condition)
+        if KINDS[PLACES[where][key].figure].unit == "1" and bound > 1:
             raise ConfigError(f"{origin}: '{key}' is {bound!r}: a fraction from 0 to 1 is required, 0.05 for 5 %")
         for name, kind in REQUIREMENT.items():
             if name == "id" and type(entry.get(name)) is int:
                 entry[name] = str(entry[name])
             if name in entry and not isinstance(entry[name], kind):
                 raise ConfigError(f"{origin}: '{name}' of '{key}' is {entry[name]!r}: {NEEDED[kind]}")
-        where, over = (LimitSection.COMPLETENESS, None) if key in shares else (section, condition)
         stated = {} if terms is None else terms._asdict()
         made.append(Limit(section=where, name=key, limit=float(bound), condition=over, **stated, **entry))
     if of_all and not made:
