@@ -214,7 +214,7 @@ MUTATIONS = (
     Mutation("metrics/limits.py", "abs(value) <= limit.limit", "value <= limit.limit"),
     Mutation("metrics/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
     Mutation("metrics/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
-    Mutation(JUDGE, "incomplete = why_incomplete(table, short)", "incomplete = score.incomplete"),
+    Mutation(JUDGE, "incomplete = text_of(missing)", "incomplete = score.incomplete"),
     Mutation(JUDGE, "RowPart(LIVE) in incomplete or needed_part(limit) in incomplete:", "RowPart(LIVE) in incomplete:"),
     Mutation(SHORTFALLS, '"points_without_truth", MAP, 0.01', '"points_without_truth", MAP, 0.1'),
     Mutation("metrics/config.py", "return min(states, key", "return max(states, key"),

@@ -312,7 +312,7 @@ def score_nearest(
 
 
 def error_rows(part: str | None, errors: PointErrors, chosen: Mask) -> Iterator[Figure]:
-    """Yield the rows of the position, height, horizontal and disparity errors of the chosen points."""
+    """Yield the rows of the point, height, horizontal and disparity errors of the chosen points."""
     disparity_px = errors.disparity_px[chosen]
     known_px = disparity_px[np.isfinite(disparity_px)]
     vertical_m, horizontal_m = errors.vertical_m[chosen], errors.horizontal_m[chosen]

@@ -1,8 +1,14 @@
 """Completeness: the expected items of a drive, a map, the calls or a live run, and the fraction that can be judged.
 
 The source defines the expected items, never the item under test. They are the stamps of its images or, if the images
-are unknown, the stamps of the ground truth. Each function returns rows of the table of figures. `metrics.judging` uses
-these rows to decide whether a verdict is possible. See docs/metrics.md, "Completeness".
+are unknown, the stamps of the ground truth. `drive_completeness`, `map_completeness`, `calls_completeness` and
+`live_completeness` return rows of the table of figures. `metrics.judging` uses these rows to decide whether a verdict
+is possible. See docs/metrics.md, "Completeness".
+
+A gap is a run of expected stamps without an estimate. The true poses are no evidence of the images, because a ground
+truth may be denser than unknown images. If the images are unknown, only a time of more than five median periods between
+neighbouring estimates is therefore an evident gap (`long_gaps`). Limits require complete evidence, so that each true
+pose without an estimate is missing. Without limits, only evident gaps make a drive incomplete.
 """
 
 from __future__ import annotations
@@ -50,15 +56,32 @@ class Gaps(NamedTuple):
 
     begins_ns: IntArray  #: `(G,)`
     ends_ns: IntArray  #: `(G,)`
-    missing: int  #: Number of images, or of true poses, without an estimate.
+
+    def with_others(self, others: Gaps) -> Gaps:
+        """Return these gaps and others, which may overlap."""
+        return Gaps(*(np.concatenate(pair) for pair in zip(self, others, strict=True)))
+
+    def lengths_s(self) -> FloatArray:
+        """Return the time of each gap, s."""
+        return np.asarray((self.ends_ns - self.begins_ns) / NS_PER_S)
+
+    def lengths_m(self, path: TruePath) -> FloatArray:
+        """Return the length of the true path in each gap, m; 0 without a true pose."""
+        if not len(path.stamps_ns):
+            return np.zeros(len(self.begins_ns))
+        return path.travelled_at(self.ends_ns) - path.travelled_at(self.begins_ns)
 
 
-class GapSizes(NamedTuple):
-    """The longest gap, and the missing fraction of a drive."""
+class LongestGap(NamedTuple):
+    """The longest path and the longest time of the gaps of a drive, 0 without a gap."""
 
-    longest_m: float
-    longest_s: float
-    missing_share: float
+    distance_m: float
+    time_s: float
+
+    @classmethod
+    def of(cls, gaps: Gaps, path: TruePath) -> LongestGap:
+        """Return the longest path and the longest time of gaps, which may belong to different gaps."""
+        return cls(float(gaps.lengths_m(path).max(initial=0.0)), float(gaps.lengths_s().max(initial=0.0)))
 
 
 def drive_completeness(
@@ -91,14 +114,21 @@ def drive_completeness(
     has_estimate, has_frame = has_near(needed, stamps, near_ns), has_near(needed, frames_ns, near_ns)
     has_truth = is_spanned(needed, path.stamps_ns, max_gap_ns, tolerance_ns)
     has_truth &= has_frame | ~has_estimate | ~needs_frame(needed, path.stamps_ns, near_ns, association.mode)
-    gaps = gaps_of(needed, ~has_estimate)
-    # the truth may be denser than the unknown images, so that only a long time without an estimate is a gap of the path
-    gaps_of_path = gaps if images else gaps_in_truth(stamps, path.stamps_ns)
-    incomplete = why_not_covered(gaps_of_path, sizes_of(gaps_of_path, stamps, path, images), conditions, images)
     expected, given, matched = len(needed), len(stamps), association.matched
+    missing = int(np.count_nonzero(~has_estimate))
+    gaps = evident = gaps_of(needed, ~has_estimate)
+    covered = covered_share(missing, expected)
+    if not images:
+        evident = long_gaps(stamps, path.stamps_ns)
+        gaps = gaps.with_others(evident)
+    longest = LongestGap.of(gaps, path)
+    evidently_covered = covered if images else covered_path(evident, stamps, path)
+    incomplete = None
+    if 1.0 - evidently_covered > MISSING_SHARE or hides_a_condition(LongestGap.of(evident, path), conditions):
+        incomplete = covered_text(covered, "images" if images else "true poses", longest)
     figures = [
         expected_row(RowPart(DRIVE), int(np.count_nonzero(has_estimate & has_truth)), expected),
-        *share_rows("missing", int(np.count_nonzero(~has_estimate)), expected),
+        *share_rows("missing", missing, expected),
         *share_rows("images_without_truth", int(np.count_nonzero(~has_truth)), expected),
         *share_rows("lost", association.lost, matched),
         *share_rows("degraded", association.degraded, matched),
@@ -109,7 +139,7 @@ def drive_completeness(
             n=images or 0,
             value=path_without_images(needed, path, max_gap_ns) if images else None,
         ),
-        *longest_gap_rows(sizes_of(gaps, stamps, path, images)),
+        *longest_gap_rows(longest),
     ]
     return msgspec.structs.replace(association, images=images, incomplete=incomplete), figures
 
@@ -122,10 +152,10 @@ def true_path(truth: Trajectory, estimates_ns: IntArray, in_flight_ns: int) -> T
     return TruePath(stamps_ns, np.append(0.0, np.cumsum(steps_m)))
 
 
-def longest_gap_rows(sizes: GapSizes) -> Iterator[Figure]:
+def longest_gap_rows(longest: LongestGap) -> Iterator[Figure]:
     """Yield the longest distance and the longest time without an estimate."""
-    yield figure_row("longest_gap", part=DISTANCE, value=sizes.longest_m)
-    yield figure_row("longest_gap", part=TIME, unit="s", value=sizes.longest_s)
+    yield figure_row("longest_gap", part=DISTANCE, value=longest.distance_m)
+    yield figure_row("longest_gap", part=TIME, unit="s", value=longest.time_s)
 
 
 def settled(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> IntArray:
@@ -249,64 +279,58 @@ def gaps_of(needed: IntArray, is_absent: Mask) -> Gaps:
     edges = np.flatnonzero(np.diff(is_absent, prepend=False, append=False))  # begin and end of each run, alternating
     begins = needed[np.maximum(edges[::2] - 1, 0)]
     ends = needed[np.minimum(edges[1::2], len(needed) - 1)]
-    return Gaps(begins, ends, int(np.count_nonzero(is_absent)))
+    return Gaps(begins, ends)
 
 
-def gaps_in_truth(stamps: IntArray, true_ns: IntArray) -> Gaps:
-    """Return the gaps between estimates within the time span of the truth; both stamps are ascending."""
+def long_gaps(stamps: IntArray, true_ns: IntArray) -> Gaps:
+    """Return the times of more than five median periods between estimates, within the time span of the truth.
+
+    Both stamps are ascending.
+    """
     nothing = np.empty(0, np.int64)
     if not len(stamps) or not len(true_ns):
-        return Gaps(nothing, nothing, len(true_ns))
+        return Gaps(nothing, nothing)
     usual_ns = np.median(np.diff(stamps)) if len(stamps) > 1 else 0
     within = stamps[(stamps > true_ns[0]) & (stamps < true_ns[-1])]
     known = np.concatenate([true_ns[:1], within, true_ns[-1:]])
     wide = np.flatnonzero(np.diff(known) > GAP_PERIODS * usual_ns)
-    begins, ends = known[wide], known[wide + 1]
-    is_inside = np.searchsorted(begins, true_ns, "right") > np.searchsorted(ends, true_ns, "left")
-    missing = int(np.count_nonzero(~np.isin(true_ns[is_inside], stamps, assume_unique=True)))
-    return Gaps(begins, ends, missing)
+    return Gaps(known[wide], known[wide + 1])
 
 
-def sizes_of(gaps: Gaps, stamps: IntArray, path: TruePath, images: int | None) -> GapSizes:
-    """Return the longest gap, and the missing fraction of images, true path, or time if the rover did not move."""
-    gaps_s = (gaps.ends_ns - gaps.begins_ns) / NS_PER_S
-    gaps_m = np.zeros(len(gaps_s))
-    if len(path.stamps_ns) and len(gaps_s):
-        gaps_m = path.travelled_at(gaps.ends_ns) - path.travelled_at(gaps.begins_ns)
-    judged = 0.0
-    if images:
-        judged = 1.0 - gaps.missing / images
-    elif len(stamps) and len(path.stamps_ns):
-        whole, in_gaps = float(path.travelled_m[-1]), float(gaps_m.sum())
-        if whole <= 0.0:
-            whole, in_gaps = int(path.stamps_ns[-1] - path.stamps_ns[0]) / NS_PER_S, float(gaps_s.sum())
-        judged = 1.0 - in_gaps / whole if whole > 0.0 else 1.0
-    return GapSizes(float(gaps_m.max(initial=0.0)), float(gaps_s.max(initial=0.0)), 1.0 - judged)
+def covered_share(missing: int, expected: int) -> float:
+    """Return the fraction of the expected stamps that have an estimate; 0 if no stamp is expected."""
+    return 1.0 - missing / expected if expected else 0.0
 
 
-def why_not_covered(gaps: Gaps, sizes: GapSizes, conditions: Sequence[Condition], images: int | None) -> str | None:
-    """Return why an estimate does not cover the drive; None if it does.
+def covered_path(gaps: Gaps, stamps: IntArray, path: TruePath) -> float:
+    """Return the fraction of the true path outside of gaps, or of the time if the rover did not move.
 
-    The missing fraction exceeds `MISSING_SHARE`, or a gap is longer than the sub-trajectories of a condition.
+    The fraction is 0 without an estimate or a true pose.
     """
-    longest = {
-        ConditionKind.DISTANCE: sizes.longest_m,
-        ConditionKind.DISPLACEMENT: sizes.longest_m,
-        ConditionKind.TIME: sizes.longest_s,
+    if not len(stamps) or not len(path.stamps_ns):
+        return 0.0
+    whole, in_gaps = float(path.travelled_m[-1]), float(gaps.lengths_m(path).sum())
+    if whole <= 0.0:
+        whole, in_gaps = int(path.stamps_ns[-1] - path.stamps_ns[0]) / NS_PER_S, float(gaps.lengths_s().sum())
+    return 1.0 - in_gaps / whole if whole > 0.0 else 1.0
+
+
+def hides_a_condition(longest: LongestGap, conditions: Sequence[Condition]) -> bool:
+    """Return whether a gap is longer than the sub-trajectories of a condition."""
+    lengths = {
+        ConditionKind.DISTANCE: longest.distance_m,
+        ConditionKind.DISPLACEMENT: longest.distance_m,
+        ConditionKind.TIME: longest.time_s,
     }
     parts = [part for condition in conditions for part in condition.parts]
-    hides_one = any(longest.get(part.kind, 0.0) > part.value for part in parts)
-    if sizes.missing_share <= MISSING_SHARE and not hides_one:
-        return None
-    longest_gap = (sizes.longest_m, sizes.longest_s) if len(gaps.ends_ns) else None
-    return covered_text(1.0 - sizes.missing_share, "images" if images else "true path", longest_gap)
+    return any(lengths.get(part.kind, 0.0) > part.value for part in parts)
 
 
-def covered_text(share: float, of: str, longest_gap: tuple[float, float] | None) -> str:
-    """Return the text of the covered fraction of images, true poses or true path (`of`) and the longest gap (m, s)."""
+def covered_text(share: float, of: str, longest: LongestGap | None) -> str:
+    """Return the text of the covered fraction of images or true poses (`of`) and of the longest gap."""
     text = f"the estimate covers {100.0 * share:.4g} % of the {of}"
-    if longest_gap is not None:
-        text += f", and its longest gap is {longest_gap[0]:.4g} m and {longest_gap[1]:.4g} s"
+    if longest is not None:
+        text += f", and its longest gap is {longest.distance_m:.4g} m and {longest.time_s:.4g} s"
     if of != "images":
         text += "; if the truth is longer or denser than the images, score against the source with its images"
     return text

@@ -3,10 +3,14 @@
 Each mismatch is undone in turn, and the disagreement is computed for the corrected estimate. A mismatch is reported if
 its correction meets these conditions:
 
-- At most half of the disagreement is left, or a third if numbers were fitted for the correction.
-- Nine tenths of all sub-trajectories are explained. Sub-trajectories that the correction omits count as unexplained.
+- The disagreement before the correction is not negligible (`AGREES`), and the remaining one is small (`EXPLAINED`).
+- At most half of the disagreement remains, or a third if numbers were fitted for the correction.
+- Nine tenths of the sub-trajectories are explained: at most the mean disagreement before the correction remains.
 - The median over the sub-trajectories decreases by the same factor, so that outliers do not decide.
 - A scale error of the estimate does not explain the disagreement equally well.
+
+An offset of the stamps must keep nine tenths of the poses; the sub-trajectories of the others are not counted. If no
+mismatch meets these conditions, the rotations from pose to pose decide whether each pose is that of the previous pair.
 
 The disagreement is the mean over sub-trajectories of `hypot(position error / path length, attitude error in radians)`.
 The estimate is re-based by its complete pose, so that the disagreement does not depend on the world frame.
@@ -44,7 +48,7 @@ GAIN, GAIN_FITTED = 2.0, 3.0
 """Minimum factors by which a correction reduces the disagreement, without and with fitted numbers."""
 AGREES = 1e-3  #: Disagreement below which no explanation is required: 0.1 % of the path, or 0.06 deg.
 EXPLAINED = 0.25  #: Maximum disagreement after the correction: 25 % of the path, or 14 deg.
-EXPLAINED_SHARE = 0.9  #: Minimum fraction of all sub-trajectories that are explained; omitted ones are unexplained.
+EXPLAINED_SHARE = 0.9  #: Minimum fraction of explained sub-trajectories, and of the poses that an offset keeps.
 HONEST_SCALES = (0.8, 1.25)  #: Range of scales that are attributed to the method and not to the unit.
 LATE_GAIN, LATE_POSES = 2.0, 30
 """An estimate is late by one pair if its rotations from pose to pose match those of the previous pair better: by this
@@ -433,7 +437,7 @@ def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) 
     exact_ns = best.offset_ns + _offset_to_stamps(estimate.stamps_ns + best.offset_ns, truth.stamps_ns)
     left = _disagreements_with_offset(estimate, truth, exact_ns)
     if left is not None and np.mean(left) <= AS_GOOD * best.disagreement:
-        best = best._replace(offset_ns=exact_ns)
+        best = Offset(exact_ns, left)
     yield Tried(_of_offset(best.offset_ns, step_ns, best.disagreement), best.left)
 
 

@@ -295,8 +295,8 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, 
     """The statistics of n errors, which are columns of the table of figures; null if undefined.
 
     The size of an error is its absolute value, or the norm of an error vector. Every score contains each statistic of
-    this struct, and a limit can be on each. `FigureKind.shown` selects the statistics in tables and topics of the
-    monitor, `FigureKind.compared` those in comparisons, histories and suites.
+    this struct, and a limit can be on each but the numbers of values. `FigureKind.shown` selects the statistics in
+    tables and topics of the monitor, `FigureKind.compared` those in comparisons, histories and suites.
     """
 
     n: int | None = None  #: Number of known values.
@@ -320,8 +320,8 @@ QUANTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
 def statistics(errors: NDArray[np.floating]) -> Statistics:
     """Return the statistics of errors `(n,)` or of error vectors `(n, 3)`.
 
-    They are undefined if an error is unknown (NaN). Mean and sigma are defined by the document. The other statistics
-    are those of the sizes.
+    They are undefined if an error is unknown (NaN). Mean, sigma and mean + 3 sigma are defined by the document. The
+    other statistics are those of the sizes.
     """
     given = np.asarray(errors, np.float64)
     is_vector = given.ndim == 2

@@ -215,7 +215,7 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
 class Rules(Limits, frozen=True, kw_only=True, omit_defaults=False):
     """The rules by which the verdicts follow from the table of figures."""
 
-    partial: bool = False  #: Whether an incomplete estimate is judged like a complete one.
+    partial: bool = False  #: Whether missing data are accepted; wrong data and shortfalls by limit are not.
 
     @classmethod
     def of(cls, limits: Limits | None, *, partial: bool) -> Rules | None:

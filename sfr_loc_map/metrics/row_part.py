@@ -1,7 +1,7 @@
 """The part of a row of the table of figures: what the row is about, the kind of call, and where the calls ran.
 
-In a score the part is one text, such as `target memory localisation`, `pair 0` or `0-4 m`. Only this module composes
-and parses such texts. A part that is one name, such as a reading or an axis, is written as it is.
+In a score the part is one text, such as `target memory localisation`, `pair 0` or `0-4 m`. Only this module parses such
+texts. A part that is one name, such as a reading or an axis, or a sentence, as for a tolerance bound, is written as is.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ def written(default: Any) -> Any:  # noqa: ANN401 - the type of the field, as in
 class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     """The score of a run."""
 
-    #: Verdict over all limits; null without limits, or if nothing is judged.
+    #: Verdict over all limits; null if nothing is judged. Without limits: `incomplete`, `fail` (fatal finding) or null.
     verdict: VerdictState | None = written(None)
     figures: tuple[Figure, ...] = written(())  #: The table of figures.
     #: Verdicts on findings and on missing data, then one verdict for each limit in the order of the limits.
@@ -81,7 +81,8 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     caveats: tuple[str, ...] = ()
     contradiction: str | None = None  #: Convention mismatch of estimate and truth, because of which nothing is judged.
     incomplete: str | None = None  #: Expected data that cannot be judged; null if there are none.
-    rules: Rules | None = None  #: Rules by which the verdicts follow from the figures; null without limits.
+    #: Rules by which the verdicts follow from the figures; null without limits and partial judging.
+    rules: Rules | None = None
     errors: tuple[ErrorRows, ...] = ()  #: All errors of the limited figures of the trajectory.
     details: Details | None = None  #: Data of the plots.
     content_sha256: str | None = None  #: Hash of all other values of a file; null for a score in memory.
@@ -121,7 +122,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return row
 
     def judged_row(self, figure: str, *, subject: str = ANY, condition: str | Condition | None = ANY) -> Figure | None:
-        """Return the judged row of a figure, independently of the order of the rows; None if no row is judged.
+        """Return the judged row of a figure; None if no row is judged. Without `condition` the first condition is used.
 
         Errors of sub-trajectories are judged by one reading of the document (`association.rebase`), and in a suite over
         all drives (part `pooled`). For every other figure the row without a part is judged.

@@ -3,9 +3,12 @@
 Limits on completeness, the verdicts on incomplete parts (`judging.incomplete`), and the check of the figures of a
 stored score (`raw_values`) follow from this table.
 
-To add a shortfall, add its line here and in `catalogue`, and compute its row (`completeness`, `copies`). To add a part
-of a score, also add the part to `catalogue`, compute its row `judged`, and state in `judging.limit_scope` which limits
-require the part.
+To add a shortfall, add its line here and in `catalogue`, and compute its row (`completeness`, `copies`). A shortfall
+that depends on the limits (`is_by_limit`) also requires a function in `judging.incomplete`. Scores that were stored
+without the row are then refused. A figure without a largest value (`most`) is never short, but can be limited.
+
+To add a part of a score, also add the part to `catalogue`, compute its row `judged`, and state in `judging.limit_scope`
+which limits require the part.
 """
 
 from __future__ import annotations
@@ -28,7 +31,9 @@ class ShortfallKind(NamedTuple):
     unknown: str = ""  #: Why the part is incomplete if the figure is unknown; if empty, an unknown figure is accepted.
     is_of_expected: bool = False  #: Whether the figure is a fraction of the expected items, as the row `judged`.
     is_of_states: bool = False  #: Whether the figure requires the state of each pose, so that a limit on it does, too.
-    is_by_limit: bool = False  #: Whether the figure makes a part incomplete only for the limits that it affects.
+    #: Whether the shortfall also requires a limit that the counted data affect. The part is then incomplete for all its
+    #: limits. `judging.incomplete` has a function for each of these figures; `--partial` never accepts them.
+    is_by_limit: bool = False
     is_wrong: bool = False  #: Whether the counted data are wrong and not only missing; never accepted by `--partial`.
 
 

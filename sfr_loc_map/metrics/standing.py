@@ -44,7 +44,7 @@ def is_moving(judged: SubTrajectories) -> Mask:
     moved_m = [np.linalg.norm(formulas.displacement(position, starts, at), axis=1) for at in places]
     farthest_m = np.max(moved_m, axis=0)
     attitude = judged.poses.true_attitude
-    turn_deg = formulas.attitude_error_deg(attitude[ends], attitude[starts])  # the rotation from start to end
+    turn_deg = np.nan_to_num(formulas.attitude_error_deg(attitude[ends], attitude[starts]))  # attitudes may be unknown
     least_deg = max(TURN_DEG, MOVING_SHARE * np.max(turn_deg, initial=0.0))
     return np.asarray((farthest_m > MOVING_SHARE * np.max(farthest_m, initial=0.0)) | (turn_deg > least_deg))
 

@@ -34,8 +34,8 @@ TERMS: Mapping[str, str] = {
     "above the idle process": "peak memory minus the resident memory between start and first call",
     "certain": "the 95 % interval lies on one side of the limit",
     "margin": "distance from the value to the limit; negative if the limit is missed",
-    "missing": "images without an estimate; if the images are unknown, true poses in gaps between estimates",
-    "judged fraction": "fraction of images with an estimate; if unknown, fraction of the true path outside gaps",
+    "missing": "images without an estimate; if the images are unknown, true poses without an estimate",
+    "judged fraction": "fraction of images with an estimate and a true pose; if unknown, fraction of the true poses",
     "lost": "no pose could be estimated; scored with the last known pose",
     "degraded": "a pose was estimated, but a check failed; its covariance is inflated and a reason is reported",
 }

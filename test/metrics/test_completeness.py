@@ -20,6 +20,8 @@ from sfr_loc_map.metrics.completeness import (
     single_run_stamps,
 )
 from sfr_loc_map.metrics.config import CallKind, TrajectoryScoreConfig
+from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
@@ -230,6 +232,36 @@ def test_more_than_five_periods_between_estimates_are_a_gap(missing: int, is_gap
     keep = np.delete(np.arange(len(part)), np.arange(50, 50 + missing))
     holed = Trajectory(part.stamps_ns[keep], part.positions[keep], part.quats_xyzw[keep])
     assert (covered(holed, straight()).incomplete is not None) == is_gap
+
+
+def test_an_evident_gap_is_stated_by_the_numbers_of_the_table() -> None:
+    """The truth is ten times as dense as the estimate, whose images are unknown."""
+    part = straight(every=10)
+    keep = np.delete(np.arange(len(part)), np.arange(15, 35))
+    made = covered(Trajectory(part.stamps_ns[keep], part.positions[keep], part.quats_xyzw[keep]), straight())
+    share = f"{100.0 * (1.0 - made.missing_share):.4g} % of the true poses"
+    assert made.longest_gap_m == pytest.approx(2.1)
+    assert made.incomplete is not None
+    assert made.incomplete.startswith(f"the estimate covers {share}, and its longest gap is 2.1 m and 21 s")
+
+
+def test_a_gap_that_is_evident_without_limits_is_one_with_limits() -> None:
+    """The truth has no pose in the gap, so that no true pose lacks its estimate."""
+    full = straight()
+    keep = np.delete(np.arange(COUNT), np.arange(141, 156))
+    holed = Trajectory(full.stamps_ns[keep], 1.01 * full.positions[keep], full.quats_xyzw[keep])
+    config = TrajectoryScoreConfig(conditions=("distance=2",), spacing=1)
+    score = as_score(score_trajectory(Estimates.of(holed), straight(every=20), config))
+    limits = [{"condition": "distance=2", "chord_mean_m": 1.0}]
+    rules = [None, parse_limits({"trajectory": limits}, "limits")]
+    allowed = parse_limits({"trajectory": limits, "completeness": {"missing_max_share": 0.1}}, "limits")
+    assert score.number("missing") == 0.0
+    assert score.number("longest_gap", part="time") == pytest.approx(1.6)
+    texts = [judged(score, each).incomplete for each in rules]
+    assert texts[0] is not None
+    assert texts[0] == texts[1]
+    assert "pass" not in [item.state for item in judged(score, rules[1]).verdicts]
+    assert [judged(score, allowed).incomplete, judged(score, rules[1], partial=True).incomplete] == [None, None]
 
 
 def test_stamps_that_a_file_has_rounded_cover_their_images() -> None:

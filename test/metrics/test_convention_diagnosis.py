@@ -103,6 +103,19 @@ def test_each_mismatch_is_found_among_the_others_and_its_setting_corrects_it(cas
     assert name != "time offset" or corrected.stamps_ns.tolist() == estimate[0].tolist()
 
 
+def test_the_disagreement_of_an_offset_is_that_of_its_setting() -> None:
+    """The offset to the exact stamps of the truth is preferred to the nearest offset of the grid."""
+    truth, (stamps, *poses) = rover(0)
+    config, true, late = AssociationConfig(), Trajectory(*truth), Trajectory(stamps + 1_234_000_000, *poses)
+    hypothesis = diagnose(late, true, config).found
+    assert hypothesis is not None
+    assert hypothesis.setting == "time_offset_ns=-1234000000"
+    last = len(stamps) - 1  # without the last pose, after which the truth cannot be interpolated
+    of_truth = (true.positions[:last], true.quats_xyzw[:last])
+    expected = disagreement(of_truth, (late.positions[:last], late.quats_xyzw[:last]))
+    assert hypothesis.disagreement == pytest.approx(expected, rel=1e-12)
+
+
 @pytest.mark.parametrize(("noise", "scale"), [(0.0, 1.0), (1.0, 1.0), (4.0, 1.0), (0.5, 1.1)])
 def test_poses_of_the_pair_before_are_named(noise: float, scale: float) -> None:
     truth, (stamps, *poses) = rover(5, 100, noise)

@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
 from sfr_loc_map.metrics.limits import BOUND, PLACES, Limits, LimitSection, Rules
 from sfr_loc_map.metrics.raw_values import raw_contradiction
-from sfr_loc_map.metrics.records import Association, FindingKind, FindingRecord
+from sfr_loc_map.metrics.records import AnswerCounts, Association, ExternalScore, FindingKind, FindingRecord
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
@@ -277,6 +277,20 @@ def test_a_verdict_is_certain_where_the_interval_is_on_one_side_of_the_limit() -
     ):
         (verdict,) = judged(with_position(total, interval), parse_limits(LIMIT, "limits")).on_limits
         assert (verdict.state, verdict.certain) == (state, certain), interval
+
+
+def test_an_absent_answer_leaves_no_pass_beside_absent_calls() -> None:
+    """The shortfall of the calls does not replace the gap of the drive."""
+    answers = AnswerCounts(pairs=20, missing=1)
+    node = ExternalScore(task="localisation", topic="t", frames="odom", answers=answers, latency_s=None)
+    score = replace(with_position(0.4), external=node)
+    rules = {**LIMIT, "timing": {"localisation_max_s": 1.0}}
+    made = judged(score, parse_limits(rules, "limits"))
+    assert [item.state for item in made.on_limits] == ["incomplete", "not enough data"]
+    assert made.incomplete is not None
+    assert made.incomplete.endswith("; 1 of 20 pairs have no answer")
+    allowed = {**rules, "completeness": {"missing_max_share": 0.1}}
+    assert judged(score, parse_limits(allowed, "limits")).on_limits[0].state == "pass"
 
 
 def test_what_a_live_run_misses_at_its_end_leaves_no_pass() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
@@ -22,7 +22,7 @@ from sfr_loc_map.metrics.catalogue import (
     statistic_title,
     title_of,
 )
-from sfr_loc_map.metrics.completeness import DISTANCE, TIME, covered_text
+from sfr_loc_map.metrics.completeness import DISTANCE, TIME, LongestGap, covered_text
 from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.limit_scope import judged_parts, limits_of
@@ -41,6 +41,7 @@ NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (o
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
 OF_STATES = [kind.figure for kind in SHORTFALLS if kind.is_of_states]
+ANSWERS = "answers"  #: Figure of the answers of an external localiser, which only a limit on `missing` allows to lack.
 STATES = RowPart("states")  #: Part of the shortfalls for unknown states of poses.
 
 
@@ -75,6 +76,14 @@ class Shortfall(NamedTuple):
         )
 
 
+class EvidentGap(NamedTuple):
+    """Results of a part that are missing whatever is judged, so that a score is incomplete without limits as well."""
+
+    part: RowPart
+    figure: str  #: Figure whose shortfall, or whose limit, accounts for the same results.
+    text: str
+
+
 def shortfalls(score: Score) -> list[Shortfall]:
     """Return the shortfalls of the parts of a score that limits judge, without those that the rules allow."""
     limits = limits_of(score)
@@ -103,6 +112,8 @@ def allowed_figures(score: Score, limits: Limits) -> set[str]:
         allowed.add("pixels_without_point")
     if "unmatched" in allowed and score.association is not None and not score.association.images:
         allowed.add("images_without_truth")  # if the images are unknown, these are the estimates without truth
+    if "missing" in allowed:
+        allowed.add(ANSWERS)
     if "poses_of_truth" in allowed:
         allowed.add("errors_of_truth")
     return allowed
@@ -227,46 +238,45 @@ def missing_text(score: Score) -> str:
     if value == 1.0 and drive is None:
         return f"no pose for any of {score.number('missing', 'n', part=None):.0f} {what}"
     longest_m, longest_s = (score.number("longest_gap", part=part) for part in (DISTANCE, TIME))
-    longest_gap = None if longest_m is None or longest_s is None else (longest_m, longest_s)
-    return covered_text(1.0 - value, what, longest_gap)
+    longest = None if longest_m is None or longest_s is None else LongestGap(longest_m, longest_s)
+    return covered_text(1.0 - value, what, longest)
 
 
-def why_incomplete(score: Score, short: Sequence[Shortfall]) -> str | None:
-    """Return why a score is incomplete, None if it is complete; without limits only evident gaps count."""
-    rules = score.rules
-    texts = [item.text for item in short]
-    if rules is None or not (rules.limits or rules.partial):
-        texts += plainly_absent(score)
-    if rules is None or not (rules.partial or rules.allow_missing):
-        texts += unanswered(score)
-    return "; ".join(dict.fromkeys(texts)) or None
+def evident_gaps(score: Score) -> Iterator[EvidentGap]:
+    """Yield the results that are evidently missing, independently of the rules."""
+    drive, row, node = score.association, score.figure("judged", part=MAP), score.external
+    if drive is not None and drive.incomplete:
+        yield EvidentGap(RowPart(DRIVE), "missing", drive.incomplete)
+    if drive is None and score.number("missing", part=None):
+        yield EvidentGap(RowPart(DRIVE), "missing", missing_text(score))
+    bare = score.number("pairs_without_cloud", part="count")
+    if row is not None and row.n and bare and row.n > (score.number("pairs") or 0.0):
+        text = f"the map contains {row.n - bare:.0f} of {row.n} pairs"
+        yield EvidentGap(RowPart(MAP), "pairs_without_cloud", text)
+    if node is not None and node.task == CallKind.LOCALISATION and node.answers.missing:
+        text = f"{node.answers.missing} of {node.answers.pairs} pairs have no answer"
+        yield EvidentGap(RowPart(DRIVE), ANSWERS, text)
 
 
-def why_not_whole(score: Score) -> str | None:
-    """Return the evident gaps of a drive and a map, independently of the rules; None if there are none."""
-    return "; ".join(dict.fromkeys((*plainly_absent(score), *unanswered(score)))) or None
+def incompleteness(score: Score) -> list[Shortfall | EvidentGap]:
+    """Return what makes a score incomplete by its rules: its shortfalls, and the gaps that no shortfall states.
+
+    Without limits there are no shortfalls, and only evident gaps count.
+    """
+    rules, short = score.rules or Rules(), shortfalls(score)
+    if rules.partial:
+        return [*short]
+    stated = {item.figure for item in short} | allowed_figures(score, rules)
+    if any(item.figure == "judged" and item.part == RowPart(DRIVE) for item in short):
+        stated.add("missing")
+    return [*short, *(gap for gap in evident_gaps(score) if gap.figure not in stated)]
+
+
+def text_of(missing: Iterable[Shortfall | EvidentGap]) -> str | None:
+    """Return what is missing, each text once; None if nothing is missing."""
+    return "; ".join(dict.fromkeys(item.text for item in missing)) or None
 
 
 def is_lifted_by_partial(score: Score) -> bool:
     """Return whether partial judging (`--partial`) accepts an incomplete score."""
-    partial = struct_replace(score, rules=Rules.of(limits_of(score), partial=True))
-    return why_incomplete(partial, shortfalls(partial)) is None
-
-
-def plainly_absent(score: Score) -> Iterator[str]:
-    """Yield the evident gaps of a drive and a map without limits."""
-    drive, row = score.association, score.figure("judged", part=MAP)
-    if drive is not None and drive.incomplete:
-        yield drive.incomplete
-    if drive is None and score.number("missing", part=None):
-        yield missing_text(score)
-    bare = score.number("pairs_without_cloud", part="count")
-    if row is not None and row.n and bare and row.n > (score.number("pairs") or 0.0):
-        yield f"the map contains {row.n - bare:.0f} of {row.n} pairs"
-
-
-def unanswered(score: Score) -> Iterator[str]:
-    """Yield the number of pairs that an external localiser did not answer."""
-    node = score.external
-    if node is not None and node.task == CallKind.LOCALISATION and node.answers.missing:
-        yield f"{node.answers.missing} of {node.answers.pairs} pairs have no answer"
+    return not incompleteness(struct_replace(score, rules=Rules.of(limits_of(score), partial=True)))

@@ -16,7 +16,7 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.catalogue import DRIVE, KINDS, LIVE
 from sfr_loc_map.metrics.config import Rebase, VerdictState, worst_of
-from sfr_loc_map.metrics.judging.incomplete import Shortfall, shortfalls, why_incomplete
+from sfr_loc_map.metrics.judging.incomplete import Shortfall, incompleteness, text_of
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, needed_part
 from sfr_loc_map.metrics.judging.limited_figure import LimitedFigure, figure_of, truth_error_of
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
@@ -37,10 +37,10 @@ def judged_again(score: Score) -> Score:
     proofs = proofs_of(score)
     others = tuple(row for row in score.figures if row.figure != BOUND)
     table = struct_replace(score, figures=(*others, *bound_rows(proofs)))
-    short = shortfalls(table)
-    incomplete = why_incomplete(table, short)
-    found = [*finding_verdicts(table), *(item.verdict for item in short)]
-    found += verdicts_on_limits(table, proofs, incomplete_parts(short, incomplete))
+    missing = incompleteness(table)
+    incomplete = text_of(missing)
+    found = [*finding_verdicts(table), *(item.verdict for item in missing if isinstance(item, Shortfall))]
+    found += verdicts_on_limits(table, proofs, {item.part for item in missing})
     verdict = overall_verdict(table, [item.state for item in found], incomplete)
     return struct_replace(table, incomplete=incomplete, verdicts=tuple(found), verdict=verdict)
 
@@ -81,11 +81,6 @@ def overall_verdict(score: Score, states: Sequence[VerdictState], incomplete: st
     if score.contradiction is not None:
         return None
     return worst_of(states if incomplete is None else [*states, VerdictState.INCOMPLETE])
-
-
-def incomplete_parts(short: Sequence[Shortfall], incomplete: str | None) -> set[RowPart]:
-    """Return the incomplete parts of a score: the parts of the shortfalls, or the drive if there are no shortfalls."""
-    return {item.part for item in short} or ({RowPart(DRIVE)} if incomplete is not None else set())
 
 
 def verdicts_on_limits(
