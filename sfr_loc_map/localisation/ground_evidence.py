@@ -54,20 +54,21 @@ MIN_DIFFERENCE_RATIO = 0.05
 Chosen by hand, because errors of the prediction grow with the motion. If larger, objects that move nearly like the
 ground are missed."""
 STANDSTILL_RATIO = 0.15
-"""Image motion, as a ratio to the expected image motion, below which a motion is a standstill. Chosen by hand. If
+"""Image motion, as a ratio to that of the last motion, below which a motion is a standstill. Chosen by hand. If
 larger, a slow object counts as a stale part of the image. If smaller, a stale part tracked with an error counts as an
 object."""
 OLD_WEIGHT = 3.0
 """Weight of a landmark whose host is older than the newest host; other landmarks have weight 1. Chosen by hand: an
 older landmark has followed the ground over a whole keyframe interval. If larger, a body that was tracked for long
 outweighs the ground. If smaller, a large object with new landmarks does."""
-EXPECTED_WEIGHT = 1.5
-"""Factor on the weight of a motion that continues the previous motion. Chosen by hand. If larger, a turn of the rover
+REPEATED_WEIGHT = 1.5
+"""Factor on the weight of a motion that repeats the last motion. Chosen by hand. If larger, a turn of the rover
 beside an object is attributed to the object. If smaller, an object with 1.5 times the landmarks of the ground outweighs
 it."""
-EXPECTED_RATIO = 0.5
-"""Maximum image motion from the expected pose to a motion that continues the previous motion, as a ratio to the image
-motion from the expected pose to the other motion. If the two are equally far, neither continues the previous motion."""
+REPEATED_RATIO = 0.5
+"""Maximum image motion from the repeated motion (`Guesses.repeated_motion`) to a motion that repeats the last motion,
+as a ratio to the image motion from there to the other motion. If both are equally far, neither repeats the last
+motion."""
 CLEAR_RATIO = 1.4
 """Minimum ratio of the weights, or of the numbers of inliers, for one of two solutions to be clearly better. Chosen by
 hand. If larger, more pairs are ambiguous and degraded with a larger covariance. If smaller, a wrong motion is accepted
@@ -303,11 +304,11 @@ class Evidence:
     def has_standstill(self) -> bool:
         """Whether one of the two motions is a standstill: part of the image may be that of the previous pair."""
         standstill = self.pair.prediction.guesses.standstill
-        expected = self.pair.prediction.guesses.expected
+        repeated = self.pair.prediction.guesses.repeated_motion
         motions = [tracks for tracks in (self.main, self.other) if tracks is not None]
         slower_px = min(self.tools.image_motion_px(tracks, start=standstill, end=tracks.pose) for tracks in motions)
-        expected_px = self.tools.image_motion_px(self.main, start=standstill, end=expected)
-        return slower_px < max(MIN_DIFFERENCE_PX, STANDSTILL_RATIO * expected_px)
+        last_px = self.tools.image_motion_px(self.main, start=standstill, end=repeated)
+        return slower_px < max(MIN_DIFFERENCE_PX, STANDSTILL_RATIO * last_px)
 
     @cached_property
     def weight_ratio(self) -> float:
@@ -344,7 +345,7 @@ class Evidence:
         are_old = tracks.landmarks.host != self.main.landmarks.newest_host
         old = float(np.count_nonzero(tracks.inliers & are_old))
         weight = tracks.inlier_count + (OLD_WEIGHT - 1.0) * old
-        expected = self.pair.prediction.guesses.expected
-        to_own_px = self.tools.image_motion_px(tracks, start=expected, end=tracks.pose)
-        to_other_px = self.tools.image_motion_px(tracks, start=expected, end=other.pose)
-        return weight * EXPECTED_WEIGHT if to_own_px < EXPECTED_RATIO * to_other_px else weight
+        repeated = self.pair.prediction.guesses.repeated_motion
+        to_own_px = self.tools.image_motion_px(tracks, start=repeated, end=tracks.pose)
+        to_other_px = self.tools.image_motion_px(tracks, start=repeated, end=other.pose)
+        return weight * REPEATED_WEIGHT if to_own_px < REPEATED_RATIO * to_other_px else weight

@@ -3,7 +3,7 @@
 A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._locate` runs nine stages:
 
 1. Check the images: keep the last pose for a repeated pair, and blank stale parts (`stale_images`, `guards`).
-2. Predict the pose by constant velocity, standstill and wheel odometry (`motion_model`).
+2. Predict the pose by the last motion, a standstill and wheel odometry (`motion_model`).
 3. Track: align at most 200 landmarks jointly (direct image alignment as in SVO, Forster et al. 2017). Track the patches
    of at most 800 landmarks, warped by their local planes, in both images (Lucas and Kanade 1981), and solve for the
    pose with robust weights.
@@ -46,14 +46,15 @@ changes these parts of the state:
 |---|---|
 | accepted (`_accept`) | all but `clean_from_keyframe`; the state learns from poses only here |
 | kept (`_keep`) | path (covariance and step), status, reason |
-| lost (`_lose`) | path (the velocity is reset), number of failed recoveries (after a good image), status, reason |
+| lost (`_lose`) | path (a standstill is predicted), number of failed recoveries (after a good image), status, reason |
 | begins a window (`_begin`) | all but `shear_mean`; the window starts at the last known pose |
 
 Four other events change the state:
 
 - A keyframe of the previous call is finished: path, map, calibration and recovery images. If its adjustment diverged,
   the map is discarded and the calibration is reset instead.
-- An external pose is applied: path. The map is discarded if no pose was accepted since the stamp of that pose.
+- An external pose is applied: path. The map is discarded if neither a pose was accepted nor a window began since the
+  stamp of that pose.
 - The first pair arrives: path.
 - `set_pose` is called: path.
 
@@ -115,7 +116,7 @@ class CorrectedTracks(NamedTuple):
     tracks: Tracks  #: Tracks with corrected right observations.
     calibration: OnlineCalibration  #: The calibration, updated by the pair.
     shear_mean: ShearMean  #: The running mean, updated by the pair.
-    shear_chi2: float = 0.0  #: Squared shear of the rows of this pair, divided by the variance of the shear.
+    shear_chi2: float = 0.0  #: Squared shear of the rows of this pair, divided by its variance, per degree of freedom.
 
 
 class Candidate(NamedTuple):
@@ -200,9 +201,9 @@ class Localiser:
     def process(self, pair: StereoPair, odometry: Transform | None = None) -> PoseEstimate:
         """Return the pose at a pair.
 
-        The odometry, for example from wheels, is the motion `T_before_now` of RB since the last pair. The odometry is
-        used only as an initial guess, which lacks the motion before a refused pair. The stamps of successive pairs must
-        increase.
+        The odometry, for example from wheels, is the motion `T_before_now` of RB since the last pair. It is an initial
+        guess only. After a refused pair, the guess lacks the motion up to that pair. The stamps of successive pairs
+        must increase.
 
         LocalisationError if the size of the images is not the rig's.
         """
@@ -253,11 +254,11 @@ class Localiser:
         # 2 predict
         guesses = state.path.last.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
-        # 3 track, 4 relocalise; meanwhile stage 5 begins
-        change = self._ground_selector.begin_change(frame, state.ground_memory)
+        # 3 track, 4 relocalise; meanwhile a second thread compares the cells of the image for stage 5
+        pending_change = self._ground_selector.begin_change(frame, state.ground_memory)
         tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
         # 5 select the ground's motion
-        ground = self._select_ground(frame, tracks, prediction, state, images, change.result())
+        ground = self._select_ground(frame, tracks, prediction, state, images, pending_change.result())
         state = replace(state, ground_memory=ground.memory_if_refused)  # replaced in `_accept`
         findings |= ground.findings
         verdict = decide(findings | guards.check_tracks(frame, ground.tracks))
@@ -330,8 +331,9 @@ class Localiser:
         tracks = candidate.tracks
         corrected = candidate.corrected
         findings |= self._check_pose(state, frame, tracks)
-        if decide(findings).refuses:  # the other guards require a valid pose
-            return decide(findings)
+        verdict = decide(findings)
+        if verdict.refuses:  # the other guards require a valid pose
+            return verdict
         findings |= guards.check_sides(frame, tracks, self._tracker, corrected.calibration.offset)
         findings |= guards.check_gap(keyframes=state.keyframes, clean_from_keyframe=state.clean_from_keyframe)
         findings |= guards.check_calibration(corrected.calibration)

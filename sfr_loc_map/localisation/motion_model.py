@@ -1,4 +1,4 @@
-"""Motion model of the left camera: last pose, velocity, and initial guesses of the next pose."""
+"""Motion model of the left camera: last pose, last motion and speed, and initial guesses of the next pose."""
 
 from __future__ import annotations
 
@@ -13,21 +13,23 @@ from sfr_loc_map.localisation.motion_size import Speed, size_of
 from sfr_loc_map.localisation.rover_model import RoverModel
 
 MAX_MISSED_PAIRS = 4
-"""Maximum number of missing pairs over which a constant velocity is extrapolated. Chosen by hand: 0.5 s at 10 Hz.
+"""Maximum number of missing pairs over which the last motion is repeated. Chosen by hand: 0.5 s at 10 Hz.
 If larger, guesses far from the pose cost the time of an alignment. If smaller, more gaps require relocalisation."""
 
 
 class Guesses(NamedTuple):
     """Initial guesses of the next pose of the left camera in the world."""
 
-    expected: Pose  #: The pose at constant velocity.
+    repeated_motion: Pose  #: The last pose moved by the last motion once more, however long that motion lasted.
     standstill: Pose  #: The last pose.
-    others: tuple[Pose, ...]  #: The pose after missing pairs at constant velocity, and the pose by wheel odometry.
+    #: The last pose moved by the last motion once for each interval up to this pair, if pairs are missing; and the pose
+    #: by wheel odometry.
+    others: tuple[Pose, ...]
 
     @property
     def all(self) -> list[Pose]:
         """All guesses."""
-        return [self.expected, self.standstill, *self.others]
+        return [self.repeated_motion, self.standstill, *self.others]
 
 
 class Prediction(NamedTuple):
@@ -51,10 +53,11 @@ class LastPose:
     """The last known pose of the left camera, and the motion that led to it."""
 
     T_world_left: Transform  #: Last known pose in the present map; an adjustment of the map changes it.
-    T_before_last: Transform  #: Motion between the last two tracked pairs; the identity at rest.
+    T_before_last: Transform  #: Motion between the last two tracked pairs; the identity to predict a standstill.
     known_ns: int | None  #: Stamp of the last pose from images or of an external pose; later motion is unobserved.
     tracked_ns: int = 0  #: Stamp of the last tracked pair, from which missing pairs are counted.
-    period_ns: int = 0  #: Time between the last two tracked pairs; 0 if unknown.
+    #: Time between the last two tracked pairs, 0 if unknown. It spans the pairs that were refused between the two.
+    period_ns: int = 0
     speed: Speed = Speed(0.0, 0.0)  #: Last speed.
 
     def unobserved_s(self, stamp_ns: int) -> float:
@@ -73,20 +76,20 @@ class LastPose:
         """Return the initial guesses of the next pose.
 
         The odometry is the motion `T_before_now` of RB since the last pair, from another source. The motion is applied
-        to the last known pose. If pairs were refused since that pose, this guess lacks the motion before them.
+        to the last known pose. After a refused pair, this guess lacks the motion from that pose to the refused pair.
         """
         last = self.T_world_left
-        expected = last @ self.T_before_last
+        repeated = last @ self.T_before_last
         others = []
         missed = round((stamp_ns - self.tracked_ns) / self.period_ns) - 1 if self.period_ns > 0 else 0
         if 0 < missed <= MAX_MISSED_PAIRS:
-            further = expected
+            further = repeated
             for _ in range(missed):
                 further = further @ self.T_before_last
             others.append(further)
         if odometry is not None:
             others.append(last @ model.T_left_rb @ odometry @ model.T_rb_left)
-        return Guesses(Pose.of(expected), Pose.of(last), tuple(map(Pose.of, others)))
+        return Guesses(Pose.of(repeated), Pose.of(last), tuple(map(Pose.of, others)))
 
     def since_last(self, stamp_ns: int, T_world_left: Transform) -> MotionSince:
         """Return the motion from the last known pose to a pose at a stamp."""

@@ -164,7 +164,7 @@ def test_another_motion_of_old_landmarks_alone_has_the_weight_of_old_landmarks()
         )
 
     tools = SimpleNamespace(image_motion_px=lambda *_, **__: 1.0)
-    pair = SimpleNamespace(prediction=SimpleNamespace(guesses=SimpleNamespace(expected=None)))
+    pair = SimpleNamespace(prediction=SimpleNamespace(guesses=SimpleNamespace(repeated_motion=None)))
     evidence = Evidence(tools, pair, followed([0, 1, 2, 2]), None, None)  # type: ignore[arg-type]
     evidence.__dict__["other"] = followed([0, 0, 1])
     assert evidence.weight_ratio == pytest.approx((2.0 * OLD_WEIGHT + 2.0) / (3.0 * OLD_WEIGHT))
