@@ -81,10 +81,10 @@ class KeyframeResult:
 
 
 def max_corners(rig: StereoRig, config: LocalisationConfig) -> int:
-    """Return the approximate maximum number of landmarks of a keyframe, which depends on the size of the images."""
+    """Return the approximate number of cells of the grid in which corners are detected, by the size of the images."""
     pixels = rig.width * rig.height
-    number = 2 if pixels >= LARGE_IMAGE_PX else 1
-    by_size: float = number * max(pixels / MEGAPIXEL, 1.0) ** GROWTH
+    factor = 2 if pixels >= LARGE_IMAGE_PX else 1
+    by_size: float = factor * max(pixels / MEGAPIXEL, 1.0) ** GROWTH
     return round(config.max_features * by_size)
 
 
@@ -147,7 +147,7 @@ class KeyframeMaker:
         window = job.window.without(rows[~inliers])
         observed = StereoObservations(tracks.observations[inliers], tracks.variance[inliers])
         window = window.with_keyframe(tracks.pose, rows[inliers], observed)
-        calibration, yaw_step_px = job.calibration.with_window(window.right_offset)
+        calibration, yaw_step_px = job.calibration.with_yaw_offset(window.right_offset)
         if yaw_step_px != 0.0:
             window = window.with_right_shift(yaw_step_px)
         window, calibration = self._with_landmarks(window, job.frame, calibration, job.ground_mask)

@@ -37,9 +37,10 @@ FLOW_LEVELS = 6
 """Maximum number of pyramid levels above the image in the optical flow. A motion of 64 px is 1 px at the sixth level.
 OpenCV uses fewer levels if a level is not larger than the window: four at 512 x 512, six from 1345 x 1345 on."""
 CORNERS_RATIO = 2
-"""Ratio of the number of described corners to the number of landmarks of a keyframe. Chosen by hand above 1, because
-the order of corners by strength changes between images. If smaller, more landmarks have no match. If larger, the search
-takes longer."""
+"""Ratio of the approximate number of described corners to `max_features`. Chosen by hand above 1, because the order of
+corners by strength changes between images. If smaller, more landmarks have no match. If larger, the search takes
+longer. In images of `keyframes.LARGE_IMAGE_PX` or more, a keyframe has at least twice `max_features` landmarks, so that
+the corners are at most as many as the landmarks."""
 MAX_FLOW_ROUND_TRIP_PX = 1.0
 """Maximum distance between a point and its position after forward and backward flow, px (Kalal et al. 2010)."""
 MAX_REPROJECTION_PX = 3.0
@@ -85,8 +86,12 @@ class RecoveryImages(NamedTuple):
     """Images from which lost tracking can be recovered."""
 
     last: KnownImage | None = None  #: Last tracked image.
-    best: KnownImage | None = None  #: Last tracked image in which at least half of the landmarks are inliers.
-    is_last_best: bool = True  #: Whether `best` is the last image.
+    best: KnownImage | None = None  #: Last tracked image of whose landmarks at least half are inliers in it.
+
+    @property
+    def is_last_best(self) -> bool:
+        """Whether `best` is the last image."""
+        return self.best is self.last
 
     @classmethod
     def of_first_keyframe(cls, image: GreyImage, landmarks: Landmarks) -> RecoveryImages:
@@ -98,10 +103,13 @@ class RecoveryImages(NamedTuple):
         """Return the images after the pose of an image was accepted."""
         known = KnownImage(image, tracks.observations[:, :2], tracks.landmarks)
         is_best = tracks.left_inlier_count >= MIN_BEST_RATIO * len(tracks.inliers)
-        return RecoveryImages(known, known if is_best else self.best, is_last_best=is_best)
+        return RecoveryImages(known, known if is_best else self.best)
 
     def with_keyframe(self, landmarks: Landmarks) -> RecoveryImages:
-        """Return the images after the last image became a keyframe, with the landmarks of the adjusted window."""
+        """Return the images after the last image became a keyframe, with the landmarks of the adjusted window.
+
+        A keyframe is always the last image, because each keyframe is also a recovery image.
+        """
         if self.last is None:
             return self
         last = KnownImage(self.last.image, landmarks.last_seen[:, :2], landmarks)
@@ -112,7 +120,7 @@ class Relocaliser:
     """Recovers lost tracking. It holds the tools, and keeps no state between calls."""
 
     def __init__(self, tracker: Tracker, config: LocalisationConfig, camera: StereoCamera, max_corners: int) -> None:
-        """`max_corners` is the approximate maximum number of landmarks of a keyframe."""
+        """`max_corners` is the approximate number of cells of the grid in which a keyframe detects corners."""
         self._tracker = tracker
         self._config = config
         self._camera = camera

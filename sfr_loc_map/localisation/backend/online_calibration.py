@@ -147,7 +147,7 @@ class OnlineCalibration:
     """Rotation error of the right camera. Offsets and shifts are in pixels.
 
     Each pair updates the drift (`with_shift`) and the residual disparities (`with_lens_residuals`). Each keyframe
-    updates pitch and roll (`with_matches`) and the constant yaw (`with_window`). The values of the yaw are, in px:
+    updates pitch and roll (`with_matches`) and the constant yaw (`with_yaw_offset`). The values of the yaw are, in px:
 
     | value | meaning |
     |---|---|
@@ -169,12 +169,16 @@ class OnlineCalibration:
     followed_px: float = 0.0
     shifts: tuple[float, ...] = ()  #: Shifts of the last right images relative to the landmarks.
     pairs_since_drift: int = AFTER_DRIFT_PAIRS
-    is_drifting: bool = False  #: Whether the right camera has drifted within the last `AFTER_DRIFT_PAIRS` pairs.
     yaw: YawEstimate = YawEstimate()
     lens: LensResidual = field(default_factory=LensResidual.none)
     #: `(2, 2)` information matrix of pitch and roll.
     information: FloatArray = field(default_factory=lambda: np.diag(VERTICAL_PRIOR))
     information_vector: FloatArray = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def is_drifting(self) -> bool:
+        """Whether the right camera has drifted within the last `AFTER_DRIFT_PAIRS` pairs."""
+        return self.pairs_since_drift < AFTER_DRIFT_PAIRS
 
     @property
     def yaw_sigma_px(self) -> float:
@@ -213,10 +217,7 @@ class OnlineCalibration:
         if not np.isfinite(shift.variance):
             return self, 0.0
         shifts = (*self.shifts, shift.px)[-MAX_SHIFTS:]
-        pairs_since_drift = self.pairs_since_drift + 1
-        quiet = replace(
-            self, shifts=shifts, pairs_since_drift=pairs_since_drift, is_drifting=pairs_since_drift < AFTER_DRIFT_PAIRS
-        )
+        quiet = replace(self, shifts=shifts, pairs_since_drift=self.pairs_since_drift + 1)
         if len(shifts) < MIN_SHIFTS:
             return quiet, 0.0
         drift_px, sigma_px = _end_of_line(np.array(shifts))
@@ -227,7 +228,6 @@ class OnlineCalibration:
             self,
             shifts=tuple((np.array(shifts) - drift_px).tolist()),
             pairs_since_drift=0,
-            is_drifting=True,
             drift_px=self.drift_px + drift_px,
             followed_px=self.followed_px + abs(drift_px),
             offset=self.offset._replace(u=self.offset.u + drift_px),
@@ -260,7 +260,7 @@ class OnlineCalibration:
             self, information=information, information_vector=vector, offset=self.offset._replace(v=v, roll=roll)
         )
 
-    def with_window(self, found: OffsetEstimate) -> tuple[OnlineCalibration, float]:
+    def with_yaw_offset(self, found: OffsetEstimate) -> tuple[OnlineCalibration, float]:
         """Update the yaw with the remaining offset of an adjusted window; return the change of the correction, px."""
         predicted_px2 = self.yaw.variance_px2 + YAW_WALK_PX**2
         gain = predicted_px2 / (predicted_px2 + found.variance * float(self.window_keyframes))
