@@ -36,7 +36,11 @@ def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: i
 
 
 def sampled(poses: Trajectory, stamps_ns: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return interpolated positions and unit quaternions at stamps. A single pose is static and valid at all stamps."""
+    """Return interpolated positions and unit quaternions at stamps. A single pose is static and valid at all stamps.
+
+    There must be at least one pose. Before the first and after the last pose, the nearest motion is extrapolated; use
+    `covered` to select the stamps between poses.
+    """
     if len(poses) == 1:
         quats_xyzw = unit_quats(poses.quats_xyzw)
         return np.repeat(poses.positions, len(stamps_ns), axis=0), np.repeat(quats_xyzw, len(stamps_ns), axis=0)
@@ -49,7 +53,7 @@ def sampled(poses: Trajectory, stamps_ns: IntArray) -> tuple[FloatArray, FloatAr
 
 
 def covered(known_ns: IntArray, stamps_ns: IntArray) -> Mask:
-    """Return whether each stamp is between two known stamps that are at most `LONGEST_GAP_S` apart."""
+    """Return whether each stamp is between two of the known stamps (at least one), at most `LONGEST_GAP_S` apart."""
     after = np.searchsorted(known_ns, stamps_ns).clip(max=len(known_ns) - 1)
     before = np.where(known_ns[after] == stamps_ns, after, (after - 1).clip(0))
     near = known_ns[after] - known_ns[before] <= LONGEST_GAP_S * NS_PER_S

@@ -39,7 +39,8 @@ class LocalisationConfig:
 
     max_features: int = param(
         2250,
-        doc="Number of landmarks tracked in a keyframe. Doubled for images of 900 x 900 pixels or more.",
+        doc="Approximate number of grid cells in which a keyframe detects landmarks; a map may have more landmarks. "
+        "Doubled for images of 900 x 900 pixels or more.",
         low=50,
         high=20_000,
     )

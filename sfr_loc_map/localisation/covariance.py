@@ -1,7 +1,7 @@
 """Covariances of the estimates, composed of the named error sources.
 
-The results and the letters of the formulas are these values of the code. All other names in the formulas are fields of
-`error_sources.ErrorSources`.
+The table lists the letters of the formulas. Names with underscores are fields of `error_sources.ErrorSources`, unless
+the table or the text says otherwise. Other words are explained below each formula.
 
 | letter | meaning | in the code |
 |---|---|---|
@@ -10,7 +10,7 @@ The results and the letters of the formulas are these values of the code. All ot
 | N | white noise of a pose | `pose_noise`, `StepEstimate.noise` |
 | S | systematic errors of a step | `systematic_step`, `StepEstimate.systematic` |
 | M | unobserved motion | `unobserved_motion` |
-| C | pose given the landmarks | `given_landmarks`, the inverse of `Tracks.information` |
+| C | pose given the keyframes | `given_keyframes`, the inverse of `Tracks.information` |
 | W | newest keyframe in its window | `SlidingWindow.covariance` |
 | W + C | pose in its window | `PathErrors.in_window` |
 | O | W + C of the past pose to which an external pose applies | `Origin.past_in_window` |
@@ -23,14 +23,15 @@ The results and the letters of the formulas are these values of the code. All ot
 | f, b | focal length, px; baseline, m | `RoverModel.fx`; f b is `RoverModel.focal_baseline` |
 
 The variance factor v is the ratio of the squared residuals to their stated variance (Foerstner and Wrobel,
-Photogrammetric Computer Vision, chapter 4). `yaw_sigma`, `yaw_target` and `yaw_remaining` are the standard deviation of
-the right camera's yaw, the yaw to be corrected, and the part of this yaw that is not corrected yet, px
-(`OnlineCalibration`).
+Photogrammetric Computer Vision, chapter 4). Three names are those of `OnlineCalibration`: `yaw_sigma_px` is the
+standard deviation of the right camera's yaw, `yaw.target_px` the yaw to be corrected, and `remaining_px` the part of
+this yaw that is not corrected yet.
 
-**Pose** (`pose_covariance`): left camera in the world, relative to the pose that placed the world in DS.
+**Pose** (`pose_covariance`): left camera in the world, relative to the pose that placed the world in DS. The increments
+of each pair are computed by `trajectory._errors_at`, accumulated by `PathErrors` and added up by `pose_covariance`.
 
-    P = start + adjustment_inflation D + A + blur + (disparity_px^2 + yaw_sigma^2 + (unsettled_yaw_ratio
-        yaw_remaining)^2) B B' + U U' + attitude + unobserved
+    P = start + adjustment_inflation D + A + blur + (disparity_px^2 + yaw_sigma_px^2 + (unsettled_yaw_ratio
+        remaining_px)^2) B B' + U U' + attitude + unobserved
     D = W + C - O
 
 - start (`Origin.start`): covariance of that pose, propagated to the present position. A new window adds to it
@@ -43,10 +44,10 @@ the right camera's yaw, the yaw to be corrected, and the part of this yaw that i
 - blur: standard deviation blur_px / f, rad, about each axis, and this angle times Z in position (`blur_of`).
 - B: position error per pixel of a constant disparity error, m/px: the sum of displacement Z / (f b) over the steps
   since the origin.
-- U: position error of the path that was travelled before the yaw was corrected, m: the sum of (yaw_target - yaw
-  corrected at the step) displacement Z / (f b).
-- attitude: (bent_attitude_ratio hypot(yaw_sigma, yaw_target))^2 + (followed_attitude_ratio d)^2, divided by f^2. d is
-  the sum of the absolute drifts of the right camera that were followed, px (`followed_px`).
+- U: position error of the path that was travelled before the yaw was corrected, m: the sum over the steps
+  of (`yaw.target_px` - yaw corrected at the step) displacement Z / (f b).
+- attitude: (bent_attitude_ratio hypot(yaw_sigma_px, yaw.target_px))^2 + (followed_attitude_ratio d)^2, divided by f^2.
+  d is the sum of the absolute drifts of the right camera that were followed, px (`followed_px`).
 - unobserved (`PathErrors.unobserved`): M of two motions. The motion to the last accepted pose counts as unobserved if
   the findings of that pose require this (`findings.RULES`, `PathErrors.unobserved_to_pose`). The motion since that pose
   is unobserved while the pose is kept (`PathErrors.unobserved_since_pose`).
@@ -54,10 +55,12 @@ the right camera's yaw, the yaw to be corrected, and the part of this yaw that i
 Consecutive poses share most of P, and P shrinks when the yaw is estimated. The uncertainty of the motion between two
 poses is therefore composed of steps and not computed from P.
 
-**Step** (`step_covariance` without `added`, which `trajectory` adds): motion of RB, in RB at the previous pose. The
-errors of different steps are independent.
+**Step** (`step_covariance` without `added`, which `trajectory` adds): motion of RB, in RB at the previous pose. Errors
+from images are independent from step to step. An added error of a pose has opposite signs in the steps to and from
+that pose. Each of the two steps contains its covariance, which is conservative.
 
-    Q = step_inflation max(v, min_variance_factor) r (adjustment_inflation K + (keyframe_px Z / f)^2) + added
+    Q = step_inflation max(v, min_variance_factor) r (adjustment_inflation K + k) + added
+    k = (keyframe_px Z / f)^2 diag(1, 1, 1, 0, 0, 0)
     r = max(step / max(keyframe interval, min_interval_ratio usual interval), min_step_ratio)
 
 - The keyframe interval is the motion between the two newest keyframes. In a window of one keyframe, C replaces K, and
@@ -67,17 +70,17 @@ errors of different steps are independent.
   displacement of the previous pose are in `PublishedPose.undone_by_next_step`.
   The terms of the previous pose are zero if its pair began a window, because the step is measured from its image.
 
-Before the first residuals, the factor before r is 1.
+Before the first residuals, the factor before r is 1. `MIN_VARIANCE` is added to each variance of Q.
 
 **Noise** (`pose_noise`): white noise of a pose, which cancels between consecutive steps. `shear_chi2` is the squared
-shear of the image rows over its variance.
+shear of the image rows over its variance, per degree of freedom.
 
     N = white_ratio max(v, min_variance_factor) max(shear_chi2, 1) C + exposure_rad^2 (attitude)
 
 **Systematic** (`systematic_step`): errors common to all steps, which add up with their sign.
 
     S = (position, attitude)
-    position = hypot(disparity_px, yaw_sigma, yaw_remaining) Z / (f b) displacement
+    position = hypot(disparity_px, yaw_sigma_px, remaining_px) Z / (f b) displacement
     attitude = hypot(lens_px, lens_ratio RMS of the residual disparities) / (f b) length
 
 The remaining yaw enters a step in full. In the pose it is multiplied by `unsettled_yaw_ratio`, because P also contains
@@ -95,9 +98,9 @@ which are the last ones, but at least the configured ones.
 Each angle is at most `MAX_ANGLE_RAD`.
 
 A new error source requires a field of `ErrorSources` and a term in one of these formulas. An error that accumulates
-along the path also requires a field of `path_errors.PathErrors`, which only the methods of that class change. The table
-of that class shows what each event does to each field. A further field of `history.PastPose` lets `rebased` subtract
-the error that arose before a past pose.
+along the path also requires a field of `path_errors.PathErrors`, which only the methods of that class change, and its
+increment in `trajectory._errors_at`. The table of that class shows what each event does to each field. A further field
+of `history.PastPose`, set in `trajectory._past_pose`, lets `rebased` subtract the error that arose before a past pose.
 
 Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is that of position and rotation about fixed axes, for the
 left camera in the world unless stated otherwise.
@@ -259,7 +262,7 @@ def updated_variance_factor(before: float | None, chi_median: float, sources: Er
 def step_covariance(
     step: StepMotion,
     keyframes: KeyframeMotion | None,
-    given_landmarks: FloatArray,
+    given_keyframes: FloatArray,
     depth_m: float,
     variance_factor: float | None,
     model: RoverModel,
@@ -269,7 +272,7 @@ def step_covariance(
     Args:
         step: The motion.
         keyframes: Motion between the two newest keyframes.
-        given_landmarks: `(6, 6)` covariance C of the pose given the landmarks, used if there is no second keyframe.
+        given_keyframes: `(6, 6)` covariance C of the pose given the keyframes, used if there is no second keyframe.
         depth_m: Median depth of the landmarks.
         variance_factor: Ratio v of the squared residuals to their stated variance; None before the first residuals.
         model: Extrinsics, camera geometry and error sources.
@@ -277,7 +280,7 @@ def step_covariance(
     sources = model.sources
     size = step.size.metres / depth_m + step.size.radians
     if keyframes is None:
-        covariance = given_landmarks
+        covariance = given_keyframes
         interval = model.keyframe_rad
     else:
         covariance = keyframes.covariance
@@ -296,7 +299,7 @@ def step_covariance(
 
 
 def pose_noise(
-    given_landmarks: FloatArray,
+    given_keyframes: FloatArray,
     *,
     R_world_left: FloatArray,
     variance_factor: float | None,
@@ -305,12 +308,12 @@ def pose_noise(
 ) -> FloatArray:
     """Return the covariance N `(6, 6)` of the white noise of a pose of RB, in RB.
 
-    `given_landmarks` is the covariance C of the pose given the landmarks. `shear_chi2` increases the noise if it
+    `given_keyframes` is the covariance C of the pose given the keyframes. `shear_chi2` increases the noise if it
     exceeds 1.
     """
     sources = model.sources
     factor = 1.0 if variance_factor is None else max(variance_factor, sources.min_variance_factor)
-    noise = sources.white_ratio * factor * max(shear_chi2, 1.0) * given_landmarks
+    noise = sources.white_ratio * factor * max(shear_chi2, 1.0) * given_keyframes
     T_rb_left = model.T_rb_left
     noise = propagated_covariance(noise, -T_rb_left.translation, T_rb_left.rotation @ R_world_left.T)
     noise[3:, 3:] += sources.exposure_rad**2 * np.eye(3)

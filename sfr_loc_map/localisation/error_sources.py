@@ -6,7 +6,7 @@ are defined where they are used, because the estimates also depend on them.
 | value | module | enters |
 |---|---|---|
 | `PIXEL_FLOOR`, `RESIDUAL_GAIN`, `EDGE_RESIDUALS` | `frontend.tracking` | noise of observations, hence C, W, K |
-| `FIRST_SIGMA_PX`, `YAW_WALK_PX`, `FOLLOWED_ERROR_RATIO` | `backend.online_calibration` | `yaw_sigma` |
+| `FIRST_SIGMA_PX`, `YAW_WALK_PX`, `FOLLOWED_ERROR_RATIO` | `backend.online_calibration` | `yaw_sigma_px` |
 | `START_VARIANCE` | `backend.sliding_window` | first pose of a window, hence W |
 | `MIN_VARIANCE` | `covariance` | variance added to each step |
 | `unseen_speed_m_s`, `unseen_turn_rad_s` | `config.MotionBounds` | unobserved motion |
@@ -21,11 +21,13 @@ from dataclasses import dataclass
 class ErrorSources:
     """The error sources of the localiser: standard deviations, and ratios to estimated values.
 
-    The values were chosen by hand so that NEES is near 1 on rendered drives (`make nees`). If a value is too large, the
-    covariance exceeds the errors and NEES falls below 1. If a value is too small, NEES exceeds 1.
+    The values were chosen by hand so that NEES per degree of freedom is near 1 on rendered drives (`make nees`). If a
+    value is too large, the covariance exceeds the errors and this NEES falls below 1. If a value is too small, this
+    NEES exceeds 1.
 
     The letters at the beginning of each description name the formulas of `covariance` that use the field: P pose,
-    Q step, N noise, S systematic errors, M unobserved motion. The twist includes Q, N and S.
+    Q step, N noise, S systematic errors, M unobserved motion. The twist includes Q, N, S and
+    M (`StepEstimate.speed_change`).
     """
 
     blur_px: float = 0.03

@@ -112,7 +112,9 @@ class StepEstimate:
 
     seconds: float  #: Time since the previous pose, s; 0 at the first pose.
     motion: FloatArray  #: `(6,)` translation, m, and rotation vector, rad.
-    covariance: FloatArray  #: `(6, 6)` covariance of the motion, ROS order, independent from step to step.
+    #: `(6, 6)` covariance of the motion, ROS order. Errors from images are independent from step to step; the terms
+    #: that findings add to two consecutive steps are not (formula Q of `covariance`).
+    covariance: FloatArray
     #: `(6,)` signed one-sigma effects of errors common to all steps, on the axes of RB. They add up over the steps. The
     #: six components are independent of each other.
     systematic: FloatArray
@@ -150,8 +152,8 @@ class PoseEstimate:
     covariance: FloatArray
     state: TrackingState  #: State after this call.
     statistics: TrackingStatistics = TrackingStatistics()  #: Statistics of this call.
-    #: Duration of each stage, s: `wait` (for the keyframe of the previous call), `keyframe` (its work in the
-    #: background), `pyramid`, `align`, `refine`, and `relocate` if tracking failed.
+    #: Duration of the stages that take most of the time, s: `wait` (for the keyframe of the previous call), `keyframe`
+    #: (its work in the background), `pyramid`, `align`, `refine`, and `relocate` if tracking failed.
     stage_s: Mapping[str, float] = field(default_factory=dict)
     reason: StateReason | None = None  #: Why the state is degraded or lost, None otherwise.
     step: StepEstimate | None = None  #: Motion since the previous pose; None if lost.

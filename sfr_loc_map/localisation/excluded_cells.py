@@ -17,8 +17,9 @@ from sfr_loc_map.localisation.frontend.cell_change import CELL, cell_counts
 
 FIXED_LIFE: Final = 10
 """Lifetime, pairs, of a cell that was detected as fixed to the camera. Each pair, including the pair of the detection,
-reduces the lifetime by one unless the cell is stationary. Chosen by hand. If larger, ground that an arm has
-uncovered has no landmarks for longer. If smaller, landmarks are created on a body whose illumination changes."""
+reduces the lifetime by one. If the cell is stationary, its lifetime starts again instead. Chosen by hand. If larger,
+ground that an arm has uncovered has no landmarks for longer. If smaller, landmarks are created on a body whose
+illumination changes."""
 DYNAMIC_LIFE: Final = 8
 """Lifetime, pairs, of a cell that was detected as dynamic. Each pair, including the pair of the detection, reduces the
 lifetime by one, so that the cell is excluded in seven pairs. Chosen by hand: an object leaves its cells within a few
@@ -32,7 +33,9 @@ class ExcludedCells:
 
     life: NDArray[np.int64]  #: `(R, C)` number of pairs for which a cell remains excluded.
     is_fixed: Mask  #: `(R, C)` whether a cell was excluded because it is fixed to the camera.
-    mask: NDArray[np.uint8] | None = None  #: `(H, W)`, 0 where landmarks are not created; None if nothing is excluded.
+    #: `(H, W)`, 0 where landmarks are not created. None before a pair with excluded landmarks (`after_selection`), and
+    #: if no cell has lifetime left.
+    mask: NDArray[np.uint8] | None = None
     fraction: float = 0.0  #: Fraction of the image that is excluded.
     dynamic_fraction: float = 0.0  #: Fraction of the cells that are excluded because they are dynamic.
 

@@ -1,7 +1,7 @@
 """Findings of the guards, and the table of their consequences.
 
 `RULES` lists all findings in the order of precedence. The first finding present determines the action and the published
-reason of a pair (`decide`). Findings that refuse a pair come first, in the order in which they are checked.
+reason of a pair (`decide`). Findings that refuse a pair come first, in the order of the stages.
 
 A pose with other findings is accepted and degraded. The order of these findings affects only the published reason,
 because inflation and suitability as a keyframe are combined from all findings. Measured problems (stale images, a gap,
@@ -78,7 +78,7 @@ class Finding(Enum):
     UNEXPLAINED = auto()  #: An unusually large fraction of the landmarks does not follow the pose.
     #: An earlier pair had stale rows or a finding about the ground's motion; too few pairs with motion have followed.
     RECOVERING = auto()
-    ONE_SIDED = auto()  #: Few inliers are observed in both images although both have texture. One image may be stale.
+    ONE_SIDED = auto()  #: Few inliers are observed in both images; both have texture, and one may be stale.
     GROUND_IN_DOUBT = auto()  #: Only one motion was found, but the ground is in doubt (`ground_memory.Phase.IN_DOUBT`).
     AMBIGUOUS = auto()  #: Two motions were found, and either may be the ground's.
 
@@ -150,8 +150,9 @@ RULES: Final = {
 }
 """Consequences of each finding, in the order of precedence.
 
-The published reason is that of the first finding, with one exception: a pair that is kept while the localiser is lost
-publishes the reason for which the localiser was lost.
+The published reason is that of the first finding, with two exceptions. A pair that is kept while the localiser is lost
+publishes the reason for which the localiser was lost. A refused pair with which a window begins publishes only the
+findings of that window.
 
 Seven findings publish `torn_images`, because they require the same action of an operator: parts of the images may be
 stale. For five of these findings the pair itself shows evidence of stale parts. For `RECOVERING` an earlier pair showed

@@ -19,7 +19,7 @@ from sfr_loc_map.localisation.ground_memory import Effect, GroundMemory
 class Case(Enum):
     """The motions in a pair, and the tracks that are used."""
 
-    OWN_BODY = auto()  #: The main motion is that of texture fixed to the camera. The other motion is the ground's.
+    OWN_BODY = auto()  #: The main motion is that of texture fixed to the camera; that off it is the ground's.
     UNTRUSTED = auto()  #: No motion is trusted. The main tracks are used, and the pose is refused.
     PARTIAL_TRANSFER = auto()  #: Parts of the images are of different exposures. The main motion is used.
     DOUBLE_EXPOSURE = auto()  #: Two exposures are blended. The motion of the dominant exposure is used.
@@ -44,6 +44,7 @@ CASES: Final[tuple[tuple[Case, Callable[[Evidence], bool]], ...]] = (
     (Case.AMBIGUOUS, lambda e: e.has_other and not (e.is_known and e.is_decided)),
     (Case.TWO_MOTIONS, lambda e: e.has_other),
     (Case.CONTRADICTED, lambda e: e.is_contradicted),
+    # half of the landmarks is unexplained, and the fault has not lasted too long for a partial transfer
     (Case.PARTIAL_TRANSFER, lambda e: e.is_half_unexplained and e.may_be_transfer),
     # after more pairs than a partial transfer lasts, many landmarks may be on an object
     (Case.HALF_UNEXPLAINED, lambda e: e.is_half_unexplained),

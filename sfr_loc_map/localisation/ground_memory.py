@@ -9,9 +9,10 @@ The ground is identified by its motion. A moving pair has a trusted pose and an 
 | `KNOWN` | one motion has explained several moving pairs | `LEARNING` with a new window |
 | `IN_DOUBT` | the image contradicted the motion, or two motions competed | `LEARNING` after several pairs that agree |
 
-A case with `leaves_doubt` (`ground_cases.EFFECTS`) leads from each phase to `IN_DOUBT`, and an unusual moving pair
-prolongs this phase. The phase ends only if landmarks also follow the motion in the cells that were unexplained
-before. `GroundMemory.after` updates the memory with a pair. The terms are defined in `ground_motion`.
+A case with `leaves_doubt` (`ground_cases.EFFECTS`) leads from each phase to `IN_DOUBT`. A moving pair agrees if few
+cells are excluded as dynamic, and if landmarks also follow the motion in the cells that were unexplained before. An
+unusual moving pair that does not agree prolongs the doubt. `GroundMemory.after` updates the memory with a pair. The
+terms are defined in `ground_motion`.
 
 Three values record faults of earlier pairs. They are separate because they answer different questions:
 
@@ -49,8 +50,8 @@ AGREEING_PAIRS = 3
 more effect. Chosen by hand. If larger, clean pairs stay degraded for longer after a fault. If smaller, a second faulty
 pair after a good pair is published as good."""
 LONG_DOUBT_PAIRS = 10
-"""Number of such pairs after two motions or a contradiction while the ground was unknown, or after a mostly stale
-image, because these faults may last longer. Chosen by hand, like `AGREEING_PAIRS`."""
+"""The larger number that replaces `AGREEING_PAIRS` after two motions or a contradiction while the ground was unknown,
+or after a mostly stale image, because these faults may last longer. Chosen by hand, like `AGREEING_PAIRS`."""
 MAX_TRANSFERS = 10
 """Maximum number of consecutive pairs that count as partially transferred. Chosen by hand: such faults are short, and
 a longer sequence has another cause. If larger, an object that covers much of the image prevents keyframes for longer.
@@ -118,9 +119,9 @@ class Confidence:
     def after_doubt(self, cells: Mask) -> Confidence:
         """Return the confidence after two motions competed, the image contradicted the pose, or half was unexplained.
 
-        Landmarks in the cells `(R, C)` did not follow the motion. `AGREEING_PAIRS` pairs end the doubt if the ground
-        was known, or if an earlier doubt lacks at most this number of pairs. Otherwise `LONG_DOUBT_PAIRS` pairs are
-        required.
+        Landmarks in the cells `(R, C)` did not follow the motion. The doubt lasts `AGREEING_PAIRS` pairs if the ground
+        was known, or if at most this number of pairs was left of a present doubt. Otherwise it lasts
+        `LONG_DOUBT_PAIRS` pairs.
         """
         is_in_doubt = self.phase is Phase.IN_DOUBT
         lacks_few_pairs = is_in_doubt and self.required_pairs - self.agreed_pairs <= AGREEING_PAIRS
@@ -191,9 +192,8 @@ class GroundMemory:
     confidence: Confidence = Confidence()
     transfers: int = 0  #: Number of consecutive partially transferred pairs.
     recovering_pairs: int = 0  #: Number of further moving pairs that stay degraded (`Finding.RECOVERING`).
-    typical: float | None = (
-        None  #: Typical fraction of unexplained landmarks; None until a pair of the window confirms.
-    )
+    #: Typical fraction of unexplained landmarks; None until a pair of the window confirms.
+    typical: float | None = None
 
     @classmethod
     def none(cls, shape: tuple[int, int]) -> GroundMemory:

@@ -37,7 +37,7 @@ MIN_CONTRAST: Final = 1.0
 """Minimum standard deviation of the grey levels of a textured image at full resolution. Rounding to whole grey levels
 causes at most 0.5."""
 MIN_STEREO_FRACTION: Final = 0.3
-"""Fraction of inliers observed in both images up to which a pair is one-sided. Landmarks are triangulated from both
+"""Ratio `Tracks.stereo_fraction` up to which a pair is one-sided. Landmarks are triangulated from both
 images, so that both images of a good pair show most landmarks."""
 MAX_SHEAR: Final = 7.0
 """Maximum ratio of the squared shear of the rows to its variance, per degree of freedom, for rows exposed at one time.
@@ -112,7 +112,7 @@ def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBoun
 
 
 def check_adjustment(last: LastPose, pose: Pose, covariance: FloatArray) -> Findings:
-    """Report an adjustment that diverged: its pose is not finite, or far from the last known pose.
+    """Report an adjustment that diverged: pose or covariance is not finite, or the pose is far from the last one.
 
     The covariance `(6, 6)` is that of the adjusted pose.
     """

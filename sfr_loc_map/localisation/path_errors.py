@@ -68,9 +68,9 @@ class PathErrors:
 
     | component | `with_pose` | `kept` | `adjusted` | `restarted` | `placed` | `rebased` |
     |---|---|---|---|---|---|---|
-    | `origin.start` | | | | + D, both M, first image | = external pose | = external pose |
+    | `origin.start` | | | | + `adjustment_inflation` D, both M, first image | = external pose | = external pose |
     | `origin.past_in_window` | | | | none | none | = past pose of this window, or none |
-    | `before_window` | | | | + drift, both M, first image | 0 | |
+    | `before_window` | | | | + `adjustment_inflation` (W + C), both M, first image | 0 | |
     | `in_window` | = W + C | | = W | = W | 0 | |
     | `unobserved_to_pose` | = M if the findings require it, or 0 | | | 0 | 0 | |
     | `unobserved_since_pose` | 0 | = M | | 0 | 0 | |

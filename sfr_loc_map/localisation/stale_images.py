@@ -94,8 +94,8 @@ class ImageComparison(NamedTuple):
     memory: ImageMemory  #: What the next pair is compared with.
     stale_rows: Mask  #: `(H,)` rows that were blanked in an image whose other rows are new.
     is_repeated: bool = False  #: Whether both images repeat the previous pair, possibly swapped.
-    is_left_frozen: bool = False  #: Whether only the left image repeats the previous one. It is blanked.
-    is_right_frozen: bool = False  #: Whether only the right image repeats the previous one. It is blanked.
+    is_left_frozen: bool = False  #: Whether the left image repeats the previous one. It is blanked.
+    is_right_frozen: bool = False  #: Whether the right image repeats the previous one. It is blanked.
 
 
 def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:

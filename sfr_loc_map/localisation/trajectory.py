@@ -7,7 +7,7 @@ return the step to that pose.
 |---|---|
 | the first pair | `arrived` |
 | accepted | `accepted` |
-| kept: repeats the previous pair, or contradicts its pose | `kept` |
+| kept: repeats the previous pair, or its image contradicts its pose | `kept` |
 | a new window begins at the last pose | `restarted` |
 | lost | `lost` |
 | a keyframe, after it was adjusted in the background | `adjusted` |
@@ -96,7 +96,7 @@ class AcceptedPair(NamedTuple):
     tracks: Tracks
     chi_median: float  #: Median squared Mahalanobis residual per degree of freedom; NaN without residuals.
     was_known: bool  #: Whether the pose before this pair was known (tracked or kept, not lost).
-    shear_chi2: float  #: Squared shear of the image rows over its variance.
+    shear_chi2: float  #: Squared shear of the image rows over its variance, per degree of freedom.
     inflation: Inflation  #: What the findings of the pair add to the covariance.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
 
@@ -107,7 +107,7 @@ class _NewPose(NamedTuple):
     pair: AcceptedPair
     T_world_left: Transform
     since: MotionSince
-    given_landmarks: FloatArray  #: `(6, 6)` covariance C of the pose given the landmarks.
+    given_keyframes: FloatArray  #: `(6, 6)` covariance C of the pose given the keyframes.
     added: AddedError  #: What findings add to the covariance.
 
 
@@ -163,8 +163,8 @@ def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPos
         moved=MotionSize(since.metres, since.radians),
         other_distance=pair.other_distance,
     )
-    given_landmarks = np.asarray(np.linalg.inv(pair.tracks.information))
-    return _NewPose(pair, now, since, given_landmarks, added)
+    given_keyframes = np.asarray(np.linalg.inv(pair.tracks.information))
+    return _NewPose(pair, now, since, given_keyframes, added)
 
 
 def _errors_at(
@@ -181,7 +181,7 @@ def _errors_at(
     bias = DisparityBias(errors.bias.total + per_px, errors.bias.corrected + per_px * calibration.corrected_px)
     unobserved_rb = pose.added.unobserved_rb
     return errors.with_pose(
-        in_window=pose.given_landmarks + landmark_map.window.covariance,
+        in_window=pose.given_keyframes + landmark_map.window.covariance,
         unobserved_to_pose=ZERO if unobserved_rb is None else _covariance_of_left(path, unobserved_rb, model),
         bias=bias,
     )
@@ -191,7 +191,7 @@ def _published_at(path: PathState, pose: _NewPose, model: RoverModel) -> Publish
     """Return the values of a new pose that the next step requires."""
     factor = updated_variance_factor(path.published.variance_factor, pose.pair.chi_median, model.sources)
     noise = pose_noise(
-        pose.given_landmarks,
+        pose.given_keyframes,
         R_world_left=pose.T_world_left.rotation,
         variance_factor=factor,
         shear_chi2=pose.pair.shear_chi2,
@@ -221,7 +221,7 @@ def _step_to_new_pose(
     step = StepMotion.between(before.T_world_left or pose.T_world_left, pose.T_world_left, model)
     depth_m = pose.pair.tracks.landmarks.median_depth
     keyframes = landmark_map.window.last_motion
-    of_images = step_covariance(step, keyframes, pose.given_landmarks, depth_m, published.variance_factor, model)
+    of_images = step_covariance(step, keyframes, pose.given_keyframes, depth_m, published.variance_factor, model)
     return StepEstimate(
         seconds=seconds,
         motion=step.vector,
@@ -272,8 +272,9 @@ def lost(path: PathState) -> PathState:
 def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_step: bool) -> PathState:
     """Return the path that continues from the adjusted pose of the last pair.
 
-    A change of the yaw correction displaces the pose. The covariance of the next step grows by the square of this
-    displacement.
+    A change of the yaw correction displaces the pose. The covariance of the next step to a new pose grows by the square
+    of this displacement. If the pose is kept before, the displacement itself is in the step to the kept pose, whose
+    covariance is that of an unobserved motion.
     """
     T_world_left = Transform(*pose)
     published = path.published

@@ -43,7 +43,9 @@ class Explained(NamedTuple):
 
     motion_px: float  #: Quantile `MOTION_QUANTILE` of the image motion of the landmarks, px; 0 without landmarks.
     cell_index: NDArray[np.intp]  #: `(M,)` numbers of the cells that contain the landmarks' projections; R * C outside.
-    on_stationary: Mask  #: `(M,)` landmarks whose host pixels are in stationary cells.
+    #: `(M,)` landmarks whose host pixels are in stationary cells. A landmark that is fixed to the camera stays at its
+    #: host pixel.
+    on_stationary: Mask
     on_fixed: Mask  #: `(M,)` outliers whose host pixels are in cells fixed to the camera.
     unexplained: Mask  #: `(M,)` outliers in view whose host pixels and projections are outside all fixed cells.
     unexplained_fraction: float  #: Fraction of `unexplained` among the landmarks in view.

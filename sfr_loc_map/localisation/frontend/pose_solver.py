@@ -3,7 +3,8 @@
 A landmark is a host pixel with an inverse depth (`projection.py`). The residual of landmark n has four rows, u, v in
 the left image and u, v in the right image. Its covariance is `S_n = R_n + J_n P_n J_n^T`, where R_n is the tracking
 noise, P_n the covariance of the landmark, and J_n the Jacobian with respect to the landmark. Weighting by the inverse
-of S_n is equivalent to estimating the landmark jointly and marginalising it.
+of S_n is equivalent to estimating the landmark jointly and marginalising it. The information of the pose is therefore
+conditional on the keyframes only.
 """
 
 from __future__ import annotations
@@ -27,8 +28,7 @@ from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure_weigh
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4, reorder_to_median, retract, solve
 
 MIN_LANDMARKS = 6
-"""Minimum number of observed landmarks. Two landmarks give enough equations; with six, a majority outvotes an
-outlier."""
+"""Minimum number of observed landmarks. Three landmarks determine a pose; with six, a majority outvotes an outlier."""
 UNOBSERVED_VARIANCE = 1e8
 """Variance of a position that was not observed, px^2. Its standard deviation, 10 000 px, exceeds any image."""
 SCALE_PER_MEDIAN = 1.5
@@ -80,7 +80,7 @@ class PoseSolution(NamedTuple):
 class Linearisation(NamedTuple):
     """Residuals of N landmarks with their Jacobians."""
 
-    whitening: FloatArray  #: `(N, 4, 4)` inverse covariance of the residuals.
+    inverse_covariance: FloatArray  #: `(N, 4, 4)` inverse covariance of the residuals.
     jacobians: FloatArray  #: `(N, 4, 6)` with respect to the pose.
     residuals: FloatArray  #: `(N, 4)` pixels, 0 where not observed.
     chi2_per_dof: FloatArray  #: `(N,)` squared Mahalanobis residual per degree of freedom; NaN where not used.
@@ -130,7 +130,7 @@ def _linearise(
 ) -> None:
     """Fill the linearisation at a pose; the projection and `covariance` `(4, 4)` are workspaces.
 
-    The whitening is computed in the first iteration only, because it changes little with the pose.
+    The inverse covariance is computed in the first iteration only, because it changes little with the pose.
     """
     hosts = landmarks.hosts
     rays = landmarks.rays
@@ -138,7 +138,7 @@ def _linearise(
     landmark_covariance = landmarks.covariance
     observed = observations.uv
     variance = observations.variance
-    whitening = out.whitening
+    inverse_covariance = out.inverse_covariance
     jacobians = out.jacobians
     residuals = out.residuals
     chi2_per_dof = out.chi2_per_dof
@@ -157,11 +157,11 @@ def _linearise(
             residuals[n, i] = observed[n, i] - uv[i] if (in_left if i < 2 else in_right) else 0.0
         if is_first:
             _fill_covariance(landmark_covariance[n], by_landmark, variance[n], in_left, in_right, covariance)
-            fill_inverse_4(covariance, whitening[n])
+            fill_inverse_4(covariance, inverse_covariance[n])
         chi2 = 0.0
         for i in range(4):
             for j in range(4):
-                chi2 += residuals[n, i] * whitening[n, i, j] * residuals[n, j]
+                chi2 += residuals[n, i] * inverse_covariance[n, i, j] * residuals[n, j]
         chi2_per_dof[n] = chi2 / ((2.0 if in_left else 0.0) + (2.0 if in_right else 0.0))
 
 
@@ -175,7 +175,7 @@ def _add_normal_equations(
     """
     chi2_per_dof = linearised.chi2_per_dof
     jacobians = linearised.jacobians
-    whitening = linearised.whitening
+    inverse_covariance = linearised.inverse_covariance
     residuals = linearised.residuals
     for n in range(len(chi2_per_dof)):
         if np.isnan(chi2_per_dof[n]):
@@ -183,7 +183,8 @@ def _add_normal_equations(
         weight = geman_mcclure_weight(chi2_per_dof[n], scale)
         jacobian = jacobians[n]
         for i in range(4):
-            p, q, r, s = whitening[n, i, 0], whitening[n, i, 1], whitening[n, i, 2], whitening[n, i, 3]
+            p, q = inverse_covariance[n, i, 0], inverse_covariance[n, i, 1]
+            r, s = inverse_covariance[n, i, 2], inverse_covariance[n, i, 3]
             for a in range(6):
                 product = p * jacobian[0, a] + q * jacobian[1, a] + r * jacobian[2, a] + s * jacobian[3, a]
                 weighted[i, a] = weight * product

@@ -125,7 +125,7 @@ def _step_equations(
     jacobian[:, 3, SHIFT] = x * y
     jacobian[:, 0, SHEAR.start] = left_xy[:, 1]
     jacobian[:, 2, SHEAR.start + 1] = y
-    weighted = (linearised.whitening * weight[:, None, None] @ jacobian).reshape(-1, UNKNOWNS)
+    weighted = (linearised.inverse_covariance * weight[:, None, None] @ jacobian).reshape(-1, UNKNOWNS)
     return _StepEquations(weighted.T @ jacobian.reshape(-1, UNKNOWNS), weighted.T @ linearised.residuals.ravel())
 
 

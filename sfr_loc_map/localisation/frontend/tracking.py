@@ -51,7 +51,7 @@ SWAPPED_STEREO_FRACTION = 0.6
 """Minimum fraction of inliers observed in both images if the left and right images are swapped. It is a majority, and
 twice the limit for one-sided pairs (`guards.MIN_STEREO_FRACTION`)."""
 PIXEL_FLOOR = 0.05
-"""Minimum standard deviation of an observation, px. Values from 0.01 to 0.03 were tried
+"""Standard deviation added in quadrature to that of each observation, px. Values from 0.01 to 0.03 were tried
 (measurements/localiser_trials.md, "What limits it, and what was tried")."""
 RESIDUAL_GAIN = 1.2  #: Ratio of the noise variance to the squared residual of a patch. Chosen on rendered drives.
 EDGE_RESIDUALS = (0.5, 4.0)
@@ -62,7 +62,7 @@ MIN_RESIDUAL = 1e-6  #: Minimum of the median residual, grey levels. It prevents
 EDGE_FOCAL_PX = 600.0
 """Focal length, px, at and above which edges of stones limit the pose more than image noise. The visible edge of a
 stone is a different point of the stone from each position, which biases the rotation. Landmarks with a large residual
-therefore have a larger minimum standard deviation."""
+therefore have a larger added standard deviation."""
 MIN_TEXTURE = 1.0
 """Minimum standard deviation of the coarsest pyramid level of a textured image, grey levels. Image noise of 8 grey
 levels has a standard deviation of 1 after averaging over 8 x 8 px."""
@@ -101,7 +101,7 @@ class Tracks:
     """
 
     pose: Pose  #: Left camera in the world.
-    information: FloatArray  #: `(6, 6)` information matrix of the pose, given the landmarks.
+    information: FloatArray  #: `(6, 6)` information of the pose given the keyframes; the landmarks are marginalised.
     landmarks: Landmarks  #: The M landmarks that were searched for.
     observations: FloatArray  #: `(M, 4)` u, v left, u, v right, px; NaN where a landmark was not found.
     variance: FloatArray  #: `(M, 2, 3)` uu, uv, vv of the left and right observations, px^2.
