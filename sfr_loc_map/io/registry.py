@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from sfr_loc_map.config import changed
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import check_regular, refusing
@@ -18,7 +19,7 @@ from sfr_loc_map.io.layouts.folder import is_folder, open_folder
 from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_folder
 from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source, SourceFormat
-from sfr_loc_map.io.source_config import SourceConfig, SyncConfig, source_config
+from sfr_loc_map.io.source_config import SourceConfig, source_config
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.read import truth_of_data_set, truth_of_path
 from sfr_loc_map.io.truth.tracked_body import RB_ITSELF
@@ -57,21 +58,26 @@ class Reader(NamedTuple):
 
     matches: Callable[[Path], bool]  #: Whether a path has this layout.
     open: Opener  #: The drive of a layout of files must be an `ImageFileSequence`, see `_configured`.
+    ignored: tuple[str, ...] = ()  #: Beginnings of the settings that do not apply, because the files have the values.
 
 
+_STATED = ("sync.", "calibration.")  #: Files that list the stereo pairs and contain the calibration.
 READERS: dict[SourceFormat, Reader] = {
     SourceFormat.BAG: Reader(is_bag, _open_bag),
-    SourceFormat.FOLDER: Reader(is_folder, _configured(lambda path, _: open_folder(path))),
-    SourceFormat.KITTI: Reader(is_kitti, _configured(lambda path, _: open_kitti(path))),
-    SourceFormat.EUROC: Reader(is_euroc, _configured(open_euroc)),
-    SourceFormat.IMAGES: Reader(is_image_folder, _configured(open_image_folder)),
+    SourceFormat.FOLDER: Reader(is_folder, _configured(lambda path, _: open_folder(path)), _STATED),
+    SourceFormat.KITTI: Reader(is_kitti, _configured(lambda path, _: open_kitti(path)), _STATED),
+    SourceFormat.EUROC: Reader(is_euroc, _configured(open_euroc), ("sync.stamps", "calibration.")),
+    SourceFormat.IMAGES: Reader(
+        is_image_folder,
+        _configured(open_image_folder),
+        ("sync.stamps", "calibration.baseline_m", "calibration.stereo_layout"),
+    ),
 }
 """The readers of all layouts, in the order of detection.
 
 Trajectories, calibrations and clouds are recognised in `tables/pose_columns.py`, `calibration/calibration_file.py` and
 `clouds/cloud_file.py`.
 """
-STATED_PAIRS = (SourceFormat.FOLDER, SourceFormat.KITTI)  #: Formats whose files list the stereo pairs.
 
 
 def open_source(path: Path, config: SourceConfig | None = None) -> Source:
@@ -79,9 +85,11 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
     path = Path(path)
     name = format_of(path)
     config = source_config(path) if config is None else config
-    if name in STATED_PAIRS and config.sync != SyncConfig():
-        _log.warning(f"'{path}': sync.* is ignored because the files list the stereo pairs")
-    source = READERS[name].open(path, config)
+    reader = READERS[name]
+    settings = changed(config.sync, "sync.") | changed(config.calibration, "calibration.")
+    if ignored := [setting for setting in settings if setting.startswith(reader.ignored)]:
+        _log.warning(f"'{path}': {', '.join(ignored)} ignored: the files of this format have these values")
+    source = reader.open(path, config)
     named = Path(config.truth.source)
     if config.truth.source and named.exists():  # otherwise a topic of the bag
         source = replace(source, truth_files=(*source.truth_files, named))

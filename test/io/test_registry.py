@@ -11,6 +11,7 @@ from helpers import made_layouts as made
 from helpers.made_worlds import make_world, write_folder
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 
 LAYOUTS: dict[str, Callable[[Path], Path]] = {
     "folder": lambda path: write_folder(path, make_world()),
@@ -63,3 +64,16 @@ def test_a_pair_without_its_image_is_left_out_and_counted(tmp_path: Path, layout
         file.unlink()
     with pytest.raises(InputError, match=r"lists missing images: .*; restore them|stamps within|has no image"):
         open_source(path)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_settings_that_do_not_apply_to_a_layout_are_reported(
+    tmp_path: Path, layout: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = LAYOUTS[layout](tmp_path / "a")
+    open_source(folder, SourceConfig())
+    assert "ignored" not in caplog.text
+    sync = SyncConfig(stamps="record", stamp_tolerance_s=0.004)
+    open_source(folder, SourceConfig(calibration=CalibrationConfig(baseline_m=0.2), sync=sync))
+    names = {"euroc": "sync.stamps, calibration.baseline_m"}
+    assert names.get(layout, "sync.stamp_tolerance_s, sync.stamps, calibration.baseline_m") + " ignored" in caplog.text
