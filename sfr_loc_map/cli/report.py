@@ -256,15 +256,15 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
     from sfr_loc_map.report.comparison import FIRST_TABLES, comparison_tables, summary_of
     from sfr_loc_map.report.methods_page import methods_plots, methods_tables, names_of
     from sfr_loc_map.report.page import render_overview
-    from sfr_loc_map.report.summary import Overall
+    from sfr_loc_map.report.summary import Banner
 
     _check_page(page)
     names = names_of(paths, scores)
     result = compare_scores(scores, names)
     tables = [*methods_tables(scores, names), *comparison_tables(result)]
     if page is not None:
-        overall, plots = Overall.without_verdict(*summary_of(result)), methods_plots(scores, names)
-        write_text(render_overview("Comparison of scores", overall, tables, plots, FIRST_TABLES), page)
+        banner, plots = Banner.without_verdict(*summary_of(result)), methods_plots(scores, names)
+        write_text(render_overview("Comparison of scores", banner, tables, plots, FIRST_TABLES), page)
         propose(f"open {page} in a browser")
     else:
         propose("... -o comparison.html", why="the same as a page with figures")
@@ -280,7 +280,7 @@ def _check_page(page: Path | None) -> None:
 def _compare_suites(folders: list[Path], page: Path | None, json_path: str | None) -> None:
     """Compare two suites over their common drives: better, worse, or no difference shown."""
     from sfr_loc_map.report.page import render_overview
-    from sfr_loc_map.report.summary import Overall
+    from sfr_loc_map.report.summary import Banner
     from sfr_loc_map.suite.pages.tables import comparison_tables
     from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.statistics.comparison import compare_suites
@@ -294,7 +294,7 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
     result = compare_suites(reference, compared, (str(folders[0]), str(folders[1])))
     tables = comparison_tables(result)
     if page is not None:
-        write_text(render_overview("Comparison of suites", Overall.without_verdict("tables", ""), tables), page)
+        write_text(render_overview("Comparison of suites", Banner.without_verdict("tables", ""), tables), page)
         propose(f"open {page} in a browser")
     else:
         propose("sfr", "suite", "history", *folders, why="when and where the figures became worse")

@@ -30,7 +30,7 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
     from sfr_loc_map.metrics.score_json import to_dict
     from sfr_loc_map.report.page import write_page
     from sfr_loc_map.report.score_tables import summary_tables
-    from sfr_loc_map.report.summary import look_first, overall_of, run_facts
+    from sfr_loc_map.report.summary import banner_of, look_first, run_facts
 
     tables = summary_tables(score)
     if not tables and json_path != STANDARD_OUTPUT:
@@ -38,11 +38,11 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
     show(to_dict(score), json_path, tables)
     if json_path != STANDARD_OUTPUT:
         if is_judged(score) and score.contradiction is None:  # a contradiction is raised as the error of the command
-            facts, overall, made = dict(run_facts(score)), overall_of(score), score.provenance
+            facts, banner, made = dict(run_facts(score)), banner_of(score), score.provenance
             limits = None if made is None else made.inputs.get("limits")
             by = "" if limits is None else f"; by {limits.path}"
             say(f"judged: {'; '.join(facts[name] for name in ('Drive', 'Map') if name in facts)}{by}")
-            say(f"verdict: {overall.state}. {overall.text}")
+            say(f"verdict: {banner.state}. {banner.text}")
         for item in look_first(score)[:1]:
             say(f"look at this first: {item.what}. {item.why}")
     if html is not None:

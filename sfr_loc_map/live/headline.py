@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from sfr_loc_map.report.limit_bars import LimitBar
-from sfr_loc_map.report.summary import Overall
+from sfr_loc_map.report.summary import Banner
 
-NO_FIGURES = Overall.without_verdict("waiting", "No figures yet: waiting for metrics/report of the monitor.")
+NO_FIGURES = Banner.without_verdict("waiting", "No figures yet: waiting for metrics/report of the monitor.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Headline:
 
 
 def headline(
-    overall: Overall | None,
+    overall: Banner | None,
     bars: Sequence[LimitBar],
     *,
     age_s: float | None,

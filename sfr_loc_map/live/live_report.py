@@ -12,7 +12,7 @@ from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.report.limit_bars import limit_bars
 from sfr_loc_map.report.plotted_data import error_sizes
 from sfr_loc_map.report.score_tables import score_tables
-from sfr_loc_map.report.summary import overall_of
+from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.tables import Cell, Table
 
 
@@ -21,7 +21,7 @@ class LiveReport:
 
     def __init__(self, score: Score, received_s: float) -> None:
         self.score, self.received_s, self.content = score, received_s, to_dict(score)
-        self.overall, self.tables, self.bars = overall_of(score), score_tables(score), limit_bars(score)
+        self.overall, self.tables, self.bars = banner_of(score), score_tables(score), limit_bars(score)
 
     def ended(self, missing: str) -> LiveReport:
         """Return the report after the end of the run, when the run may be incomplete; the figures are unchanged."""

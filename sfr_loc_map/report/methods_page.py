@@ -17,7 +17,7 @@ from sfr_loc_map.report.comparison import optional_cell
 from sfr_loc_map.report.plotted_data import errors_by_range, path_errors, path_of
 from sfr_loc_map.report.score_plots import growth
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text
-from sfr_loc_map.report.summary import overall_of
+from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.tables import ABSENT, MARKS, PERCENT, Cell, Column, Row, Table, Unit, fitting, number
 
 MAX_LETTERS = 60  #: Maximum length of a name in a legend.
@@ -113,7 +113,7 @@ def _methods(named: Named) -> Table:
 
 
 def _verdict(score: Score) -> Cell:
-    return Cell.verdict(overall_of(score).state)
+    return Cell.verdict(banner_of(score).state)
 
 
 def _kind(score: Score) -> Cell:

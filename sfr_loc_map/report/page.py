@@ -22,11 +22,11 @@ from sfr_loc_map.report.plotted_data import path_of
 from sfr_loc_map.report.score_plots import score_plots
 from sfr_loc_map.report.score_tables import FIRST_TABLES, score_tables
 from sfr_loc_map.report.summary import (
+    Banner,
     LookFirst,
-    Overall,
+    banner_of,
     data_set_name,
     look_first,
-    overall_of,
     provenance_texts,
     run_facts,
 )
@@ -45,7 +45,7 @@ class Page:
     title: str
     made: str = ""  #: Time and version below the title; empty for a score, whose header has both.
     facts: Sequence[tuple[str, str]] = ()  #: Header of a score: names and texts.
-    overall: Overall  #: Banner.
+    banner: Banner
     look_first: Sequence[LookFirst] = ()
     first_tables: Sequence[Table] = ()
     sections: Sections = ()
@@ -75,7 +75,7 @@ def render_page(score: Score, *, plots: bool = True) -> str:
     page = Page(
         title=f"{name}: {TITLE[0].lower()}{TITLE[1:]}" if name else TITLE,
         facts=run_facts(score),
-        overall=overall_of(score),
+        banner=banner_of(score),
         look_first=look_first(score),
         first_tables=first,
         sections=score_plots(score) if plots else (),
@@ -87,14 +87,14 @@ def render_page(score: Score, *, plots: bool = True) -> str:
 
 
 def render_overview(
-    title: str, overall: Overall, tables: Sequence[Table], sections: Sections = (), first: Collection[str] = ()
+    title: str, banner: Banner, tables: Sequence[Table], sections: Sections = (), first: Collection[str] = ()
 ) -> str:
     """Return a page about many scores as HTML; `first` names the tables above the plots."""
     first_tables, others = parted(tables, first)
     page = Page(
         title=title,
         made=f"{datetime.now(UTC).isoformat(timespec='seconds')} \u00b7 sfr_loc_map {__version__}",
-        overall=overall,
+        banner=banner,
         first_tables=first_tables,
         sections=sections,
         tables=others,

@@ -33,7 +33,7 @@ MOST_TO_LOOK_AT = 5  #: Maximum number of items to look at.
 
 
 @dataclass(frozen=True, slots=True)
-class Overall:
+class Banner:
     """The banner of a page: word, sentences, style sheet class and icon."""
 
     state: str
@@ -42,7 +42,7 @@ class Overall:
     icon: str
 
     @classmethod
-    def of(cls, state: VerdictState | None, text: str) -> Overall:
+    def of(cls, state: VerdictState | None, text: str) -> Banner:
         """Return the banner of a verdict; None is no verdict."""
         if state is None:
             return cls.without_verdict(NO_VERDICT, text)
@@ -50,17 +50,17 @@ class Overall:
         return cls(state.value, text, style.css, style.icon)
 
     @classmethod
-    def without_verdict(cls, heading: str, text: str) -> Overall:
+    def without_verdict(cls, heading: str, text: str) -> Banner:
         """Return the banner of a page that has no verdict."""
         return cls(heading, text, OPEN.css, NO_VERDICT_ICON)
 
 
-def overall_of(score: Score) -> Overall:
+def banner_of(score: Score) -> Banner:
     """Return the banner with the verdict of a score."""
-    return Overall.of(score.verdict, _overall_text(score))
+    return Banner.of(score.verdict, _banner_text(score))
 
 
-def _overall_text(score: Score) -> str:
+def _banner_text(score: Score) -> str:
     if score.contradiction is not None and not score.fatal_findings:
         return f"Not judged: {score.contradiction}"
     sentences = []

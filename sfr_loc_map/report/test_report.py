@@ -24,7 +24,7 @@ from sfr_loc_map.report.notes import NO_INTERVAL
 from sfr_loc_map.report.page import from_template
 from sfr_loc_map.report.printed_plot import DRAWING, PrintedPlot, printed_plots
 from sfr_loc_map.report.score_tables import table_of
-from sfr_loc_map.report.summary import NO_VERDICT, Overall, overall_of
+from sfr_loc_map.report.summary import NO_VERDICT, Banner, banner_of
 from sfr_loc_map.report.tables import OPEN, UNKNOWN, Table
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 
@@ -79,7 +79,7 @@ class ScoreSection(NamedTuple):
 
     number: int  #: From 1.
     command: str  #: Command line.
-    overall: Overall
+    banner: Banner
     item: dict[str, str]  #: Item under test: names and texts.
     inputs: list[InputRow]
     results: list[ResultRow]
@@ -94,7 +94,7 @@ class SignedReport:
     title: str
     number: str
     issue: str
-    overall: Overall
+    banner: Banner
     no_common_verdict: str  #: Why the scores have no common verdict; empty if they have one.
     sections: list[ScoreSection]  #: Item under test, procedure, data and results of each score.
     clauses: list[tuple[str, str]]  #: Clauses of the document and their texts.
@@ -120,7 +120,7 @@ def render_test_report(
         title=title or "Test report",
         number=printable(number),
         issue=printable(issue),
-        overall=overall_of_all(common, [section.overall for section in sections]),
+        banner=banner_of_all(common, [section.banner for section in sections]),
         no_common_verdict=common.text,
         sections=sections,
         clauses=[(clause, CLAUSES[clause]) for clause in clauses_used(scores)],
@@ -141,7 +141,7 @@ def _section(score: Score, number: int) -> ScoreSection:
     return ScoreSection(
         number=number,
         command=UNKNOWN if made is None else made.command or UNKNOWN,
-        overall=overall_of(score),
+        banner=banner_of(score),
         item=_item(score),
         inputs=[InputRow(role, printable(file.path), file.sha256) for role, file in files.items()],
         results=list(_results(score, number)),
@@ -160,12 +160,12 @@ def _named(suffix: str, tables: Sequence[Table]) -> list[Table]:
     return [replace(table, name=f"{table.name}-{suffix}") for table in tables]
 
 
-def overall_of_all(common: Common, overalls: Sequence[Overall]) -> Overall:
+def banner_of_all(common: Common, banners: Sequence[Banner]) -> Banner:
     """Return the headline verdict: the worst verdict of the scores; pass requires that all scores pass."""
     if common.text:
-        return Overall("no common verdict", common.text, OPEN.css, OPEN.icon)
+        return Banner("no common verdict", common.text, OPEN.css, OPEN.icon)
     wanted = common.state or NO_VERDICT
-    return next(item for item in overalls if item.state == wanted)
+    return next(item for item in banners if item.state == wanted)
 
 
 def _of_all(scores: Sequence[Score], texts_of: Callable[[Score], Iterator[str]]) -> list[str]:

@@ -29,7 +29,7 @@ from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.plotted_data import error_sizes
 from sfr_loc_map.report.printed_plot import printed_plots
 from sfr_loc_map.report.score_tables import score_tables, table_of
-from sfr_loc_map.report.summary import overall_of
+from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.test_report import clauses_used, render_test_report
 from sfr_loc_map.report.verdict_view import VerdictView
 
@@ -274,10 +274,10 @@ def test_a_report_lists_the_clauses_of_its_limits_alone() -> None:
 def test_the_banner_counts_every_limit() -> None:
     part = scores()[2]
     many = len(part.on_limits)
-    assert f" of {many} limits met" in overall_of(part).text
+    assert f" of {many} limits met" in banner_of(part).text
     incomplete = sum(item.state is VerdictState.INCOMPLETE for item in part.on_limits)
     assert incomplete
-    assert f"{incomplete} on incomplete data" in overall_of(part).text
+    assert f"{incomplete} on incomplete data" in banner_of(part).text
 
 
 def test_the_figure_on_paper_shows_the_error_of_each_sub_trajectory() -> None:

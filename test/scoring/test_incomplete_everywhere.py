@@ -29,7 +29,7 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import render_page
-from sfr_loc_map.report.summary import overall_of
+from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.runs.call_stats import stats_of
 from sfr_loc_map.runs.calls import CallRecord
@@ -185,7 +185,7 @@ def saved(made: Made) -> Score:
 
 def of_report(made: Made) -> str:
     score = from_json(to_json(scored(made)))
-    state = overall_of(score).state
+    state = banner_of(score).state
     assert f"<strong>{state.upper()}</strong>" in render_page(score, plots=False)
     return state
 

@@ -29,7 +29,7 @@ from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore, MethodKind,
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.nodes.replay.external_poses import with_converted_poses
-from sfr_loc_map.report.summary import overall_of
+from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.runs.offline import MapRun, map_pairs
 from sfr_loc_map.runs.replay_files import ReplayFiles, save_replay
@@ -132,7 +132,7 @@ def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
         if score.incomplete:
             expected = ["incomplete", "incomplete" if rows else "not enough data"]
         assert [item.state for item in score.verdicts] == expected
-        assert overall_of(score).state == expected[0]
+        assert banner_of(score).state == expected[0]
         if rows:
             offline = score_files(ScoreInputs.of(files.estimate, source.path), config)
             about = ((each.association, each.rows(subject="trajectory")) for each in (offline, score))

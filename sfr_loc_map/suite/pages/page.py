@@ -11,7 +11,7 @@ from sfr_loc_map.metrics.table import Figure, find_rows
 from sfr_loc_map.metrics.verdict import counts_of
 from sfr_loc_map.report.page import render_overview, render_page
 from sfr_loc_map.report.plots import Plot, Values, axis, error_scale, largest, log_axis, marks, plain, scaled, span
-from sfr_loc_map.report.summary import Overall
+from sfr_loc_map.report.summary import Banner
 from sfr_loc_map.suite.pages.export import write_parquet
 from sfr_loc_map.suite.pages.tables import FIRST_TABLES, PAGES, history_tables, linked, suite_tables
 from sfr_loc_map.suite.running.store import Store
@@ -42,8 +42,8 @@ def render_summary(summary: Summary) -> str:
     sections = [("Error budget", [budget_plot(budget)]) for budget in summary.budgets[:1]]
     if plots := _error_plots(summary):
         sections.append(("Errors", plots))
-    overall = Overall.of(summary.verdict, text)
-    return render_overview("Suite of runs", overall, suite_tables(summary), sections, FIRST_TABLES)
+    banner = Banner.of(summary.verdict, text)
+    return render_overview("Suite of runs", banner, suite_tables(summary), sections, FIRST_TABLES)
 
 
 def _error_plots(summary: Summary) -> list[Plot]:
@@ -103,8 +103,8 @@ def render_history(history: History) -> str:
         trace = marks("all drives", _columns([*enumerate(values, 1)]), "@one")
         layout = {"xaxis": axis("night", dtick=None), "yaxis": axis(figure)}
         plots.append(Plot(f"history-{number}", figure, caption, [trace], layout))
-    overall = Overall.without_verdict(heading, text)
-    return render_overview("History of suites", overall, history_tables(history), [("Figures", plots)])
+    banner = Banner.without_verdict(heading, text)
+    return render_overview("History of suites", banner, history_tables(history), [("Figures", plots)])
 
 
 def _columns(rows: Sequence[tuple[int, float | None]], factor: float = 1.0) -> list[Values]:

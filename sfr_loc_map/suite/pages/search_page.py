@@ -8,7 +8,7 @@ from sfr_loc_map.metrics.catalogue import statistic_title, title_of
 from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.report.page import render_overview
 from sfr_loc_map.report.plots import Plot, axis, colour_bar, log_axis, marks, plain, span
-from sfr_loc_map.report.summary import Overall
+from sfr_loc_map.report.summary import Banner
 from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
 from sfr_loc_map.suite.search.run import SearchResult
 from sfr_loc_map.suite.search.worst_case import Coverage, Slice
@@ -73,8 +73,8 @@ def render_search(result: SearchResult) -> str:
         text += f"; {len(result.left_out)} scenarios cannot be run and are skipped"
     state = VerdictState.FAIL if missed else None
     plots = [_course(result), *(_slice_plot(result, number) for number in range(len(result.slices)))]
-    overall = Overall.of(state, f"{text}.")
-    return render_overview("Search for the worst case", overall, search_tables(result), [("Search", plots)])
+    banner = Banner.of(state, f"{text}.")
+    return render_overview("Search for the worst case", banner, search_tables(result), [("Search", plots)])
 
 
 def _course(result: SearchResult) -> Plot:
