@@ -10,11 +10,12 @@ from typing import Any
 from distributed import WorkerPlugin
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.suite.running import job_run
 from sfr_loc_map.suite.running.job import Job
 
 
-def misbehave(job: Job, scratch: Path, cache: Path) -> Any:
+def misbehave(job: Job, scratch: Path, cache: Path) -> Score:
     tried = cache / job.source.name
     with tried.open("a") as stream:
         stream.write("x")
@@ -33,7 +34,7 @@ def misbehave(job: Job, scratch: Path, cache: Path) -> Any:
             raise ValueError("odd")
         case "flaky" if tried.stat().st_size < 2:
             os.abort()
-    return {}
+    return Score()
 
 
 class Misbehaving(WorkerPlugin):
