@@ -195,7 +195,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def on_pair(self, pair: ReceivedPair) -> None:
         """Enqueue a pair for the worker."""
-        self._extrinsics.look(pair.frame_id, pair.rig.baseline_m, self.get_logger().info)
+        self._extrinsics.search(pair.frame_id, pair.rig.baseline_m, self.get_logger().info)
         self.worker.enqueue_droppable(partial(self._process, pair))
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:

@@ -305,15 +305,15 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _on_configuration(self, task: Task, message: String) -> None:
         if len(message.data) > MAX_TEXT_BYTES:  # the configuration becomes part of every report
             raise InputError(
-                f"{task}/configuration has {len(message.data)} characters, at most {MAX_TEXT_BYTES} are allowed: "
-                "ignored"
+                f"{configuration_topic(task)} has {len(message.data)} characters, at most {MAX_TEXT_BYTES} are "
+                "allowed: ignored"
             )
         try:
             found = parse_json(message.data)
         except ValueError as error:
-            raise InputError(f"{task}/configuration is not JSON ({error}): ignored") from error
+            raise InputError(f"{configuration_topic(task)} is not JSON ({error}): ignored") from error
         if not isinstance(found, dict):
-            raise InputError(f"{task}/configuration is not a JSON object of parameters: ignored")
+            raise InputError(f"{configuration_topic(task)} is not a JSON object of parameters: ignored")
         self._configurations[task] = found
 
     def _score_maps(self) -> None:

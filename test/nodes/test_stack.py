@@ -124,12 +124,12 @@ def test_extrinsics_follow_from_the_frames_of_drivers(driver: str) -> None:
     extrinsics = Extrinsics(ExtrinsicsConfig(), "", "locsb")
     chain = ("base_footprint", "base_link", "mast", *DRIVERS[driver])
     for parent, child in pairwise(chain):
-        extrinsics.look(chain[-1], 0.12, said.append)
+        extrinsics.search(chain[-1], 0.12, said.append)
         assert extrinsics.T_rb_sb is None
         turn = OPTICAL if child == chain[-1] else (0.0, 0.0, 0.0, 1.0)
         xyz = (0.1, 0.06, 0.5) if child == "mast" else (0.0, 0.0, 0.0)
         add_static_transforms(tf(parent, child, xyz, turn), extrinsics._tree)
-    extrinsics.look(chain[-1], 0.12, said.append)
+    extrinsics.search(chain[-1], 0.12, said.append)
     assert [text.partition(";")[0] for text in said] == [
         f"extrinsics of the stereo rig from /tf_static: base_link to {chain[-1]}"
     ]

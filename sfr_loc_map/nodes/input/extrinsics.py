@@ -50,7 +50,7 @@ class Extrinsics:
         source = "/tf_static is awaited" if kind else "tf2_msgs for /tf_static is not installed"
         say(f"the extrinsics of the stereo rig (parameters T_rb_locsb) are not given: {source}")
 
-    def look(self, camera_frame: str, baseline_m: float, say: Callable[[str], object]) -> None:
+    def search(self, camera_frame: str, baseline_m: float, say: Callable[[str], object]) -> None:
         """Search the received transforms for the frame of the left camera; report found extrinsics through `say`."""
         if self.T_rb_sb is None:
             found = rig_in_body(self._tree, camera_frame, baseline_m, self._base_frame, self._sb_frame)

@@ -27,7 +27,7 @@ from sfr_loc_map.nodes.ros.environment import EXPORT_LINE
 from sfr_loc_map.nodes.ros.messages import check_image
 from sfr_loc_map.nodes.ros.qos import RELIABILITIES, profile
 from sfr_loc_map.nodes.ros.transport import TransportGaps
-from sfr_loc_map.run_order import AGREEING, RunOrder
+from sfr_loc_map.run_order import RunOrder
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.topics import COMPRESSED_END
 
@@ -125,7 +125,7 @@ class StereoInput:
         on_pair: Callable[[ReceivedPair], None],
         on_rig: Callable[[StereoRig], None],
         on_new_run: Callable[[str], None],
-        agreeing: int = AGREEING,
+        agreeing: int,
     ) -> None:
         """Set the callbacks; `subscribe` starts the reception.
 
@@ -147,7 +147,7 @@ class StereoInput:
         self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
         self._gaps: dict[str, TransportGaps] = {}  # by topic
         self._remove_compressed: dict[Side, Callable[[], object]] = {}
-        self._judged = 0, 0  # images lost and sent when the lost fraction was last computed
+        self._counts_at_last_share = 0, 0  # images lost and sent when the lost fraction was last computed
         self.reset_received()
         self._forget_cameras()
 
@@ -304,10 +304,10 @@ class StereoInput:
         """Return the fraction of recent images that were lost in transport; 0 for fewer than `LOSS_WINDOW` images."""
         lost = sum(gaps.lost for gaps in self._gaps.values())
         sent = lost + sum(gaps.count for gaps in self._gaps.values())
-        lost_before, sent_before = self._judged
+        lost_before, sent_before = self._counts_at_last_share
         if sent - sent_before < LOSS_WINDOW:
             return 0.0
-        self._judged = lost, sent
+        self._counts_at_last_share = lost, sent
         return (lost - lost_before) / (sent - sent_before)
 
     def _hand_over(self, rig: StereoRig, images: tuple[ReceivedImage, ReceivedImage]) -> None:

@@ -269,9 +269,9 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything after a transition that raised an exception, so that the node can be configured again."""
-        broke = self._last_error
+        cause = self._last_error
         result = self._run("error", NodeState.UNCONFIGURED, self._deactivate, self._clean_up)
-        self.status.note_problem(Level.ERROR, f"a transition failed with an exception: {broke}")
+        self.status.note_problem(Level.ERROR, f"a transition failed with an exception: {cause}")
         return result
 
     def destroy_node(self) -> None:
@@ -325,11 +325,11 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.endpoints.add_timer(LOG_PERIOD_S, self.report_periodically)
 
     def _log_endpoints(self) -> None:
-        heard = ", ".join(subscription.topic_name for subscription in self.subscriptions)
-        told = [publisher.topic_name for publisher in self.publishers if isinstance(publisher, LifecyclePublisher)]
+        subscribed = ", ".join(subscription.topic_name for subscription in self.subscriptions)
+        outputs = [publisher.topic_name for publisher in self.publishers if isinstance(publisher, LifecyclePublisher)]
         offered = ", ".join(service.srv_name for service in self.services if service.srv_type is Trigger)
-        published = ", ".join([self.status.publisher.topic_name, *told])
-        self.get_logger().info(f"listens to {heard}; publishes {published}; offers {offered}")
+        published = ", ".join([self.status.publisher.topic_name, *outputs])
+        self.get_logger().info(f"listens to {subscribed}; publishes {published}; offers {offered}")
 
     def _deactivate(self) -> None:
         self.endpoints.active.close()

@@ -4,7 +4,7 @@ Every field is set to a plain Python number, because message classes accept nump
 values. Invalid messages (NaN, too few bytes, a wrong size or type) raise an InputError.
 
 The ROS orientation of RB in DS rotates components from RB to DS. It is therefore `Transform.quat_xyzw`, the conjugate
-of the source document's `att_q_DsToRb`. Only this module converts between the two.
+of the source document's `att_q_DsToRb`.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, refusing, stamp_of
 from sfr_loc_map.io.images.codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, unread_codec
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstimate
+from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
 
 if TYPE_CHECKING:
     from sfr_loc_map.mapping.search_range import SearchRange
-from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
 
 _LETTERS = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
 POINT_TYPES = {np.dtype(name).type: code for code, name in enumerate(_LETTERS, PointField.INT8)}
