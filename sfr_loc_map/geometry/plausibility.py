@@ -23,9 +23,9 @@ BASELINE_M = (1e-4, 100.0)  #: Shortest and longest baseline, metres: from stere
 MAX_DISTORTION = 100.0  #: Largest distortion coefficient; rational models reach several tens.
 MAX_EXTRINSICS_M = 100.0  #: Largest coordinate of a camera in the frame of its rover, metres.
 MAX_POSITION_M = 1e9  #: Largest coordinate of a position, metres: float64 still resolves 1 um at this distance.
-QUATERNION_TOLERANCE = 1e-2
+ROTATION_TOLERANCE = 1e-2
 """Largest deviation of a quaternion's norm from 1, and of R R^T from I; numbers in files are rounded."""
-QUATERNION_SQUARES = (1.0 - QUATERNION_TOLERANCE) ** 2, (1.0 + QUATERNION_TOLERANCE) ** 2
+QUATERNION_SQUARES = (1.0 - ROTATION_TOLERANCE) ** 2, (1.0 + ROTATION_TOLERANCE) ** 2
 """Smallest and largest squared norm of a quaternion."""
 MAX_VARIANCE = 1e6  #: Largest variance of a valid covariance, m^2 and rad^2: a standard deviation of 1 km.
 MAX_ASYMMETRY = 1e-6  #: Largest asymmetry, and largest negative eigenvalue, relative to the largest variance.
@@ -73,11 +73,11 @@ def check_distortion(coefficients: ArrayLike) -> None:
 
 
 def plausible_rotations(rotations: FloatArray) -> Mask:
-    """Return whether each matrix `(..., 3, 3)` is a rotation within `QUATERNION_TOLERANCE`, `(...,)`."""
+    """Return whether each matrix `(..., 3, 3)` is a rotation within `ROTATION_TOLERANCE`, `(...,)`."""
     bounded = np.asarray((np.abs(rotations) <= 2.0).all(axis=(-2, -1)))
     safe = np.where(bounded[..., None, None], rotations, 0.0)
     defects = np.abs(safe @ np.swapaxes(safe, -1, -2) - np.eye(3)).max(axis=(-2, -1))
-    return np.asarray((defects <= QUATERNION_TOLERANCE) & (np.linalg.det(safe) > 0))
+    return np.asarray((defects <= ROTATION_TOLERANCE) & (np.linalg.det(safe) > 0))
 
 
 def plausible_positions(positions: FloatArray) -> Mask:
@@ -87,7 +87,7 @@ def plausible_positions(positions: FloatArray) -> Mask:
 
 
 def plausible_quats(quats_xyzw: FloatArray) -> Mask:
-    """Return whether each quaternion `(..., 4)` has unit norm within `QUATERNION_TOLERANCE`, `(...,)`."""
+    """Return whether each quaternion `(..., 4)` has unit norm within `ROTATION_TOLERANCE`, `(...,)`."""
     with np.errstate(over="ignore"):
         squares = np.einsum("...i,...i->...", quats_xyzw, quats_xyzw)
     low, high = QUATERNION_SQUARES

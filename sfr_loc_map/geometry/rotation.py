@@ -108,6 +108,7 @@ def quat_from_matrix(matrix: ArrayLike) -> FloatArray:
         trace = a + e + i
         squares = (a, e, i, trace)
         largest = squares.index(max(squares)) if trace == trace else 3  # NaN
+        # rows: quaternions times four times x, y, z or w; that of the largest component is the most accurate
         x, y, z, w = (
             (1.0 + 2.0 * a - trace, d + b, c + g, h - f),
             (d + b, 1.0 + 2.0 * e - trace, h + f, c - g),

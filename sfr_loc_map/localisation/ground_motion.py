@@ -116,7 +116,8 @@ class Ground(NamedTuple):
     findings: Findings
     not_ground: NDArray[np.intp]  #: `(N,)` window rows of the landmarks that do not move with the ground.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
-    memory_if_refused: GroundMemory  #: Memory after the pair if its pose is refused.
+    #: Memory after the pair if its pose is refused: that before the pair, unless the image contradicts the pose.
+    memory_if_refused: GroundMemory
     memory_if_accepted: GroundMemory  #: Memory if the pose is accepted, but later pairs are not compared with the pair.
     memory_if_reference: GroundMemory  #: Memory if the pose is accepted, and later pairs may be compared with the pair.
 

@@ -108,7 +108,7 @@ class Tracks:
     chi2_per_dof: FloatArray  #: `(M,)` squared Mahalanobis residual per degree of freedom; NaN if not found.
     inliers: Mask  #: `(M,)` landmarks whose residual passes the gate.
     inlier_count: int  #: Number of inliers.
-    is_trusted: bool  #: Whether enough landmarks were found, and enough of the found landmarks are inliers.
+    is_trusted: bool  #: Whether enough landmarks were found, and enough of these are inliers (`Tracker.solve`).
 
     @property
     def observed(self) -> StereoObservations:
@@ -230,12 +230,12 @@ class Tracker:
     ) -> Tracks:
         """Solve for the pose with all landmarks. Those in `was_tracked` keep their observations; `rest` is observed."""
         of_rest = self.observe(frame, rest, tracks.pose, offset)
-        still_there = tracks.landmarks.among(landmarks)
+        is_in_map = tracks.landmarks.among(landmarks)
         uv = np.empty((len(landmarks.rows), 4))
-        uv[was_tracked] = tracks.observations[still_there]
+        uv[was_tracked] = tracks.observations[is_in_map]
         uv[~was_tracked] = of_rest.uv
         variance = np.empty((len(landmarks.rows), 2, 3))
-        variance[was_tracked] = tracks.variance[still_there]
+        variance[was_tracked] = tracks.variance[is_in_map]
         variance[~was_tracked] = of_rest.variance
         return self.solve(landmarks, StereoObservations(uv, variance), tracks.pose)
 
