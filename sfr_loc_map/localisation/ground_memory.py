@@ -41,9 +41,9 @@ from sfr_loc_map.localisation.findings import Finding, Findings
 from sfr_loc_map.localisation.frontend.cell_change import LEVEL
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame
 
-# The values here, in `ground_evidence` and in `ground_motion` were chosen by hand on rendered drives with injected
-# faults, so that clean drives have no findings, and no error of a faulty drive exceeds five times the stated 3 sigma
-# without a finding.
+# The values here, in `ground_evidence`, in `motion_tools` and in `ground_motion` were chosen by hand on rendered drives
+# with injected faults, so that clean drives have no findings, and no error of a faulty drive exceeds five times the
+# stated 3 sigma without a finding.
 
 AGREEING_PAIRS = 3
 """Number of moving pairs that one motion must explain until it counts as the ground's, or until a doubtful pair has no

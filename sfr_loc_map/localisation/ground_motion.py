@@ -73,10 +73,11 @@ from sfr_loc_map.localisation.frontend.cell_motion import MOVED_PX
 from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracks
 from sfr_loc_map.localisation.ground_cases import EFFECTS, Case, case_of, findings_of
-from sfr_loc_map.localisation.ground_evidence import CLEAR_RATIO, ComparedPair, Evidence, MotionTools
+from sfr_loc_map.localisation.ground_evidence import CLEAR_RATIO, Evidence
 from sfr_loc_map.localisation.ground_memory import MIN_EXCESS, EarlierImage, GroundMemory
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
+from sfr_loc_map.localisation.motion_tools import ComparedPair, MotionTools
 from sfr_loc_map.localisation.parallel import Pending, beside
 from sfr_loc_map.localisation.relocalisation import RecoveryImages
 

@@ -94,12 +94,12 @@ from sfr_loc_map.localisation.findings import Action, Finding, Findings, Verdict
 from sfr_loc_map.localisation.frontend.cell_change import Change
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_shift
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
-from sfr_loc_map.localisation.ground_evidence import MotionTools
 from sfr_loc_map.localisation.ground_memory import GroundMemory
 from sfr_loc_map.localisation.ground_motion import Ground, GroundSelector
 from sfr_loc_map.localisation.guards import ShearMean
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult, max_corners
 from sfr_loc_map.localisation.motion_model import Prediction
+from sfr_loc_map.localisation.motion_tools import MotionTools
 from sfr_loc_map.localisation.pair_statistics import accepted_statistics, displayed, residual_statistics
 from sfr_loc_map.localisation.parallel import BACKGROUND
 from sfr_loc_map.localisation.relocalisation import RESTART_AFTER, RecoveryImages, Relocaliser
