@@ -1,4 +1,15 @@
-"""Scores with provenance from files, data in memory or topics."""
+"""Scores with provenance from files, data in memory or topics.
+
+The modules in the order of their use:
+
+- inputs: `inputs` has the run to be scored (`Run`), and `settings` the settings by name. `load` makes a run from files
+  or data in memory, and reads the estimates of a bag by `bag_estimates`.
+- conventions: `conversion` converts the estimate to poses of RB in DS and diagnoses convention mismatches.
+- score: `score_parts` scores the trajectory, the map and the calls of a run. `assembly` combines these parts to a score
+  with verdicts and warnings. `provenance` has the hashes of the files, the settings and facts of the host.
+- entry points: `score_run` scores a finished run, `score_collected` the messages of a replay. `monitor_score` collects
+  the messages of a live run and scores them by `live_score`.
+"""
 
 import lazy_loader
 
