@@ -1,4 +1,4 @@
-"""Faults of images, stamps and the right camera, as functions of the affected pair."""
+"""Faults of images, stamps and the right camera: functions of the affected pair, and of its stamp."""
 
 from __future__ import annotations
 

@@ -138,7 +138,10 @@ class FaultInjector:
 
 
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:
-    """Return for each pair `(count,)` the first pair of its burst, or -1; bursts are drawn up to the share."""
+    """Return for each pair `(count,)` the first pair of its burst, or -1.
+
+    Bursts are drawn until the share is reached. Complete bursts may exceed the share, other bursts are shortened.
+    """
     starts = np.full(count, UNAFFECTED)
     if fault.kind is FaultKind.START:
         starts[: max(round(fault.amount), 0)] = 0

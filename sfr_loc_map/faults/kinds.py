@@ -1,7 +1,12 @@
 """Kinds of faults that are injected into stereo pairs: failures of cameras, clocks, calibration and view.
 
-`FaultKind` declares the effect, the options and the defaults of each kind. `injector.CHANGES` has the functions that
-change a pair; the injector itself drops pairs and changes the rig.
+`FaultKind` declares the effect, the options and the defaults of each kind. `injector.CHANGES` has the function of each
+kind that changes a pair. Some kinds are implemented in a further place:
+
+- dropped pairs: `FaultInjector.__init__`
+- faults of the calibration (`focal`, `baseline`): `FaultInjector.rig`
+- faults of the stamps (`late`, `clock`): `images.stamp_with_fault` and `images.following_stamp`
+- repeated images (`repeated`, `frozen`): `injector.REPEATING`
 """
 
 from __future__ import annotations
@@ -31,7 +36,7 @@ class KindInfo(NamedTuple):
     share: float = 0.1
     burst: int = 1
     start: int = 1
-    largest: float = 1000.0  #: Largest amount.
+    max_amount: float = 1000.0  #: Maximum amount.
     is_signed: bool = False  #: Whether the amount may be negative.
     options: tuple[str, ...] = tuple(APPLIES_TO)  #: Options that have an effect.
     has_complete_bursts: bool = False  #: Whether a burst begins only if it can end within the sequence.
@@ -40,12 +45,12 @@ class KindInfo(NamedTuple):
 
 _PAIR: dict[str, Any] = {"options": PAIR_OPTIONS}  # both images, without an amount
 _IMAGE: dict[str, Any] = {"options": (*PAIR_OPTIONS, "camera")}  # each image, without an amount
-_SHARE: dict[str, Any] = {"largest": 1.0}  # the amount is a fraction of the image
-_FIXED: dict[str, Any] = {"share": 1.0, "start": 0, **_SHARE}  # a region of the image, in all pairs of a drive
+_FRACTION: dict[str, Any] = {"max_amount": 1.0}  # the amount is a fraction of the image
+_FIXED: dict[str, Any] = {"share": 1.0, "start": 0, **_FRACTION}  # a region of the image, in all pairs of a drive
 _EPISODE: dict[str, Any] = {"burst": 20, "has_complete_bursts": True}
 _ALL_PAIRS: dict[str, Any] = {"share": 1.0, "start": 0, "options": ("amount",)}
 _FACTOR: dict[str, Any] = {"neutral": 1.0, **_ALL_PAIRS}
-_ROTATION: dict[str, Any] = {"largest": 45.0, "is_signed": True, **_ALL_PAIRS}
+_ROTATION: dict[str, Any] = {"max_amount": 45.0, "is_signed": True, **_ALL_PAIRS}
 _DRIFT: dict[str, Any] = {**_ROTATION, "options": ("amount", "start")}
 
 
@@ -65,42 +70,54 @@ class FaultKind(StrEnum):
     SWAPPED = "swapped", KindInfo(0.0, "left and right images are swapped", **_PAIR)
     IDENTICAL = "identical", KindInfo(0.0, "the right image is a copy of the left image", **_PAIR)
     FROZEN = ("frozen", KindInfo(1.0, "the previous images are shown with new noise of AMOUNT grey levels", burst=5))
-    TORN = "torn", KindInfo(0.5, "the lower fraction AMOUNT of the image is from the previous pair", **_SHARE)
-    GHOST = "ghost", KindInfo(0.5, "the previous image is blended in with weight AMOUNT", **_SHARE)
+    TORN = "torn", KindInfo(0.5, "the lower fraction AMOUNT of the image is from the previous pair", **_FRACTION)
+    GHOST = "ghost", KindInfo(0.5, "the previous image is blended in with weight AMOUNT", **_FRACTION)
     INTERLACED = "interlaced", KindInfo(0.0, "every second row is from the previous pair", **_IMAGE)
     BLACK = "black", KindInfo(0.0, "the image is black", **_IMAGE)
     START = (
         "start",
-        KindInfo(5.0, "the first AMOUNT pairs are black", 1.0, start=0, largest=1e9, options=("amount", "camera")),
+        KindInfo(5.0, "the first AMOUNT pairs are black", 1.0, start=0, max_amount=1e9, options=("amount", "camera")),
     )
     FADE = (
         "fade",
         KindInfo(0.0, "slow blackout: over `burst` pairs the image turns black and back", **_EPISODE, **_IMAGE),
     )
     BLINDED = "blinded", KindInfo(1.0, "glare: a spot, AMOUNT image widths wide, is saturated")
-    SATURATION = "saturation", KindInfo(0.5, "overexposure: a fraction AMOUNT of the image is clipped", **_SHARE)
+    SATURATION = "saturation", KindInfo(0.5, "overexposure: a fraction AMOUNT of the image is clipped", **_FRACTION)
     LATE = (
         "late",
         KindInfo(
-            0.2, "the stamp is AMOUNT s late, but before the next stamp", largest=1e6, options=("amount", *PAIR_OPTIONS)
+            0.2,
+            "the stamp is AMOUNT s late, but before the next stamp",
+            max_amount=1e6,
+            options=("amount", *PAIR_OPTIONS),
         ),
     )
-    BLURRED = "blurred", KindInfo(2.5, "Gaussian blur of AMOUNT px", largest=50.0)
+    BLURRED = "blurred", KindInfo(2.5, "Gaussian blur of AMOUNT px", max_amount=50.0)
     NOISY = "noisy", KindInfo(10.0, "Gaussian noise of AMOUNT grey levels")
     EXPOSURE = "exposure", KindInfo(0.5, "brightness times AMOUNT")
     SHEAR = ("shear", KindInfo(1.0, "rows are sheared by AMOUNT px in a random direction, as by a rolling shutter"))
     BODY = "body", KindInfo(0.3, "own body: fixed texture in the bottom fraction AMOUNT of the image", **_FIXED)
     OBJECT = (
         "object",
-        KindInfo(0.3, "an object with a fraction AMOUNT of the image crosses in `burst` pairs", **_EPISODE, **_SHARE),
+        KindInfo(
+            0.3, "an object with a fraction AMOUNT of the image crosses in `burst` pairs", **_EPISODE, **_FRACTION
+        ),
     )
     ARM = (
         "arm",
-        KindInfo(0.4, "an arm slowly covers a fraction AMOUNT of the image over `burst` pairs", **_EPISODE, **_SHARE),
+        KindInfo(
+            0.4, "an arm slowly covers a fraction AMOUNT of the image over `burst` pairs", **_EPISODE, **_FRACTION
+        ),
     )
     TEXTURE = "texture", KindInfo(0.6, "a texture moves sideways in the bottom fraction AMOUNT of the image", **_FIXED)
     REFLECTION = ("reflection", KindInfo(0.5, "a fixed reflection of the rover, with AMOUNT of the light", **_FIXED))
-    SCRATCH = "scratch", KindInfo(0.3, "scratched window: fixed lines over a fraction AMOUNT of the image", **_FIXED)
+    SCRATCH = (
+        "scratch",
+        KindInfo(
+            0.3, "scratched window: fixed lines over a fraction AMOUNT of the image", **{**_FIXED, "max_amount": 0.9}
+        ),
+    )
     DIRT = "dirt", KindInfo(0.1, "dirt on the lenses: fixed spots on a fraction AMOUNT of the image", **_FIXED)
     SHADOW = "shadow", KindInfo(0.2, "own shadow: a fixed dark region, a fraction AMOUNT of the image", **_FIXED)
     FOCAL = "focal", KindInfo(1.01, "calibration: focal length in the rig file times AMOUNT", **_FACTOR)
@@ -116,7 +133,11 @@ class FaultKind(StrEnum):
     CLOCK = (
         "clock",
         KindInfo(
-            0.1, "all stamps are AMOUNT s late relative to the ground truth", largest=1e9, is_signed=True, **_ALL_PAIRS
+            0.1,
+            "all stamps are AMOUNT s late relative to the ground truth",
+            max_amount=1e9,
+            is_signed=True,
+            **_ALL_PAIRS,
         ),
     )
 
@@ -139,15 +160,15 @@ class Fault:
 
 def parse_fault(text: str) -> Fault:
     """Parse a fault `KIND[:name=value,...]`, such as `blurred:share=0.2`; ConfigError if the text is invalid."""
-    name, _, rest = text.partition(":")
-    kind = next((kind for kind in FaultKind if kind == name), None)
+    kind_name, _, options = text.partition(":")
+    kind = next((kind for kind in FaultKind if kind == kind_name), None)
     if kind is None:
-        raise ConfigError(f"fault '{text}': kind '{name}' is unknown; give one of {', '.join(FaultKind)}")
+        raise ConfigError(f"fault '{text}': kind '{kind_name}' is unknown; give one of {', '.join(FaultKind)}")
     info = kind.info
     values: dict[str, float | int | str] = {"kind": kind, "amount": info.amount, "share": info.share}
     values |= {"burst": info.burst, "start": info.start}
     types = {"amount": float, "share": float, "burst": int, "start": int, "camera": str}
-    for item in filter(None, rest.split(",")):
+    for item in filter(None, options.split(",")):
         name, _, value = item.partition("=")
         try:
             values[name] = types[name](value)
@@ -166,7 +187,7 @@ def parse_fault(text: str) -> Fault:
         )
     if fault.camera not in CAMERAS:
         raise ConfigError(f"fault '{text}': camera must be one of {', '.join(CAMERAS)}")
-    high = kind.info.largest
+    high = kind.info.max_amount
     low = -high if kind.info.is_signed else 0.0
     if not low <= fault.amount <= high:
         raise ConfigError(f"fault '{text}': amount must lie in {low:g} .. {high:g}: {kind.info.effect}")

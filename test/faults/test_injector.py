@@ -37,6 +37,7 @@ def faulty_pairs(*texts: str, seed: int = 1) -> dict[int, StereoPair]:
         "noisy:camera=up",
         "blurred:amount=1e9",
         "yaw:amount=nan",
+        "scratch:amount=1",
     ],
 )
 def test_wrong_text_is_refused(text: str) -> None:
