@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.doctor.findings import Cause, Finding
-from sfr_loc_map.doctor.observation import EXPECTED, Observation, ObservedTopic, allowed_types
+from sfr_loc_map.doctor.observation import EXPECTED, Observation, ObservedTopic, SourceKind, allowed_types
 from sfr_loc_map.doctor.silence import Publisher, Reliability, silence_of
 from sfr_loc_map.doctor.transport import COMPARABLE_NS, MUCH_LOST, loss_fix
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage, IntArray
-from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
@@ -38,8 +37,8 @@ MIN_NCC = 0.85  # minimum normalised cross-correlation of a match
 MIN_MATCHES = 10  # minimum number of matches on the wrong side for a finding
 SWAPPED_RATIO = 4.0  # maximum ratio of matches on the wrong side to correct matches unless images are swapped
 
-
 Findings = Iterator[Finding]
+StampedImage = tuple[int, GreyImage]
 
 
 def examine(seen: Observation) -> list[Finding]:
@@ -68,8 +67,8 @@ def _source(seen: Observation) -> Findings:
         text, separator, command = seen.broken.partition(": sfr ")
         fix = f"sfr {command}" if separator else "correct, record or copy it again"
         yield Finding(Cause.BROKEN, seen.subject, text, fix)
-    if seen.left_out:
-        text = f"{seen.left_out} listed pairs are skipped because their images are missing"
+    if seen.skipped_pairs:
+        text = f"{seen.skipped_pairs} listed pairs are skipped because their images are missing"
         fix = "restore the files, or remove the pairs from the list"
         yield Finding(Cause.MISSING_IMAGES, seen.subject, text, fix, False)
     if seen.unfinished:
@@ -84,13 +83,13 @@ def _names(seen: Observation) -> Findings:
     if not seen.rigs and not seen.ambiguous:
         images = [name for name, types in sorted(seen.others.items()) if {IMAGE, COMPRESSED} & set(types)]
         videos = [f"{name} ({kind})" for name, types in sorted(seen.others.items()) for kind in set(types) & VIDEO]
-        fix = "start the cameras, or give --remap FOUND:=EXPECTED" if seen.live else "give --remap FOUND:=EXPECTED"
+        fix = "start the cameras, or give --remap FOUND:=EXPECTED" if seen.is_live else "give --remap FOUND:=EXPECTED"
         there = f"topics with images are {', '.join(images)}"
         if not images:
             there = (
                 f"topics with video, which is unsupported, are {', '.join(videos)}" if videos else "no topic has images"
             )
-            fix = "start the cameras" if seen.live else "give a bag with images of both cameras"
+            fix = "start the cameras" if seen.is_live else "give a bag with images of both cameras"
         if videos and not images:
             fix = "publish or record the images as sensor_msgs/Image, or as sensor_msgs/CompressedImage of JPEG or PNG"
         text = f"neither loc/left/image_rect nor nav/left/image_rect exists (nor image_raw); {there}"
@@ -101,11 +100,11 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Finding
     if name in seen.ambiguous:
         return
     if topic is None or not topic.publishers:
-        where = topic.found if topic is not None else f"{seen.prefix}{name}"
+        where = topic.source_name if topic is not None else f"{seen.prefix}{name}"
         hint = "or name it with --remap FOUND:=EXPECTED"
         if where.endswith(RECTIFIED) and where.removesuffix(RECTIFIED) + RAW in seen.others:
             hint = f"or set input.rectify of the node: {RAW} exists"
-        if seen.live:
+        if seen.is_live:
             yield replace(silence_of(where, allowed_types(name), ()), fix=f"publish or record it, {hint}")
         else:
             yield Finding(Cause.NO_TOPIC, where, "the topic is not in the bag", f"publish or record it, {hint}")
@@ -118,12 +117,12 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Finding
 
 def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Finding:
     """Return why no message of a topic is received, by the doctor or by a node that requests more reliability."""
-    publishers = topic.publishers if seen.live else [Publisher("", kind) for kind in topic.types]
+    publishers = topic.publishers if seen.is_live else [Publisher("", kind) for kind in topic.types]
     strict = Reliability.RELIABLE in topic.requests.values()
     requested = Reliability.RELIABLE if strict else Reliability.BEST_EFFORT
-    found = silence_of(topic.found, allowed_types(name), publishers, requested)
-    if found.cause is Cause.SILENT and not seen.live:
-        return Finding(Cause.SILENT, topic.found, "the bag has no message on this topic", "record it again")
+    found = silence_of(topic.source_name, allowed_types(name), publishers, requested)
+    if found.cause is Cause.SILENT and not seen.is_live:
+        return Finding(Cause.SILENT, topic.source_name, "the bag has no message on this topic", "record it again")
     return found
 
 
@@ -170,47 +169,64 @@ def _pairs(seen: Observation, rig: str) -> Findings:
 
 
 def _stereo(seen: Observation, rig: str) -> Findings:
-    cameras: StereoRig | None = None
+    """Examine the calibration and the first images of a rig, which must be readable to detect swapped cameras."""
     rectifier: StereoRectifier | None = None
+    size: tuple[int, int] | None = None
     infos = [topic for side in SIDES if (topic := seen.topics.get(f"{rig}/{side}/camera_info")) and topic.messages]
     if len(infos) == len(SIDES):
-        messages = [topic.messages[0] for topic in infos]
+        describe = rig_of_raw_infos if seen.image_name(rig) == RAW else rig_of_rectified_infos
         try:
-            describe = rig_of_raw_infos if seen.image_name(rig) == RAW else rig_of_rectified_infos
-            cameras, rectifier = describe(messages, rig)
+            cameras, rectifier = describe([topic.messages[0] for topic in infos], rig)
+            size = cameras.width, cameras.height
         except InputError as error:
             text, _, fix = str(error).partition(": ")
             yield Finding(Cause.CAMERA_INFO, f"{rig}/left/camera_info, {rig}/right/camera_info", text, fix)
-    images: list[list[tuple[int, GreyImage]]] = []
+    images: list[list[StampedImage]] = []
     depth = SampleDepth(lambda _: None, rig)
     for side in SIDES:
         if (topic := seen.images(rig, side)) is None:
             return
-        try:
-            read = depth.grey(*map(samples_of, topic.messages))
-        except InputError as error:
-            fix = "publish mono8, mono16, rgb8, bgr8, a Bayer mosaic or yuv422, or JPEG or PNG"
-            yield Finding(Cause.ENCODING, topic.found, str(error), fix)
+        of_side = _images_of(topic, depth, size)
+        if isinstance(of_side, Finding):
+            yield of_side
             return
-        height, width = read[0].shape
-        if cameras is not None and (width, height) != (cameras.width, cameras.height):
-            text = f"its images are {width} x {height}, but camera_info states {cameras.width} x {cameras.height}"
-            yield Finding(Cause.IMAGE_SIZE, topic.found, text, "publish the camera_info of these images")
-            return
-        images.append([(stamp_of(message), image) for message, image in zip(topic.messages, read, strict=True)])
-    if rectifier is not None:
-        pairs = [  # surplus images of one side are ignored
-            [*zip((left_ns, right_ns), rectifier.rectify(left, right), strict=True)]
-            for (left_ns, left), (right_ns, right) in zip(*images, strict=False)
-        ]
-        images = [[pair[0] for pair in pairs], [pair[1] for pair in pairs]]
-    if _left_right_swapped(*images):
+        images.append(of_side)
+    left, right = images if rectifier is None else _rectified(rectifier, *images)
+    if _left_right_swapped(left, right):
         text = "objects are further right in the right images: left and right are swapped"
         where = f"{rig}/left/{seen.image_name(rig)}"
         yield Finding(Cause.SWAPPED, where, text, "swap the topics (cables, remaps)")
 
 
-def _left_right_swapped(lefts: list[tuple[int, GreyImage]], rights: list[tuple[int, GreyImage]]) -> bool:
+def _images_of(topic: ObservedTopic, depth: SampleDepth, size: tuple[int, int] | None) -> list[StampedImage] | Finding:
+    """Return the images of a topic with their stamps; a finding if they are unreadable or differ from a known size.
+
+    `size` is the width and height in camera_info.
+    """
+    try:
+        read = depth.grey(*map(samples_of, topic.messages))
+    except InputError as error:
+        fix = "publish mono8, mono16, rgb8, bgr8, a Bayer mosaic or yuv422, or JPEG or PNG"
+        return Finding(Cause.ENCODING, topic.source_name, str(error), fix)
+    height, width = read[0].shape
+    if size is not None and (width, height) != size:
+        text = f"its images are {width} x {height}, but camera_info states {size[0]} x {size[1]}"
+        return Finding(Cause.IMAGE_SIZE, topic.source_name, text, "publish the camera_info of these images")
+    return [(stamp_of(message), image) for message, image in zip(topic.messages, read, strict=True)]
+
+
+def _rectified(
+    rectifier: StereoRectifier, lefts: list[StampedImage], rights: list[StampedImage]
+) -> tuple[list[StampedImage], list[StampedImage]]:
+    """Return the rectified images of both sides; surplus images of one side are ignored."""
+    pairs = [
+        [*zip((left_ns, right_ns), rectifier.rectify(left, right), strict=True)]
+        for (left_ns, left), (right_ns, right) in zip(lefts, rights, strict=False)
+    ]
+    return [left for left, _ in pairs], [right for _, right in pairs]
+
+
+def _left_right_swapped(lefts: list[StampedImage], rights: list[StampedImage]) -> bool:
     """Return whether patches of the left images match further to the right in the right images of the nearest stamp.
 
     A point at depth Z in front of parallel cameras with focal length f has the disparity
@@ -242,7 +258,7 @@ def _extrinsics(seen: Observation) -> Findings:
     unknown = seen.broken or (node is not None and not node.state)  # it may have them
     if "loc" not in seen.rigs or given or unknown:
         return
-    place = "rig.json" if seen.files else "/tf_static, rb to locsb"
+    place = "rig.json" if seen.kind is SourceKind.FILES else "/tf_static, rb to locsb"
     text = f"neither a parameter nor {place} gives the extrinsics"
     if seen.extrinsics_in_tf is None:
         text = "no parameter gives the extrinsics, and /tf_static cannot be read without tf2_msgs"
@@ -255,11 +271,11 @@ def _order(seen: Observation) -> Findings:
     topics = [(topic, 1) for rig in seen.rigs for side in SIDES if (topic := seen.images(rig, side)) is not None]
     if (truth := seen.topics.get(TRUE_POSES)) is not None:
         topics.append((truth, 0))
-    for topic, least_ns in [] if seen.live else topics:
+    for topic, least_ns in [] if seen.is_live else topics:
         if back := int(np.sum(np.diff(topic.stamps_ns) < least_ns)):
             text = f"its stamps go back or repeat at {back} messages, for example because a player restarted"
             fix = "record a single run: start the player after sfr record, without a loop"
-            yield Finding(Cause.STAMP_ORDER, topic.found, text, fix)
+            yield Finding(Cause.STAMP_ORDER, topic.source_name, text, fix)
 
 
 def _poses(seen: Observation) -> Findings:
@@ -273,7 +289,7 @@ def _poses(seen: Observation) -> Findings:
     if share < COMPLETE:
         text = f"{share:.0%} of the images have a pose with the same stamp, typically {typical_ns / NS_PER_S:.3g} s off"
         fix = "publish nav/pose with the stamp of each pair"
-        yield Finding(Cause.POSE_STAMPS, topic.found, text, fix, share < PAIRED)
+        yield Finding(Cause.POSE_STAMPS, topic.source_name, text, fix, share < PAIRED)
 
 
 def _truth(seen: Observation) -> Findings:
@@ -285,13 +301,13 @@ def _truth(seen: Observation) -> Findings:
             yield from _topic(seen, name, topic)
         elif topic is None or not topic.publishers or not len(topic.stamps_ns):
             comes_with_pairs = rig == "nav" and topic is not None and topic.publishers
-            if not (comes_with_pairs and (seen.live or seen.is_idle(rig))):
-                fix = "add it" if seen.files else "record or publish it"
+            if not (comes_with_pairs and (seen.is_live or seen.is_idle(rig))):
+                fix = "add it" if seen.kind is SourceKind.FILES else "record or publish it"
                 yield Finding(Cause.TRUTH, name, "there is no truth: nothing can be scored", fix, False)
         elif len(images) and (topic.stamps_ns.min() > images.max() or images.min() > topic.stamps_ns.max()):
             off_s = (int(np.median(topic.stamps_ns)) - int(np.median(images))) / NS_PER_S
             text = f"its stamps differ by {off_s:.6g} s from those of the images: nothing can be scored"
-            yield Finding(Cause.TRUTH_CLOCK, topic.found, text, "stamp truth and images with one clock", False)
+            yield Finding(Cause.TRUTH_CLOCK, topic.source_name, text, "stamp truth and images with one clock", False)
 
 
 def _nodes(seen: Observation) -> Findings:
@@ -323,6 +339,10 @@ def _host_clock(seen: Observation) -> Findings:
 
 
 def _paired(first: IntArray, second: IntArray, tolerance_ns: int) -> tuple[float, int]:
+    """Return the fraction of the first stamps with a second stamp within the tolerance, and the median difference, ns.
+
+    The first stamps at both ends of the observed time are ignored, because their partners may be outside.
+    """
     _, apart = nearest_stamps(first, np.sort(second))
     edge = EDGE * float(first.max() - first.min())
     inner = (first >= first.min() + edge) & (first <= first.max() - edge)

@@ -17,22 +17,23 @@ from sfr_loc_map.source_setup.proposal import propose_config
 def with_fix(
     source: Path, sections: dict[str, Any], path: Path | None, findings: list[Finding], words: list[str]
 ) -> list[Finding]:
-    """Return the findings; those that a proposed configuration removes name the command that writes the configuration.
+    """Return the findings. Those that a proposed configuration removes name the command that writes it (`words`).
 
     The source is examined with the proposed configuration to determine which findings it removes.
     """
     try:
         found = propose_config(source, sections, path)
-        left = {finding.cause for finding in examine(observe(source, found.config)) if finding.is_blocking}
+        remaining = {finding.cause for finding in examine(observe(source, found.config)) if finding.is_blocking}
     except SfrError:
         return findings
-    command = fix = shlex.join(words)
+    command = shlex.join(words)
+    fix = command
     added = {name: values for name, values in found.sections.items() if values != sections.get(name) and values}
     if added.keys() - {"conditions"} == {"topics"}:  # remapping is sufficient
         remaps = [word for name, topic in added["topics"].items() for word in ("--remap", f"{topic}:={name}")]
         fix += f"; for a single command: {shlex.join(remaps)}"
     missing = "".join(f"; still missing: {text}" for text in found.missing)
-    is_removed = [finding.is_blocking and finding.cause not in left for finding in findings]
+    is_removed = [finding.is_blocking and finding.cause not in remaining for finding in findings]
     return [
         replace(finding, fix=fix + missing, command=command) if removed else finding
         for finding, removed in zip(findings, is_removed, strict=True)

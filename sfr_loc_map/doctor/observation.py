@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from enum import Enum, auto
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,7 @@ def allowed_types(name: str) -> tuple[str, ...]:
 class ObservedTopic:
     """One topic: its name and types in the bag or graph, and its messages."""
 
-    found: str
+    source_name: str  # name in the bag or graph
     types: tuple[str, ...]
     publishers: tuple[Publisher, ...] = (Publisher("", ""),)  # a bag or files: one without a name
     stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))  # `(N,)`, in the order of reception
@@ -67,12 +68,20 @@ class ObservedNode:
     rectifies: bool = False  # whether it subscribes to raw images and rectifies them
 
 
+class SourceKind(Enum):
+    """What is observed."""
+
+    BAG = auto()
+    FILES = auto()  #: A source of files; its messages are those that would be played.
+    GRAPH = auto()  #: A running graph, over some time.
+
+
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """The observation of a bag, of a source of files, or of a graph over some time (`live`)."""
+    """The observation of a bag, of a source of files, or of a graph over some time."""
 
     subject: str  # name of the source in messages
-    live: bool = False
+    kind: SourceKind = SourceKind.BAG
     prefix: str = ""  # prefix of the suite's names in the graph
     topics: Mapping[str, ObservedTopic] = field(default_factory=dict)  # existing topics by name in the suite
     ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # possible topics
@@ -86,12 +95,12 @@ class Observation:
     broken: str = ""  # error that ended the reading; empty if complete
     truth_has_attitude: bool = False
     unfinished: bool = False  # the bag was not closed; its last second may be missing
-    left_out: int | None = None  # files: number of listed pairs without images; None for a bag or graph
+    skipped_pairs: int = 0  # files: number of listed pairs without images
 
     @property
-    def files(self) -> bool:
-        """Whether the observation is of a source of files."""
-        return self.left_out is not None
+    def is_live(self) -> bool:
+        """Whether the observation is of a running graph."""
+        return self.kind is SourceKind.GRAPH
 
     @property
     def rigs(self) -> list[str]:
@@ -102,8 +111,10 @@ class Observation:
     @property
     def waiting(self) -> list[ObservedNode]:
         """Nodes whose cameras publish nothing on the graph; empty unless the cameras of another node publish."""
-        fed = {name.partition("/")[0] for name, topic in self.topics.items() if topic.publishers}
-        return [node for node in self.nodes if {node.rig} - fed - {""} and any(n.rig in fed for n in self.nodes)]
+        published = {name.partition("/")[0] for name, topic in self.topics.items() if topic.publishers}
+        if not any(node.rig in published for node in self.nodes):
+            return []
+        return [node for node in self.nodes if node.rig and node.rig not in published]
 
     def node(self, rig: str) -> ObservedNode | None:
         """Return the node of a rig; None if it does not run."""
@@ -142,11 +153,11 @@ class Observation:
         return lost / max(lost + sum(len(topic.stamps_ns) for topic in topics), 1)
 
     def is_idle(self, rig: str) -> bool:
-        """Return whether a rig has no pairs although its topics exist, which is normal."""
+        """Return whether the topics of a rig exist without messages, and this silence is normal."""
         # maps are made occasionally: silence is normal on a graph, and a bag may be recorded between two maps
-        usual = rig == "nav" if self.live else any(self.has_images(other) for other in RIGS if other != rig)
+        is_normal = rig == "nav" if self.is_live else any(self.has_images(other) for other in RIGS if other != rig)
         topics = [self.images(rig, side) for side in SIDES]
-        return usual and all(topic is not None and topic.publishers and not topic.messages for topic in topics)
+        return is_normal and all(topic is not None and topic.publishers and not topic.messages for topic in topics)
 
     def has_images(self, rig: str) -> bool:
         """Return whether there are images of both sides."""
@@ -187,12 +198,18 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
     except InputError as error:
         return Observation(subject, broken=str(error))
     matches = {name: tuple(bag.matches(name)) for name in EXPECTED}
-    topics = {n: ObservedTopic(f[0], (bag.topics[f[0]],)) for n, f in matches.items() if len(f) == 1}
-    readable = [Topic(n, t.found, t.types[0]) for n, t in topics.items() if t.types[0] in allowed_types(n)]
+    only_matches = {name: found[0] for name, found in matches.items() if len(found) == 1}
+    topics = {name: ObservedTopic(found, (bag.topics[found],)) for name, found in only_matches.items()}
+    readable = [
+        Topic(name, topic.source_name, topic.types[0])
+        for name, topic in topics.items()
+        if topic.types[0] in allowed_types(name)
+    ]
     stream = ((topic.name, stamp, partial(bag.deserialise, topic, raw)) for topic, stamp, raw in bag.stream(readable))
-    (read, broken), in_tf = _collected(stream), False
+    read, broken = _collected(stream)
+    in_tf = False
     for name, topic in read.items():
-        topics[name] = replace(topic, found=topics[name].found, types=topics[name].types)
+        topics[name] = replace(topic, source_name=topics[name].source_name, types=topics[name].types)
     try:
         if not broken:
             infos = read.get("loc/left/camera_info")
@@ -218,7 +235,7 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
     try:
         source = open_source(path, config)
     except InputError as error:
-        return Observation(f"'{path}'", broken=str(error), left_out=0)
+        return Observation(f"'{path}'", SourceKind.FILES, broken=str(error))
 
     def stream() -> Iterator[tuple[str, int, Callable[[], Any]]]:
         for message in messages_of(source):
@@ -230,9 +247,10 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
     truth = None if source.loc is None else source.loc.ground_truth
     return Observation(
         f"'{path}' ({source.format})",
+        SourceKind.FILES,
         topics=topics,
         extrinsics_in_tf=source.loc is not None and source.loc.rig.T_rb_sb is not None,
-        truth_has_attitude=truth is not None and getattr(truth, "has_attitude", True),
+        truth_has_attitude=truth is not None and truth.has_attitude,
         broken=broken,
-        left_out=source.left_out,
+        skipped_pairs=source.left_out,
     )

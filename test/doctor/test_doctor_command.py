@@ -17,7 +17,7 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, write_bag
 from helpers.processes import Process, wait_until
 from sfr_loc_map.doctor.examination import examine
-from sfr_loc_map.doctor.observation import Observation, ObservedTopic
+from sfr_loc_map.doctor.observation import Observation, ObservedTopic, SourceKind
 from sfr_loc_map.doctor.silence import Publisher, Reliability
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.message_types import CAMERA_INFO, IMAGE
@@ -164,7 +164,7 @@ def test_images_lost_on_their_way_are_the_transport_and_not_the_stamps() -> None
                 f"loc/{side}/camera_info": ObservedTopic("y", (CAMERA_INFO,), of_info, stamps, (info,)),
             }
         line = "export A=/there/fastdds_shm.xml"
-        seen = Observation("graph", live=True, topics=topics, extrinsics_given=True, export_line=line)
+        seen = Observation("graph", SourceKind.GRAPH, topics=topics, extrinsics_given=True, export_line=line)
         return [(f.cause.value, f.is_blocking, f"{f.text} {f.fix}") for f in examine(seen) if f.cause != "truth"]
 
     ((cause, blocks, text),) = found(lost=20)

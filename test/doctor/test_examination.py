@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from sfr_loc_map.doctor.examination import examine
-from sfr_loc_map.doctor.observation import EXPECTED, RIG_OF_NODE, Observation, ObservedNode, ObservedTopic
+from sfr_loc_map.doctor.observation import EXPECTED, RIG_OF_NODE, Observation, ObservedNode, ObservedTopic, SourceKind
 from sfr_loc_map.message_types import IMAGE
 
 
@@ -22,10 +22,10 @@ def test_a_node_without_its_cameras_waits() -> None:
     unheard = {
         "nav/left/image_rect": ObservedTopic("/nav/left/image_rect", (IMAGE,), publishers=())
     }  # of the subscriber
-    findings = examine(Observation("", live=True, topics=topics | unheard, nodes=nodes))
+    findings = examine(Observation("", SourceKind.GRAPH, topics=topics | unheard, nodes=nodes))
     assert [(item.where, item.is_blocking) for item in findings if "wait" in item.text] == [("mapping_node", False)]
     assert not [item for item in findings if "nav/" in item.where]
-    alone = examine(Observation("", live=True, topics=unheard, nodes=nodes))
+    alone = examine(Observation("", SourceKind.GRAPH, topics=unheard, nodes=nodes))
     assert {item.where for item in alone if item.is_blocking} >= {"/nav/left/image_rect", "loc/left/image_rect"}
 
 
@@ -38,5 +38,5 @@ def test_images_of_which_none_has_a_stamp_are_no_fault() -> None:
             name: ObservedTopic(name, (IMAGE,), stamps_ns=np.array(found, np.int64), messages=(broken,))
             for name, found in zip(sides, stamps, strict=True)
         }
-        for live in (False, True):
-            assert "pair" not in {finding.cause.value for finding in examine(Observation("", live=live, topics=topics))}
+        for kind in (SourceKind.BAG, SourceKind.GRAPH):
+            assert "pair" not in {finding.cause.value for finding in examine(Observation("", kind, topics=topics))}

@@ -24,6 +24,7 @@ from sfr_loc_map.doctor.observation import (
     Observation,
     ObservedNode,
     ObservedTopic,
+    SourceKind,
 )
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
@@ -92,7 +93,7 @@ class GraphObserver(Peer):
         is_played = PLAYER_NODE in self.ros_node.get_node_names()
         return Observation(
             f"the graph of ROS domain {environment.domain()}",
-            live=True,
+            SourceKind.GRAPH,
             prefix=self._full_name(""),
             topics={name: self._topic(name, full_name, types[full_name]) for name, full_name in topics.items()},
             others={name: tuple(of_topic) for name, of_topic in types.items()},
