@@ -9,15 +9,18 @@ from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.former import FormerArgument, check_live
-from sfr_loc_map.cli.live_option import DEFAULT_HOST, DEFAULT_PORT, require_live
+from sfr_loc_map.cli.live_option import require_live
 from sfr_loc_map.cli.options import ConfigOption, NamespaceOption, refuse_given, require_ros
 from sfr_loc_map.config import build, read_sections
 from sfr_loc_map.errors import InterruptedRunError, MissingExtraError
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.live.config import DEFAULT_HOST, DEFAULT_PORT, LiveConfig
 
 if TYPE_CHECKING:
     from sfr_loc_map.live.foxglove import FoxgloveServer
     from sfr_loc_map.live.state import LiveState
+
+FOXGLOVE_PORT = 8765  #: Default port of the Foxglove server.
 
 
 @app.command(
@@ -51,7 +54,7 @@ def live(
     ] = False,
     foxglove_port: Annotated[
         int, Option(metavar="P", min=0, max=65535, help="Port of the Foxglove server; 0 selects a free port.")
-    ] = 8765,
+    ] = FOXGLOVE_PORT,
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
 
@@ -60,6 +63,9 @@ def live(
     from sfr_loc_map.live.state import LiveState
 
     check_live(files)
+    if not foxglove:
+        of_foxglove = {"--foxglove-port": foxglove_port != FOXGLOVE_PORT}
+        refuse_given(of_foxglove, "applies to the Foxglove server: give --foxglove, or omit it")
     if terminal:
         of_page = {
             "--host": host != DEFAULT_HOST,
@@ -79,8 +85,6 @@ def live(
     page = None
     if not terminal:
         require_live()
-        from sfr_loc_map.live.server import LiveConfig
-
         page = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
     state = LiveState()
     with ExitStack() as stack:

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
+from sfr_loc_map.cli.options import refuse_given
 from sfr_loc_map.errors import FailedVerdictError, MissingExtraError, NodeError, NotJudgedError
 from sfr_loc_map.inputs import one_line
+from sfr_loc_map.live.config import DEFAULT_PORT
 
 if TYPE_CHECKING:
     from sfr_loc_map.nodes.launch.live_process import LiveProcess
 
-DEFAULT_HOST = "127.0.0.1"  #: Address of the page. Not imported from the server, which is an optional extra.
-DEFAULT_PORT = 8080  #: Port of the page; not imported for the same reason.
 LiveOption = Annotated[bool, Option("--live", help="Show the run on a page (see sfr live).")]
 LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of the page; 0 selects a free port.")]
 
@@ -37,6 +37,7 @@ def live_page(
     The page of a replay (`isolated`) uses the ROS domain of the run. After the run it is served until Ctrl-C.
     """
     if not wanted:
+        refuse_given({"--live-port": port != DEFAULT_PORT}, "applies to the page: give --live, or omit it")
         yield None
         return
     require_live()

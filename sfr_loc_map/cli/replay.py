@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.live_option import DEFAULT_PORT, LiveOption, LivePortOption, live_page
+from sfr_loc_map.cli.live_option import LiveOption, LivePortOption, live_page
 from sfr_loc_map.cli.options import (
     ApplyDiagnosisOption,
     ConditionOption,
@@ -38,6 +38,7 @@ from sfr_loc_map.cli.verdict import conclude, present
 from sfr_loc_map.config import Configuration
 from sfr_loc_map.errors import InterruptedRunError
 from sfr_loc_map.inputs import Task, printable
+from sfr_loc_map.live.config import DEFAULT_PORT
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 

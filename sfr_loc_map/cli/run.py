@@ -10,10 +10,11 @@ from typing import Annotated, Literal
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.live_option import DEFAULT_PORT, LiveOption, LivePortOption, live_page
+from sfr_loc_map.cli.live_option import LiveOption, LivePortOption, live_page
 from sfr_loc_map.cli.options import NamespaceOption, OverwriteOption, require_ros
 from sfr_loc_map.cli.output import output_folder, say
 from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.live.config import DEFAULT_PORT
 
 ROS_ARGS = "--ros-args"
 

@@ -8,10 +8,11 @@ the token) or `Authorization: Bearer`. Requests that originate from another page
 from __future__ import annotations
 
 import hmac
-import ipaddress
 from urllib.parse import urlsplit
 
 from aiohttp import web
+
+from sfr_loc_map.live.config import is_loopback
 
 TOKEN_COOKIE = "sfr_live_token"
 
@@ -34,14 +35,6 @@ def _given_tokens(request: web.Request) -> tuple[str, str, str]:
     scheme, _, bearer = request.headers.get("Authorization", "").partition(" ")
     bearer = bearer if scheme.lower() == "bearer" else ""
     return request.query.get("token", ""), request.cookies.get(TOKEN_COOKIE, ""), bearer
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether a host is this host by a name or address that no other host can have."""
-    try:
-        return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def _split(url: str) -> tuple[str, str]:

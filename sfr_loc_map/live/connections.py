@@ -29,6 +29,6 @@ class BoundedConnections:
         self._silent[handler] = None
         return handler
 
-    def has_asked(self, handler: web.RequestHandler) -> None:
+    def note_request(self, handler: web.RequestHandler) -> None:
         """Note that a connection has sent a request; from now on only aiohttp's timer closes the connection."""
         self._silent.pop(handler, None)

@@ -21,7 +21,11 @@ from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample, 
 HOST = "127.0.0.1"  #: Only loopback, because the protocol has no token; other hosts need a tunnel (ssh -L).
 BACKLOG_MESSAGES = 64  #: Maximum number of messages that wait for a client; the SDK drops the oldest.
 TICK_S, PERIOD_S = 0.1, 1.0  #: Period of the check for new images and maps; period of figures and paths.
-FIGURES, ESTIMATE, TRUTH, POINTS, GRID = "/figures", "/path/estimate", "/path/truth", "/mapping/points", "/mapping/grid"
+FIGURES = "/figures"
+ESTIMATE = "/path/estimate"
+TRUTH = "/path/truth"
+POINTS = "/mapping/points"
+GRID = "/mapping/grid"
 IMAGES = ("/loc/left", "/loc/right", "/nav/left", "/nav/right")
 KINDS = {**dict.fromkeys(IMAGES, MediaKind.IMAGES), POINTS: MediaKind.CLOUDS, GRID: MediaKind.MAPS}
 """Kind of the media of each topic."""
@@ -65,34 +69,47 @@ class FoxgloveServer:
     def __exit__(self, *_: object) -> None:
         self._stopped.set()
         self._thread.join(5.0)
-        self._state.forget_viewer(self)
         if self._server is not None:
             self._server.stop()
         for channel in self._channels.values():
             channel.close()
 
     def _run(self) -> None:
-        state, before, sent, due_s = self._state, set[str](), dict[str, Media](), 0.0
-        while not self._stopped.wait(TICK_S):
-            looked_at = {topic for topic, channel in self._channels.items() if channel.has_sinks()}
-            state.show(self, frozenset(KINDS[topic] for topic in looked_at & KINDS.keys()))
-            shown = state.shown_media(self).values()
-            newest = {GRID if isinstance(media, ElevationSample) else f"/{media.topic}": media for media in shown}
-            media = {topic: newest[topic] for topic in looked_at & newest.keys()}
-            for topic, item in media.items():
-                if sent.get(topic) is not item:
-                    self._channels[topic].log(_message(item))
-            if looked_at and (looked_at - before or time.monotonic() >= due_s):
-                due_s = time.monotonic() + PERIOD_S
-                with state.lock:
-                    rows = list(state.path.rows)
-                self._channels[FIGURES].log(json.dumps(state.to_plain(time.time()), allow_nan=False).encode())
-                stamp = _stamp(rows[-1].stamp_ns if rows else 0)
-                estimate, truth = [row.position_m for row in rows], [row.truth_m for row in rows if row.truth_m]
-                for topic, places in ((ESTIMATE, estimate), (TRUTH, truth)):
-                    poses = [_pose(place) for place in places]
-                    self._channels[topic].log(messages.PosesInFrame(timestamp=stamp, frame_id="ds", poses=poses))
-            before, sent = looked_at, media
+        viewed_before: set[str] = set()
+        sent: dict[str, Media] = {}  # by topic
+        due_s = 0.0
+        try:
+            while not self._stopped.wait(TICK_S):
+                viewed = {topic for topic, channel in self._channels.items() if channel.has_sinks()}
+                self._state.displayed.show(self, frozenset(KINDS[topic] for topic in viewed & KINDS.keys()))
+                sent = self._send_media(viewed, sent)
+                if viewed and (viewed - viewed_before or time.monotonic() >= due_s):
+                    due_s = time.monotonic() + PERIOD_S
+                    self._send_figures()
+                viewed_before = viewed
+        finally:
+            self._state.displayed.forget(self)
+
+    def _send_media(self, viewed: set[str], sent: dict[str, Media]) -> dict[str, Media]:
+        """Send the images and maps of viewed topics that differ from the sent ones; return those that are now sent."""
+        shown = self._state.shown_media(self).values()
+        newest = {GRID if isinstance(media, ElevationSample) else f"/{media.topic}": media for media in shown}
+        current = {topic: newest[topic] for topic in viewed & newest.keys()}
+        for topic, media in current.items():
+            if sent.get(topic) is not media:
+                self._channels[topic].log(_message(media))
+        return current
+
+    def _send_figures(self) -> None:
+        """Send the state as JSON, and both paths."""
+        with self._state.lock:
+            rows = list(self._state.path.rows)
+        self._channels[FIGURES].log(json.dumps(self._state.to_plain(time.time()), allow_nan=False).encode())
+        stamp = _stamp(rows[-1].stamp_ns if rows else 0)
+        estimate, truth = [row.position_m for row in rows], [row.truth_m for row in rows if row.truth_m]
+        for topic, places in ((ESTIMATE, estimate), (TRUTH, truth)):
+            poses = [_pose(place) for place in places]
+            self._channels[topic].log(messages.PosesInFrame(timestamp=stamp, frame_id="ds", poses=poses))
 
 
 def _message(media: Media) -> Any:  # noqa: ANN401 - messages have no common class

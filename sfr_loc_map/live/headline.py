@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
+from sfr_loc_map.live.run_end import Aborted
 from sfr_loc_map.report.limit_bars import LimitBar
 from sfr_loc_map.report.summary import Banner
 
@@ -31,7 +31,7 @@ def headline(
     age_s: float | None,
     stale_reasons: Sequence[str],
     ended_s: float | None,
-    aborted: dict[str, Any] | None,
+    aborted: Aborted | None,
 ) -> Headline:
     """Return the headline of a run. The states take precedence in the order aborted, ended, stale, up to date."""
     shown = overall or NO_FIGURES
@@ -40,7 +40,7 @@ def headline(
         judged.append(f"{'Worst' if bars[0].state == 'fail' else 'Least margin'}: {bars[0].text}.")
     age = "" if overall is None or age_s is None else f"{age_s:.0f} s old"
     if aborted is not None:
-        how = f"{aborted['by']} at {clock_time(aborted['at'])}."
+        how = f"{aborted.by} at {clock_time(aborted.at_s)}."
         return Headline("■", "fail", "aborted", "", " ".join([how, f"Verdict until then: {shown.state}.", *judged]))
     if ended_s is not None:
         return Headline(shown.icon, shown.style, f"{shown.state}, ended at {clock_time(ended_s)}", "", " ".join(judged))

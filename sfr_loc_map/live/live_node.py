@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import statistics
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import islice
 from typing import Any
 
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.live import updates
-from sfr_loc_map.live.timeline import NODE_FRESHNESS
+from sfr_loc_map.live.freshness import NODE_FRESHNESS
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.runs.calls import CallRecord
@@ -18,6 +19,7 @@ from sfr_loc_map.runs.calls import CallRecord
 MAX_VALUES = 100  #: Maximum number of kept values of a node's health.
 MAX_LETTERS = 300  #: Maximum length of a kept text.
 CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Displayed times.
+LOCALISATION_NODE = Task.LOCALISATION.node
 
 
 @dataclass(slots=True)
@@ -75,7 +77,7 @@ class LiveNode:
             "level": (Level.STALE if stale else self.level).word,
             "message": self.message,
             "lifecycle": self.values.get("lifecycle", "unknown"),
-            **state_after(self.call),
+            **asdict(state_after(self.call)),
             "in_graph": self.in_graph,
             "problem": self.problem,
             "values": self.values,
@@ -83,28 +85,47 @@ class LiveNode:
         }
 
 
-def state_after(call: CallRecord | None) -> dict[str, str]:
-    """Return the state after a call with its reason as JSON values; both empty before the first call."""
-    if call is None:
-        return {"state": "", "reason": ""}
-    return {"state": call.state, "reason": call.reason[:MAX_LETTERS]}
+@dataclass(frozen=True, slots=True)
+class ReportedState:
+    """State of a localiser or mapper with its reason; both are empty if they are unknown."""
+
+    state: str = ""
+    reason: str = ""
+
+    @property
+    def text(self) -> str:
+        """State with its reason, for display."""
+        return f"{self.state}: {self.reason}" if self.reason else self.state
 
 
-def state_of_pose(call: CallRecord | None, *, is_lost: bool) -> dict[str, str]:
-    """Return the state of the last pose like `state_after`; `is_lost` states whether its covariance reports a loss.
+def state_after(call: CallRecord | None) -> ReportedState:
+    """Return the state that a call has reported; unknown before the first call."""
+    return ReportedState() if call is None else ReportedState(call.state, call.reason[:MAX_LETTERS])
+
+
+def state_of_pose(call: CallRecord | None, *, covariance_is_lost: bool) -> ReportedState:
+    """Return the state of the last pose from the last call of its node and from its covariance.
 
     A pose is lost if its covariance or its call reports a loss, as in the score. The call may arrive after the pose.
     """
     found = state_after(call)
-    if is_lost and found["state"] != TrackingState.LOST:
-        return {"state": TrackingState.LOST.value, "reason": ""}
+    if covariance_is_lost and found.state != TrackingState.LOST:
+        return ReportedState(TrackingState.LOST.value)
     return found
 
 
-def call_to_plain(n: int, call: updates.Call) -> dict[str, Any]:
-    """Return a call and its number in the run as JSON values."""
-    record = call.record
-    times = {"processing_time_s": record.processing_time_s, **record.times}
-    known = {name: times[name] for name in CALL_TIMES if name in times and math.isfinite(times[name])}
-    about = {"n": n, "node": call.node, "stamp_ns": str(record.stamp_ns), "received_s": call.received_s}
-    return about | state_after(record) | {"memory_bytes": record.peak_rss_bytes, **known}
+@dataclass(frozen=True, slots=True)
+class NumberedCall:
+    """A call with its number in the run."""
+
+    n: int
+    call: updates.Call
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return the call as JSON values."""
+        record = self.call.record
+        times = {"processing_time_s": record.processing_time_s, **record.times}
+        known = {name: times[name] for name in CALL_TIMES if name in times and math.isfinite(times[name])}
+        call = self.call
+        about = {"n": self.n, "node": call.node, "stamp_ns": str(record.stamp_ns), "received_s": call.received_s}
+        return about | asdict(state_after(record)) | {"memory_bytes": record.peak_rss_bytes, **known}

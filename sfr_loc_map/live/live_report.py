@@ -23,8 +23,8 @@ class LiveReport:
         self.score, self.received_s, self.content = score, received_s, to_dict(score)
         self.overall, self.tables, self.bars = banner_of(score), score_tables(score), limit_bars(score)
 
-    def ended(self, missing: str) -> LiveReport:
-        """Return the report after the end of the run, when the run may be incomplete; the figures are unchanged."""
+    def with_missing(self, missing: str) -> LiveReport:
+        """Return the report at the end of a run, judged as incomplete if results are missing; figures are unchanged."""
         score = with_missing_results(self.score, missing)
         return self if score is self.score else LiveReport(score, self.received_s)
 

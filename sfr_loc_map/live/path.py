@@ -56,12 +56,12 @@ class LivePath:
 
     def __init__(self) -> None:
         self.version = -1  # changes whenever earlier rows become invalid
-        self._may_be_late = True  # whether the run may have started before the first received pose
+        self._may_have_begun_before = True  # whether the run may have started before the first received pose
         self._forget()
 
     def restart(self) -> None:
         """Forget all poses at the start of a new run, whose first pose is received."""
-        self._may_be_late = False
+        self._may_have_begun_before = False
         self._forget()
 
     def _forget(self) -> None:
@@ -87,8 +87,8 @@ class LivePath:
         if sample.track is Track.ESTIMATE:
             self._pending.append((sample, published_s))
         else:
-            self._positions_alone = not any(sample.quat_xyzw)
-            quat = (0.0, 0.0, 0.0, 1.0) if self._positions_alone else sample.quat_xyzw
+            self._positions_alone = not sample.has_attitude
+            quat = sample.quat_xyzw if sample.has_attitude else (0.0, 0.0, 0.0, 1.0)
             self._truths.append((sample.stamp_ns, Transform.from_quat(sample.position, quat)))
         while self._pending:
             estimate, published_s = self._pending[0]
@@ -101,28 +101,23 @@ class LivePath:
     def note_length(self, length_m: float) -> None:
         """Note the length of the true path from the score, which includes the path before the first received pose.
 
-        The length is not needed for runs whose start was received.
+        The length is not needed for runs whose start was received. A score does not include the newest poses, so that
+        each length gives a lower bound of the distance before; the largest bound is kept.
         """
-        if self._may_be_late and self._last is not None:
-            self.before_m = max(length_m - self._last[2], 0.0)
+        if self._may_have_begun_before and self._last is not None:
+            self.before_m = max(self.before_m, length_m - self._last[2])
 
     def _add_row(self, sample: PoseSample, published_s: float | None, truth: Transform | None) -> None:
-        estimate, covariance = Transform.from_quat(sample.position, sample.quat_xyzw), sample.covariance
+        estimate = Transform.from_quat(sample.position, sample.quat_xyzw)
         if truth is not None and self._positions_alone:  # the estimate is aligned by translation only
             truth = Transform(estimate.rotation, truth.translation)
         if truth is not None and self._to_truth is None:
             to_truth = self._to_truth = truth @ estimate.inverse()
             self.version += 1
             self.rows = [replace(row, position_m=_point(to_truth.apply(row.position_m))) for row in self.rows]
-        turned = np.eye(3)
+        rotation = np.eye(3)
         if self._to_truth is not None:
-            estimate, turned = self._to_truth @ estimate, self._to_truth.rotation
-        lost, covariance_xy = sample.is_lost, None
-        if covariance is not None and (lost or not np.isfinite(covariance).all()):
-            covariance = None
-        if covariance is not None:
-            part = turned @ covariance[:3, :3] @ turned.T
-            covariance_xy = float(part[0, 0]), float(part[1, 1]), float(part[0, 1])
+            estimate, rotation = self._to_truth @ estimate, self._to_truth.rotation
         at = _point(estimate.translation)
         true_at = None if truth is None else _point(truth.translation)
         distance_m = self._distance_m(sample.position, true_at)
@@ -132,14 +127,14 @@ class LivePath:
             received_s=sample.received_s,
             published_s=published_s,
             position_m=at,
-            covariance_xy_m2=covariance_xy,
-            lost=lost,
+            covariance_xy_m2=_covariance_xy(sample, rotation),
+            lost=sample.is_lost,
             truth_m=true_at,
             error_m=None if truth is None else _point(estimate.translation - truth.translation),
             distance_m=distance_m,
         )
         self._count += 1
-        if row.n % self._every == 0 or lost:
+        if row.n % self._every == 0 or row.lost:
             self.rows.append(row)
             if len(self.rows) > MAX_ROWS:
                 self._every *= 2
@@ -160,6 +155,15 @@ class LivePath:
                 distance_m += math.dist(last_sent, sent)
         self._last = sent, true_at, distance_m
         return distance_m
+
+
+def _covariance_xy(sample: PoseSample, rotation: FloatArray) -> Point | None:
+    """Return the variances of x and y and their covariance after a rotation, m^2; None if lost or unknown."""
+    covariance = sample.covariance
+    if covariance is None or sample.is_lost or not np.isfinite(covariance).all():
+        return None
+    rotated = rotation @ covariance[:3, :3] @ rotation.T
+    return float(rotated[0, 0]), float(rotated[1, 1]), float(rotated[0, 1])
 
 
 def _point(values: FloatArray) -> Point:

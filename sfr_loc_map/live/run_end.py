@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -22,6 +24,18 @@ class RunEnd(msgspec.Struct, frozen=True):
         with suppress(OSError):
             return Path(self.report).read_bytes() if self.report else b""
         return b""
+
+
+@dataclass(frozen=True, slots=True)
+class Aborted:
+    """Cause and time of an abort."""
+
+    by: str
+    at_s: float
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return the abort as JSON values."""
+        return {"by": self.by, "at": self.at_s}
 
 
 class EndFile:

@@ -1,6 +1,7 @@
 """The server of the live page: its files, the state as JSON, a websocket for each open page, commands.
 
-A command requires the command token, which is part of the served page, besides the access of each request (`access`).
+Each request requires access (`access`), except for `/healthz`. A command also requires the command token, which is part
+of the served page.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ import time
 import webbrowser
 from collections.abc import Awaitable, Callable
 from contextlib import closing, suppress
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -22,18 +22,17 @@ from urllib.parse import quote
 from aiohttp import WSMsgType, http_exceptions, web
 
 from sfr_loc_map import __version__
-from sfr_loc_map.config import param
-from sfr_loc_map.errors import ConfigError, NodeError, SfrError
+from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.live import updates
-from sfr_loc_map.live.access import TOKEN_COOKIE, is_equal, is_loopback, refusal_of
+from sfr_loc_map.live.access import TOKEN_COOKIE, is_equal, refusal_of
+from sfr_loc_map.live.config import LiveConfig
 from sfr_loc_map.live.connections import IDLE_TIMEOUT_S, BoundedConnections
 from sfr_loc_map.live.live_report import LiveReport
-from sfr_loc_map.live.run_end import EndFile
+from sfr_loc_map.live.run_end import EndFile, RunEnd
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.viewer import Viewer, text_message
 from sfr_loc_map.signals import stopping
 
-DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8080
 CONTENT_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 PLOTTING_LIBRARY = "plotly.min.js"  #: File of the plotly wheel.
 TOKEN_MARK = b"@COMMAND_TOKEN@"
@@ -57,7 +56,6 @@ REPORT_HEADERS = {
 }
 """Headers of the report. Its scripts run with an opaque origin, so that they cannot access the page."""
 CACHED = {"Cache-Control": "private, max-age=86400"}  #: Headers of the plotting library, which has 5 MB.
-MIN_TOKEN_LETTERS = 8
 MAX_PAGES = 32
 MAX_MESSAGE_BYTES = 4096  #: Maximum size of a command and of a message of a page.
 HEARTBEAT_S = 20.0  #: Period of the websocket's ping.
@@ -66,26 +64,6 @@ LAST_MESSAGE_S = 0.1  #: Time for the last message to the pages.
 TICK_S = 0.01  #: Changes within this time are sent together.
 END_PERIOD_S = 0.1  #: Period of the check whether the run is over.
 LIVE_PERIOD_S = 0.25  #: Period of the state of the run, also a sign of life of the server.
-
-
-@dataclass(frozen=True, slots=True)
-class LiveConfig:
-    """Configuration of the server."""
-
-    host: str = param(DEFAULT_HOST, doc="Address to listen on; addresses other than loopback require a token.")
-    port: int = param(DEFAULT_PORT, doc="Port to listen on; 0: any free port.", low=0, high=65535)
-    token: str = param("", doc="Token that each request must contain; required if other hosts have access.")
-
-    def __post_init__(self) -> None:
-        """Raise a ConfigError if a required token is missing, or if the token is too short."""
-        token = self.token
-        if not token and not is_loopback(self.host):
-            raise ConfigError(
-                f"other hosts can open the page at '{self.host}': give --token with at least {MIN_TOKEN_LETTERS} "
-                "characters"
-            )
-        if token and (len(token) < MIN_TOKEN_LETTERS or not token.isascii() or not token.isprintable()):
-            raise ConfigError(f"--token must have at least {MIN_TOKEN_LETTERS} printable ASCII characters")
 
 
 class LiveServer:
@@ -129,13 +107,19 @@ class LiveServer:
                 ready(self.url)
                 await self._send_changes()
         finally:
-            self.state.close_operator()
+            self.state.operator.close()
             await runner.cleanup()
 
-    def end(self) -> None:
-        """Tell the pages that the run is over, so that later silence is not reported as stale data."""
+    def show_end(self, run_end: RunEnd | None = None) -> None:
+        """Tell the pages that the run is over, and how it ended if this is known.
+
+        Later silence is then not reported as stale data.
+        """
         now_s = time.time()
-        self.state.stop(now_s)
+        if run_end is None:
+            self.state.end_reception(now_s)
+        else:
+            self.state.end(run_end, now_s)
         self._live_sent_s = 0.0
         self._notify_viewers(now_s)
 
@@ -201,8 +185,9 @@ class LiveServer:
                 self._events_version = state.timeline.version
                 self._texts["events"] = text_message("events", {"events": state.events_to_plain()})
             if is_live_due:
+                actions = sorted(state.operator.actions)
                 self._live_sent_s = now_s
-                self._texts["live"] = text_message("live", state.live_to_plain(now_s) | {"actions": state.actions})
+                self._texts["live"] = text_message("live", state.live_to_plain(now_s) | {"actions": actions})
         for viewer in self._viewers:
             viewer.notify(self._texts)
 
@@ -214,7 +199,7 @@ class LiveServer:
     ) -> web.StreamResponse:
         """Refuse requests without access; turn errors into one line of text; add the security headers."""
         assert self._connections is not None
-        self._connections.has_asked(request.protocol)
+        self._connections.note_request(request.protocol)
         refusal = refusal_of(request, self._config.token)
         try:
             if refusal and request.path != "/healthz":
@@ -262,7 +247,7 @@ class LiveServer:
             async with asyncio.timeout(IDLE_TIMEOUT_S):
                 content = await request.read()
             command = updates.Command.parse(content)
-            text = await asyncio.to_thread(self.state.run, command)
+            text = await asyncio.to_thread(self.state.operator.run, command)
         except TimeoutError:
             raise web.HTTPRequestTimeout from None
         except (SfrError, web.RequestPayloadError) as error:
@@ -294,7 +279,7 @@ class LiveServer:
                     viewer.receive(received.data)
         finally:
             self._viewers.remove(viewer)
-            self.state.forget_viewer(viewer)
+            self.state.displayed.forget(viewer)
             sender.cancel()
         return channel
 
@@ -304,7 +289,7 @@ class LiveServer:
             "title": self._title,
             "time_s": now_s,
             "uptime_s": round(now_s - self._begin_s, 3),
-            "actions": self.state.actions,
+            "actions": sorted(self.state.operator.actions),
             "pages": len(self._viewers),
         }
 
@@ -315,7 +300,7 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, 
     Once the run is over, its process writes to the file how the run ended (`run_end.EndFile`). The pages display the
     end and can still be opened.
     """
-    run_end = None if end_file is None else EndFile(end_file)
+    file = None if end_file is None else EndFile(end_file)
 
     def announce(url: str) -> None:
         print(f"live: {url}", flush=True)
@@ -324,19 +309,18 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, 
 
     def show_end_of_run() -> None:
         """Display how the run ended, if its process has reported this since the last call."""
-        end = None if run_end is None else run_end.read()
-        if end is not None:
-            server.state.end(end.missing, end.aborted, time.time(), end.report_page())
-            server.end()
+        run_end = None if file is None else file.read()
+        if run_end is not None:
+            server.show_end(run_end)
 
     async def watch_run() -> None:
-        while run_end is not None:
+        while file is not None:
             show_end_of_run()
             await asyncio.sleep(END_PERIOD_S)
 
     def end_server() -> None:
         show_end_of_run()
-        server.end()
+        server.show_end()
         loop.call_later(LAST_MESSAGE_S, task.cancel)
 
     loop = asyncio.get_running_loop()

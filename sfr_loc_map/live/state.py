@@ -1,14 +1,14 @@
 """The state of a run in progress, which one feed writes and all views read.
 
-Its memory is bounded, except for the stamps of the poses, 8 bytes each, from which new runs are detected as by the
-monitor.
+Its memory is bounded, except for the stamps of all poses (8 bytes each), which `CommonRuns` requires to detect a new
+run, as in the monitor.
 """
 
 from __future__ import annotations
 
 import math
 from collections import OrderedDict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from threading import RLock
 from typing import Any
@@ -16,11 +16,14 @@ from typing import Any
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
+from sfr_loc_map.live.displayed_media import DisplayedMedia
+from sfr_loc_map.live.freshness import LiveTopic
 from sfr_loc_map.live.headline import headline
-from sfr_loc_map.live.live_node import MAX_LETTERS, LiveNode, call_to_plain, state_of_pose
+from sfr_loc_map.live.live_node import LOCALISATION_NODE, MAX_LETTERS, LiveNode, NumberedCall, state_of_pose
 from sfr_loc_map.live.live_report import LiveReport
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
-from sfr_loc_map.live.timeline import LOCALISATION_NODE, EventKind, LiveTopic, Timeline
+from sfr_loc_map.live.run_end import Aborted, RunEnd
+from sfr_loc_map.live.timeline import EventKind, Timeline
 from sfr_loc_map.metrics.score import SCHEMA
 from sfr_loc_map.metrics.score_json import from_json
 from sfr_loc_map.run_order import AnyOrder, CommonRuns
@@ -28,6 +31,7 @@ from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
 
 MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
 MAX_REPORT_CHARACTERS = 8_000_000
+STALE_TOPICS = {ESTIMATE: "pose", REPORT: "figures"}  #: Topics whose silence makes the displayed data stale.
 
 
 class LiveState:
@@ -36,13 +40,13 @@ class LiveState:
     def __init__(self) -> None:
         self.lock = RLock()
         self._on_change: Callable[[], None] = lambda: None
-        self._operator: updates.Operator | None = None
-        self._shown: dict[object, frozenset[updates.MediaKind]] = {}  # displayed media of each viewer
+        self.displayed = DisplayedMedia()
+        self.operator: updates.Operator = updates.NoOperator()  # replaced once the graph is joined
         self._runs: CommonRuns[updates.PoseSample] = CommonRuns({track: AnyOrder() for track in updates.Track})
         self.path = LivePath()
         self.report: LiveReport | None = None
         self.nodes: dict[str, LiveNode] = {}
-        self.calls: deque[dict[str, Any]] = deque(maxlen=MAX_CALLS)  # JSON values, each with its number `n`
+        self.calls: deque[NumberedCall] = deque(maxlen=MAX_CALLS)
         self.media: dict[str, updates.Media] = {}  # newest image or map of each topic
         self.image_problems: dict[str, str] = {}  # why images cannot be shown, by topic
         self.topics: dict[str, LiveTopic] = {}
@@ -50,11 +54,11 @@ class LiveState:
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # unreadable inputs, newest last
         self.timeline = Timeline()
         self.ended_s: float | None = None  # time of the end, s; None during the run
-        self.aborted: dict[str, Any] | None = None  # `by`: cause; `at`: time, s
+        self.aborted: Aborted | None = None
         self._report_page = b""  # HTML report after the end of the run
         self._missing = ""  # what the estimate is known to lack at the end
-        self._result_s = 0.0  # reception of the last result that contributes to the verdict, s
-        self._published: OrderedDict[int, float] = OrderedDict()
+        self._result_s: float | None = None  # reception of the last pose or call, s; None before the first one
+        self._published: OrderedDict[int, float] = OrderedDict()  # publication time of images by stamp, s
         self._call_count = 0
 
     @property
@@ -62,28 +66,12 @@ class LiveState:
         """Whether the run is over."""
         return self.ended_s is not None
 
-    # ---- viewers
-
-    @property
-    def wanted_media(self) -> frozenset[updates.MediaKind]:
-        """Media that at least one viewer displays; a feed prepares only these."""
-        with self.lock:
-            return frozenset[updates.MediaKind]().union(*self._shown.values())
-
-    def show(self, viewer: object, kinds: frozenset[updates.MediaKind]) -> None:
-        """Note which media a viewer displays."""
-        with self.lock:
-            self._shown[viewer] = kinds
-
-    def forget_viewer(self, viewer: object) -> None:
-        """Note that a viewer has left."""
-        with self.lock:
-            self._shown.pop(viewer, None)
+    # ---- views
 
     def shown_media(self, viewer: object) -> dict[str, updates.Media]:
         """Return, by topic, the newest images and maps of the kinds that a viewer displays."""
+        kinds = self.displayed.kinds_of(viewer)
         with self.lock:
-            kinds = self._shown.get(viewer, frozenset())
             return {topic: media for topic, media in self.media.items() if media.kind in kinds}
 
     def call_on_change(self, callback: Callable[[], None]) -> None:
@@ -94,31 +82,6 @@ class LiveState:
     def report_page(self) -> bytes:
         """HTML report after the end of the run; empty before."""
         return self._report_page
-
-    # ---- commands
-
-    def set_operator(self, operator: updates.Operator) -> None:
-        """Set the operator, which executes commands, once the graph is joined."""
-        self._operator = operator
-
-    def close_operator(self) -> None:
-        """Cancel pending commands."""
-        if self._operator is not None:
-            self._operator.close()
-
-    @property
-    def actions(self) -> list[updates.Action]:
-        """Actions that are possible now."""
-        return [] if self._operator is None else sorted(self._operator.actions)
-
-    def _actions_of(self, node: str) -> dict[str, list[updates.Action]]:
-        return {"actions": [] if self._operator is None else list(self._operator.node_actions.get(node, ()))}
-
-    def run(self, command: updates.Command) -> str:
-        """Execute a command and return a text about the result; raise an SfrError if the command fails."""
-        if self._operator is None:
-            raise InputError(f"'{command.action}' is not possible yet: the ROS graph is not joined")
-        return self._operator.run(command)
 
     # ---- records
 
@@ -137,26 +100,27 @@ class LiveState:
         """Add events for poses and reports of nodes that were not received in time."""
         with self.lock:
             if not self.ended:
-                self.timeline.look(now_s, self._silent_nodes(now_s))
+                self.timeline.tick(now_s, self._silent_nodes(now_s))
 
-    def stop(self, now_s: float) -> None:
-        """Note that the reception has ended, so that later silence is not reported as stale data."""
+    def end_reception(self, now_s: float) -> None:
+        """Note that no more data are received, so that later silence is not reported as stale data."""
         with self.lock:
             if self.ended_s is None:
-                self.timeline.end(now_s)
+                self.timeline.end_all(now_s)
                 self.ended_s = now_s
 
-    def end(self, missing: str = "", aborted: str = "", now_s: float = 0.0, report_page: bytes = b"") -> None:
+    def end(self, run_end: RunEnd, now_s: float) -> None:
         """Note that the run is over or was aborted. From now on, an uncovered part of the drive counts as missing."""
+        page = run_end.report_page()
         with self.lock:
-            self.stop(now_s)
-            self._missing = missing
-            self._report_page = report_page or self._report_page
-            if aborted and self.aborted is None:
-                self.aborted = {"by": aborted, "at": now_s}
-                self.timeline.mark(now_s, EventKind.ABORTED, f"aborted: {aborted}")
+            self.end_reception(now_s)
+            self._missing = run_end.missing
+            self._report_page = page or self._report_page
+            if run_end.aborted and self.aborted is None:
+                self.aborted = Aborted(run_end.aborted, now_s)
+                self.timeline.mark(now_s, EventKind.ABORTED, f"aborted: {run_end.aborted}")
             if self.report is not None:
-                self.report = self.report.ended(missing)
+                self.report = self.report.with_missing(run_end.missing)
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the latest report (`sfr-score/2`) with the state of the run as `live`, as JSON values."""
@@ -180,11 +144,11 @@ class LiveState:
         with self.lock:
             silent = self._silent_nodes(now_s)
             report, rows = self.report, self.path.rows
-            age_s = None if report is None else round(now_s - min(report.received_s, self._result_s), 3)
+            age_s = self._age_of_verdict_s(now_s)
             topics = {
                 name: topic.to_plain(now_s, self.lost.get(name, 0)) for name, topic in sorted(self.topics.items())
             }
-            stale_reasons = self._stale_reasons(topics, silent, now_s)
+            stale_reasons = self._stale_reasons(silent, now_s)
             shown = headline(
                 None if report is None else report.overall,
                 () if report is None else report.bars,
@@ -202,17 +166,31 @@ class LiveState:
                 "stale_reasons": stale_reasons,
                 "ended": self.ended,
                 "ended_at": self.ended_s,
-                "aborted": self.aborted,
+                "aborted": None if self.aborted is None else self.aborted.to_plain(),
                 "has_report": bool(self._report_page),
                 "report_age_s": None if report is None else round(now_s - report.received_s, 3),
-                "nodes": [node.to_plain(now_s) | self._actions_of(name) for name, node in sorted(self.nodes.items())],
+                "nodes": [self._node_to_plain(name, now_s) for name in sorted(self.nodes)],
                 "topics": topics,
                 "localisation": self._localisation_to_plain(now_s),
-                "last_call": {call["node"]: call for call in self.calls},
+                "last_call": {item.call.node: item.to_plain() for item in self._last_calls()},
                 "poses": rows[-1].n + 1 if rows else 0,
                 "problems": list(self.problems),
                 "image_problems": {topic: text for topic, text in self.image_problems.items() if text},
             }
+
+    def _node_to_plain(self, name: str, now_s: float) -> dict[str, Any]:
+        """Return a node with its possible actions as JSON values."""
+        return self.nodes[name].to_plain(now_s) | {"actions": list(self.operator.node_actions.get(name, ()))}
+
+    def _age_of_verdict_s(self, now_s: float) -> float | None:
+        """Return the time since the last report or the last result, whichever is older; None without a report.
+
+        A report is latched, so that it may be received without any pose or call.
+        """
+        if self.report is None:
+            return None
+        known_s = [self.report.received_s] if self._result_s is None else [self.report.received_s, self._result_s]
+        return round(now_s - min(known_s), 3)
 
     def _localisation_to_plain(self, now_s: float) -> dict[str, Any] | None:
         """Return the last pose with its state and age as JSON values; None before the first pose.
@@ -224,7 +202,7 @@ class LiveState:
         row, node = self.path.rows[-1], self.nodes.get(LOCALISATION_NODE)
         topic = self.topics.get(ESTIMATE)
         plain = dict(zip(ROW_FIELDS, row.to_plain(), strict=True))
-        plain |= state_of_pose(None if node is None else node.call, is_lost=row.lost)
+        plain |= asdict(state_of_pose(None if node is None else node.call, covariance_is_lost=row.lost))
         is_overdue = topic is not None and topic.is_stale(now_s)
         plain["stale"] = is_overdue or LOCALISATION_NODE in self._silent_nodes(now_s)
         plain["age_s"] = round(max(now_s - (row.received_s if topic is None else topic.received_s), 0.0), 3)
@@ -240,14 +218,18 @@ class LiveState:
         with self.lock:
             return self.timeline.to_plain()
 
-    def _stale_reasons(self, topics: dict[str, Any], silent: dict[str, float], now_s: float) -> list[str]:
+    def _last_calls(self) -> Iterable[NumberedCall]:
+        """Return the last call of each node."""
+        return {item.call.node: item for item in self.calls}.values()
+
+    def _stale_reasons(self, silent: dict[str, float], now_s: float) -> list[str]:
         """Return why the displayed data are stale; empty after the end of the run."""
         if self.ended:
             return []
-        words = ((ESTIMATE, "pose"), (REPORT, "figures"))
-        stopped = [(text, topics[name]) for name, text in words if name in topics and topics[name]["stale"]]
+        known = [(text, self.topics[name]) for name, text in STALE_TOPICS.items() if name in self.topics]
+        stopped = [(text, topic) for text, topic in known if topic.is_stale(now_s)]
         return [
-            *(f"no {text} for {topic['age_s']:.1f} s" for text, topic in stopped),
+            *(f"no {text} for {topic.age_s(now_s):.1f} s" for text, topic in stopped),
             *(f"{name} silent for {now_s - since_s:.1f} s" for name, since_s in sorted(silent.items())),
         ]
 
@@ -285,7 +267,7 @@ class LiveState:
         if (length := len(update.text)) > MAX_REPORT_CHARACTERS:
             raise InputError(f"{REPORT} has {length} characters: at most {MAX_REPORT_CHARACTERS} are read")
         report = LiveReport(from_json(update.text, REPORT), update.received_s)
-        self.report = report.ended(self._missing) if self.ended else report
+        self.report = report.with_missing(self._missing) if self.ended else report
         judged = {bar.place: bar for bar in self.report.bars}
         states = self.report.score.verdicts
         texts = ((item, judged[k].text) for k, item in enumerate(states) if k in judged)
@@ -325,7 +307,7 @@ class LiveState:
         if (node := self._node(update.node)) is not None:
             node.add(update)
             self._result_s = update.received_s
-            self.calls.append(call_to_plain(self._call_count, update))
+            self.calls.append(NumberedCall(self._call_count, update))
             self._call_count += 1
 
     def _take_stamp(self, update: updates.ImageStamp) -> None:

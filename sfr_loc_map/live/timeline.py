@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from sfr_loc_map.inputs import NS_PER_S, Task
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live import updates
+from sfr_loc_map.live.freshness import LiveTopic
+from sfr_loc_map.live.live_node import LOCALISATION_NODE, state_of_pose
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.verdict import Verdict
@@ -17,27 +19,11 @@ from sfr_loc_map.runs.calls import CallRecord
 MAX_EVENTS, MAX_TEXT = 400, 200
 
 
-@dataclass(frozen=True, slots=True)
-class Freshness:
-    """Limits of the time without a message; data are stale once both limits are exceeded."""
-
-    after_s: float
-    periods: float  #: Multiple of the message period.
-
-    def is_stale(self, silent_s: float, period_s: float) -> bool:
-        """Return whether a silence is too long for a message period, which is 0 if unknown."""
-        return silent_s > max(self.after_s, self.periods * period_s)
-
-
-NODE_FRESHNESS = Freshness(after_s=1.5, periods=1.6)
-"""A node reports its health once a second by a timer, so that one missing report makes it stale."""
-TOPIC_FRESHNESS = Freshness(after_s=1.6, periods=3.0)
-"""The period of a topic varies with its source, so that two messages may be missing."""
 RECENT = 8  #: Number of last events among which the previous event of a lane is searched.
 FLICKER_S = 0.5  #: Tracking for less than this time does not separate two intervals of the same kind.
 GAP_S, GAP_PERIODS = 2.0, 20.0
 """A step of the stamps is an event if it exceeds this time, s, and this multiple of the mean step."""
-LOCALISATION_NODE, POSE = Task.LOCALISATION.node, "pose"
+POSE = "pose"  #: Lane of the events of the last pose.
 SILENT = "{}: silent"
 COMPILING_ACTIVITY = "compiling"  #: Activity in the health of a node that compiles its kernels.
 
@@ -56,32 +42,8 @@ class EventKind(StrEnum):
     ABORTED = "aborted"
 
 
-@dataclass(frozen=True, slots=True)
-class LiveTopic:
-    """Reception time and stamp of the last message of a topic, and the smoothed message period (0: unknown)."""
-
-    stamp_ns: int | None
-    received_s: float
-    period_s: float = 0.0
-
-    @classmethod
-    def after(cls, before: LiveTopic | None, stamp_ns: int | None, received_s: float) -> LiveTopic:
-        """Return the topic after a message; `before` is the previous value, None before the first message."""
-        passed_s = 0.0 if before is None else max(received_s - before.received_s, 0.0)
-        known = before is not None and before.period_s
-        return cls(stamp_ns, received_s, 0.8 * known + 0.2 * passed_s if known else passed_s)
-
-    def is_stale(self, now_s: float) -> bool:
-        """Return whether the topic has been silent for longer than `TOPIC_FRESHNESS`; False for an unknown period."""
-        return self.period_s > 0.0 and TOPIC_FRESHNESS.is_stale(now_s - self.received_s, self.period_s)
-
-    def to_plain(self, now_s: float, lost: int) -> dict[str, Any]:
-        """Return the topic as JSON values."""
-        stamp = None if self.stamp_ns is None else str(self.stamp_ns)
-        age_s = round(max(now_s - self.received_s, 0.0), 3)
-        # The rate is unknown if all messages arrived at the same time.
-        rate_hz = round(1.0 / self.period_s, 2) if self.period_s > 1e-6 else None
-        return {"stamp_ns": stamp, "age_s": age_s, "rate_hz": rate_hz, "stale": self.is_stale(now_s), "lost": lost}
+EVENT_OF_STATE: dict[str, EventKind] = {TrackingState.DEGRADED: EventKind.DEGRADED, TrackingState.LOST: EventKind.LOST}
+"""Event of the last pose by its state; `TRACKING` for all other states."""
 
 
 @dataclass(slots=True)
@@ -133,7 +95,7 @@ class Timeline:
     def take_estimate(self, pose: updates.PoseSample) -> None:
         """Process a pose of the estimate."""
         at_s = pose.received_s
-        self.look(at_s, {})
+        self.tick(at_s, {})
         if self._pose is not None and self._pose.stamp_ns is not None:
             step_s = (pose.stamp_ns - self._pose.stamp_ns) / NS_PER_S
             if step_s > max(GAP_S, GAP_PERIODS * self._step_s) and self._step_s > 0.0:
@@ -152,7 +114,7 @@ class Timeline:
         self.mark(at_s, EventKind.CLOCK, f"stamps jump back by {back_s:.1f} s")
         self._pose = replace(self._pose, stamp_ns=None)
 
-    def look(self, now_s: float, silent: Mapping[str, float]) -> None:
+    def tick(self, now_s: float, silent: Mapping[str, float]) -> None:
         """Add events for missing poses and for silent nodes, given with the time of their last report."""
         if self._pose is not None and self._pose.is_stale(now_s):
             self.note(POSE, self._pose.received_s, EventKind.STALE, "no pose")
@@ -200,7 +162,7 @@ class Timeline:
         self.version += 1
         self._add(Event(kind, at_s, at_s, kind, text[:MAX_TEXT]))
 
-    def end(self, at_s: float) -> None:
+    def end_all(self, at_s: float) -> None:
         """End all events in progress."""
         for lane in list(self._open):
             self.note(lane, at_s, None)
@@ -219,13 +181,8 @@ class Timeline:
         return event
 
     def _note_state_of_pose(self, at_s: float) -> None:
-        """Start or continue the event of the last pose, by the rule of `live_node.state_of_pose`."""
-        state, text = ("", "") if self._call is None else (self._call.state, self._call.outcome)
-        if state == TrackingState.LOST:
-            self.note(POSE, at_s, EventKind.LOST, text)
-        elif self._is_pose_lost:
-            self.note(POSE, at_s, EventKind.LOST, "lost")
-        elif state == TrackingState.DEGRADED:
-            self.note(POSE, at_s, EventKind.DEGRADED, text)
-        else:
-            self.note(POSE, at_s, EventKind.TRACKING, state or "state unknown")
+        """Start or continue the event of the last pose."""
+        found = state_of_pose(self._call, covariance_is_lost=self._is_pose_lost)
+        kind = EVENT_OF_STATE.get(found.state, EventKind.TRACKING)
+        text = (found.state or "state unknown") if kind is EventKind.TRACKING else found.text
+        self.note(POSE, at_s, kind, text)

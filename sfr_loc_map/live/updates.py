@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from types import MappingProxyType
 from typing import ClassVar, Protocol
 
 import msgspec
@@ -48,7 +49,10 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class PoseSample:
-    """A pose of RB in DS: position, m, unit quaternion, and for estimates the covariance `(6, 6)` in ROS order."""
+    """A pose of RB in DS: position, m, quaternion, and for estimates the covariance `(6, 6)` in ROS order.
+
+    The quaternion has unit length, or is 0 0 0 0 if the attitude is unknown, which is possible only for the truth.
+    """
 
     track: Track
     stamp_ns: int
@@ -56,6 +60,11 @@ class PoseSample:
     quat_xyzw: tuple[float, float, float, float]
     received_s: float
     covariance: FloatArray | None = None
+
+    @property
+    def has_attitude(self) -> bool:
+        """Whether the attitude is known."""
+        return any(self.quat_xyzw)
 
     @property
     def is_lost(self) -> bool:
@@ -86,7 +95,7 @@ class Status:
 
 @dataclass(frozen=True, slots=True)
 class ImageStamp:
-    """Stamp and publication time of an image, which is received even if the image is not displayed."""
+    """Stamp and publication time of an image. Images are received only while a viewer displays images."""
 
     topic: str
     stamp_ns: int
@@ -197,7 +206,11 @@ class Command:
 
 
 class Operator(Protocol):
-    """Executes commands through the nodes' services. `run` returns a text about the result and may take seconds."""
+    """Executes commands through the nodes' services.
+
+    `run` returns a text about the result and may take seconds; it raises an SfrError if the command fails. `close`
+    cancels pending commands.
+    """
 
     @property
     def actions(self) -> frozenset[Action]: ...  # noqa: D102
@@ -208,3 +221,17 @@ class Operator(Protocol):
     def run(self, command: Command) -> str: ...  # noqa: D102
 
     def close(self) -> None: ...  # noqa: D102
+
+
+class NoOperator:
+    """The operator before the graph is joined, when no command is possible."""
+
+    actions: frozenset[Action] = frozenset()
+    node_actions: Mapping[str, Sequence[Action]] = MappingProxyType({})
+
+    def run(self, command: Command) -> str:
+        """Raise an InputError."""
+        raise InputError(f"'{command.action}' is not possible yet: the ROS graph is not joined")
+
+    def close(self) -> None:
+        """Do nothing, because no command is pending."""

@@ -79,7 +79,7 @@ class Viewer:
             content = parse_json(text)
         match content:
             case {"type": "want", "media": [*wanted]}:
-                self._state.show(self, frozenset(kind for kind in MediaKind if kind.value in wanted))
+                self._state.displayed.show(self, frozenset(kind for kind in MediaKind if kind.value in wanted))
         self._changed.set()
 
     async def send_all(self, server: dict[str, Any]) -> None:
@@ -119,11 +119,11 @@ class Viewer:
 
     def _new_calls(self) -> list[str]:
         with self._state.lock:
-            calls = [call for call in self._state.calls if call["n"] >= self._next_call]
+            calls = [call for call in self._state.calls if call.n >= self._next_call]
         if not calls:
             return []
-        self._next_call = calls[-1]["n"] + 1
-        return [text_message("calls", {"calls": calls})]
+        self._next_call = calls[-1].n + 1
+        return [text_message("calls", {"calls": [call.to_plain() for call in calls]})]
 
     def _next_media(self) -> PageMedia | None:
         """Return a new image or map of the media that the page shows, of the topic that has waited longest."""

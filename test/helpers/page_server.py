@@ -9,7 +9,8 @@ from typing import Any
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import SUITE_NODES
-from sfr_loc_map.live.server import LiveConfig, LiveServer
+from sfr_loc_map.live.config import LiveConfig
+from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import Action, Command
 

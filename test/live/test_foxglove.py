@@ -59,11 +59,11 @@ def shown() -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], Any]:
                 with pytest.raises(NodeError, match="--foxglove-port"):
                     FoxgloveServer(state, int(view.url.rpartition(":")[2]), "another").__enter__()
                 wanted: list[frozenset[MediaKind]] = []
-                channels, messages = await first_messages(view.url, lambda: wanted.append(state.wanted_media))
+                channels, messages = await first_messages(view.url, lambda: wanted.append(state.displayed.wanted))
                 assert wanted == [{MediaKind.IMAGES, MediaKind.CLOUDS, MediaKind.MAPS}], "what is looked at is made"
                 async with aiohttp.ClientSession() as session, session.get(server.url + "state.json") as answer:
                     told = await answer.json()
-                while state.wanted_media:  # nothing is made once the client is gone
+                while state.displayed.wanted:  # nothing is made once the client is gone
                     await asyncio.sleep(0.02)
         return channels, messages, told, (cloud, images, state.path.rows)
 

@@ -17,6 +17,7 @@ pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[
 
 from helpers.page_server import Recorder, served
 from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import Action, ImageProblem, PoseSample, Report, Status
@@ -193,7 +194,7 @@ async def check_hostile_names(browser: Browser, state: LiveState) -> None:
 def test_panels_states_commands_and_hostile_names() -> None:
     async def test() -> None:
         state, operator = LiveState(), Recorder()
-        state.set_operator(operator)
+        state.operator = operator
         fill(state, 80)
         async with served(state, HOSTILE) as server, Browser(height=4000) as browser:
             await browser.open(server.url)
@@ -203,11 +204,10 @@ def test_panels_states_commands_and_hostile_names() -> None:
             await check_commands(browser, operator)
             await check_clock(browser, state)
             await check_hostile_names(browser, state)
-            server.end()
+            server.show_end()
             ended_at = f"/ended \\d{{4}}-\\d\\d-\\d\\d \\d\\d:\\d\\d:\\d\\d/.test({text('connection')})"
             await browser.wait_for(f"{ended_at} && {text('verdict')}.includes('ended') && !{text('age')}")
-            state.end("", "monitor_node was killed by SIGKILL", time.time())
-            server.end()
+            server.show_end(RunEnd(aborted="monitor_node was killed by SIGKILL"))
             await browser.wait_for(f"{text('verdict')}.includes('aborted')")
             await browser.wait_for(f"{text('overall')}.startsWith('monitor_node was killed by SIGKILL at ')")
             assert browser.complaints() == []

@@ -24,8 +24,10 @@ aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip i
 
 from helpers.page_server import Recorder, served  # noqa: E402 - needs aiohttp
 from sfr_loc_map.live import server  # noqa: E402 - as above
+from sfr_loc_map.live.config import LiveConfig  # noqa: E402 - as above
 from sfr_loc_map.live.connections import MAX_SILENT  # noqa: E402 - as above
-from sfr_loc_map.live.server import LiveConfig, LiveServer  # noqa: E402 - as above
+from sfr_loc_map.live.run_end import RunEnd  # noqa: E402 - as above
+from sfr_loc_map.live.server import LiveServer  # noqa: E402 - as above
 
 
 class Served:
@@ -34,7 +36,7 @@ class Served:
     def __init__(self, session: Any, state: LiveState, server: LiveServer) -> None:
         self.session, self.state, self.server = session, state, server
         self.operator = Recorder()
-        state.set_operator(self.operator)
+        state.operator = self.operator
         self.port = int(server.url.split("?")[0].rsplit(":")[-1].strip("/"))
 
     async def get(self, path: str, **headers: str) -> tuple[int, str, Any]:
@@ -178,7 +180,7 @@ def test_the_end_of_a_run_is_read_from_its_file_even_if_it_was_written_before_th
         serving = asyncio.ensure_future(server.serve_until_signal(page, end_file=end_file))
         while state.aborted is None:
             await asyncio.sleep(0.01)
-        assert state.aborted["by"] == "mapping_node was killed by SIGKILL"
+        assert state.aborted.by == "mapping_node was killed by SIGKILL"
         assert state.report_page == b""
         report.write_text("<p>report</p>")
         write_text(json.dumps({"report": str(report)}), end_file)
@@ -191,10 +193,13 @@ def test_the_end_of_a_run_is_read_from_its_file_even_if_it_was_written_before_th
     asyncio.run(asyncio.wait_for(run(), 20))
 
 
-def test_the_report_of_a_run_is_served_apart_from_the_page() -> None:
+def test_the_report_of_a_run_is_served_apart_from_the_page(tmp_path: Path) -> None:
+    page = tmp_path / "report.html"
+    page.write_text("<p>report</p>")
+
     async def test(found: Served) -> None:
         assert (await found.get("report"))[0] == 404
-        found.state.end(now_s=time.time(), report_page=b"<p>report</p>")
+        found.state.end(RunEnd(report=str(page)), time.time())
         status, text, headers = await found.get("report")
         assert (status, text) == (200, "<p>report</p>")
         assert "sandbox" in headers["Content-Security-Policy"]
@@ -221,7 +226,7 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
             await take(lambda: len(texts) >= 6 and len(frames) >= 3)
             assert [text["type"] for text in texts][:6] == ["hello", "report", "events", "live", "path", "calls"]
             assert len(texts[4]["rows"]) == 10
-            assert found.state.wanted_media == {MediaKind.IMAGES, MediaKind.MAPS}
+            assert found.state.displayed.wanted == {MediaKind.IMAGES, MediaKind.MAPS}
             for hostile in ('{"type":"want","media":[NaN]}', '{"type":"want","media":1e999}', "[" * 4000):
                 await channel.send_str(hostile)  # the page stays connected
             rows: list[int] = []
@@ -234,7 +239,7 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
                 await take(lambda: any(text["type"] == "path" for text in texts))
                 rows += [row[0] for text in texts if text["type"] == "path" for row in text["rows"]]
             assert rows == list(range(10, 40))
-        while found.state.wanted_media:
+        while found.state.displayed.wanted:
             await asyncio.sleep(0.01)
 
     in_loop(test)

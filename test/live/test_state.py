@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from helpers.live_run import NODES, call, fill, frame, health, scored
 from helpers.made_scores import HOSTILE, dig, json_of, whole_score
+from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
 from sfr_loc_map.live.updates import Call, GraphNodes, ImageStamp, PoseSample, Report, Status, Track, Update
 from sfr_loc_map.message_types import StatusKind
@@ -54,7 +55,7 @@ def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> N
         state.put(report)
         under_way = state.to_plain(1.0)
         assert under_way["live"]["overall"]["state"] == verdict
-        state.end()
+        state.end(RunEnd(), 1.0)
         for _ in range(2):
             ended = state.to_plain(1.0)
             assert ended["live"]["overall"]["state"] == verdict
@@ -64,8 +65,19 @@ def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> N
     for partial in (False, True):  # known by the images of the source
         state = LiveState()
         state.put(Report(to_json(judged(whole, None, partial=partial)), 1.0))
-        state.end("an image has no pose")
+        state.end(RunEnd(missing="an image has no pose"), 1.0)
         assert state.to_plain(1.0).get("incomplete") == (None if partial else "an image has no pose")
+
+
+def test_a_report_without_poses_has_the_age_of_its_reception() -> None:
+    """A report is latched, so that it is the only message of nodes that are paused or have finished."""
+    state = LiveState()
+    state.put(Report(to_json(whole_score(100, 48, 2)), 1000.0))
+    assert state.live_to_plain(1003.0)["age_s"] == 3.0
+    state.put(frame(0, 1001.0)[-1])
+    assert state.live_to_plain(1003.0)["age_s"] == 3.0
+    state.put(Report(to_json(whole_score(100, 48, 2)), 1002.0))
+    assert state.live_to_plain(1003.0)["age_s"] == 2.0
 
 
 @pytest.mark.parametrize("kind", [*ConditionKind, "distance=1,time=1"])
@@ -125,7 +137,8 @@ def test_whatever_comes_the_state_can_be_told(found: list[Update]) -> None:
     state = LiveState()
     for update in found:
         state.put(update)
-    json.dumps([state.to_plain(1e9), *state.calls, *(row.to_plain() for row in state.path.rows)], allow_nan=False)
+    records = [item.to_plain() for item in (*state.calls, *state.path.rows)]
+    json.dumps([state.to_plain(1e9), *records], allow_nan=False)
 
 
 def test_reading_the_state_changes_no_event() -> None:

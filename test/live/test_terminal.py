@@ -18,6 +18,7 @@ import pytest
 from rich.console import Console
 
 from helpers.live_run import NODES, health, pose_pair, report, updates
+from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.terminal import Terminal, one_line_of
 from sfr_loc_map.live.updates import Report
@@ -41,7 +42,7 @@ def drawn(
     for record in records:
         state.put(record)
     if aborted or ended:
-        state.end("", aborted, now_s)
+        state.end(RunEnd(aborted=aborted), now_s)
     console.print(Terminal(state, "rover1", console).drawing(now_s), end="")
     return text.getvalue()
 

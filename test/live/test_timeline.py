@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from helpers.live_run import STEP_NS, call, health, pose_pair
 from helpers.made_scores import LIMITS, whole_score
+from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.timeline import MAX_EVENTS, EventKind, Timeline
 from sfr_loc_map.live.updates import GraphNodes, PoseSample, Report
@@ -46,7 +47,7 @@ def test_what_happened_is_told_with_its_times() -> None:
     state.put(health("mapping_node", 12.0, Level.ERROR, "out of memory"))
     limits = parse_limits(LIMITS | {"minimum_independent": 1}, "test")  # the drive is short
     state.put(Report(to_json(judged(whole_score(100, 48, 2), limits)), 12.0))
-    state.end("", "monitor_node was killed by SIGKILL", 13.0)
+    state.end(RunEnd(aborted="monitor_node was killed by SIGKILL"), 13.0)
     told = [
         (event["kind"], round(event["from"], 1), event["to"])
         for event in state.events_to_plain()

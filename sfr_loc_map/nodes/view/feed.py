@@ -88,7 +88,7 @@ class RosFeed(Peer):
         self._map_worker = Worker("sfr-live-maps", Overload.ALL, MAX_MAPS, self._log_fault)
         self._closed = Event()
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
-        state.set_operator(NodeOperator(self.ros_node))
+        state.operator = NodeOperator(self.ros_node)
         self._subscribe_to_figures()
         self.ros_node.create_timer(GRAPH_PERIOD_S, self._examine_graph)
 
@@ -97,7 +97,7 @@ class RosFeed(Peer):
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._state.close_operator()
+        self._state.operator.close()
         self._closed.set()
         self._thread.join(5.0)
         self._map_worker.stop()
@@ -275,7 +275,7 @@ class RosFeed(Peer):
 
     def _examine_graph(self) -> None:
         """Detect the nodes, and subscribe to the media that the viewers display."""
-        self._follow_viewers(self._state.wanted_media)
+        self._follow_viewers(self._state.displayed.wanted)
         published = self.ros_node.get_publishers_info_by_topic(self.ros_node.resolve_topic_name(TRUE_POSES))
         self._truth.follow([str(info.topic_type) for info in published])
         names = self.ros_node.get_node_names_and_namespaces()

@@ -25,7 +25,7 @@ PIXELS = np.arange(64 * 48, dtype=np.uint16).reshape(48, 64).astype(np.uint8)
 @pytest.mark.parametrize("name", IMAGES)
 def test_an_image_of_each_transport_is_shown(own_domain: None, name: str) -> None:
     state = LiveState()
-    state.show("test", frozenset({MediaKind.IMAGES}))
+    state.displayed.show("test", frozenset({MediaKind.IMAGES}))
     with RosFeed(state) as feed:
         node = rclpy.create_node("camera")
         kind = message_type(IMAGES[name])

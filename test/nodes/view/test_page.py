@@ -24,8 +24,8 @@ from helpers.score_rows import rows_about
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.images.codec import encode_png
+from sfr_loc_map.live.freshness import NODE_FRESHNESS
 from sfr_loc_map.live.path import ROW_FIELDS
-from sfr_loc_map.live.timeline import NODE_FRESHNESS
 
 COMMAND = ("-m", "sfr_loc_map")
 PAGE = ("-m", "sfr_loc_map.nodes.start", "nodes.view.main", "--port", "0")

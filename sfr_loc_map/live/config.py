@@ -1,0 +1,41 @@
+"""The configuration of the live page: address, port and token. It does not require the web server."""
+
+from __future__ import annotations
+
+import ipaddress
+from dataclasses import dataclass
+
+from sfr_loc_map.config import param
+from sfr_loc_map.errors import ConfigError
+
+DEFAULT_HOST = "127.0.0.1"
+DEFAULT_PORT = 8080
+MIN_TOKEN_LETTERS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class LiveConfig:
+    """Configuration of the server."""
+
+    host: str = param(DEFAULT_HOST, doc="Address to listen on; addresses other than loopback require a token.")
+    port: int = param(DEFAULT_PORT, doc="Port to listen on; 0: any free port.", low=0, high=65535)
+    token: str = param("", doc="Token that each request must contain; required if other hosts have access.")
+
+    def __post_init__(self) -> None:
+        """Raise a ConfigError if a required token is missing, or if the token is too short."""
+        token = self.token
+        if not token and not is_loopback(self.host):
+            raise ConfigError(
+                f"other hosts can open the page at '{self.host}': give --token with at least {MIN_TOKEN_LETTERS} "
+                "characters"
+            )
+        if token and (len(token) < MIN_TOKEN_LETTERS or not token.isascii() or not token.isprintable()):
+            raise ConfigError(f"--token must have at least {MIN_TOKEN_LETTERS} printable ASCII characters")
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether a host is this host by a name or address that no other host can have."""
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

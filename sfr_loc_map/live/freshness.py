@@ -1,0 +1,56 @@
+"""When data of a run are stale: limits of the silence of nodes and topics, and the last message of a topic."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Freshness:
+    """Limits of the time without a message; data are stale once both limits are exceeded."""
+
+    after_s: float
+    periods: float  #: Multiple of the message period.
+
+    def is_stale(self, silent_s: float, period_s: float) -> bool:
+        """Return whether a silence is too long for a message period, which is 0 if unknown."""
+        return silent_s > max(self.after_s, self.periods * period_s)
+
+
+NODE_FRESHNESS = Freshness(after_s=1.5, periods=1.6)
+"""A node reports its health once a second by a timer, so that one missing report makes it stale."""
+TOPIC_FRESHNESS = Freshness(after_s=1.6, periods=3.0)
+"""The period of a topic varies with its source, so that two messages may be missing."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveTopic:
+    """Reception time and stamp of the last message of a topic, and the smoothed message period (0: unknown)."""
+
+    stamp_ns: int | None
+    received_s: float
+    period_s: float = 0.0
+
+    @classmethod
+    def after(cls, before: LiveTopic | None, stamp_ns: int | None, received_s: float) -> LiveTopic:
+        """Return the topic after a message; `before` is the previous value, None before the first message."""
+        passed_s = 0.0 if before is None else max(received_s - before.received_s, 0.0)
+        known = before is not None and before.period_s
+        return cls(stamp_ns, received_s, 0.8 * known + 0.2 * passed_s if known else passed_s)
+
+    def is_stale(self, now_s: float) -> bool:
+        """Return whether the topic has been silent for longer than `TOPIC_FRESHNESS`; False for an unknown period."""
+        return self.period_s > 0.0 and TOPIC_FRESHNESS.is_stale(now_s - self.received_s, self.period_s)
+
+    def age_s(self, now_s: float) -> float:
+        """Return the time since the last message, s, to the millisecond."""
+        return round(max(now_s - self.received_s, 0.0), 3)
+
+    def to_plain(self, now_s: float, lost: int) -> dict[str, Any]:
+        """Return the topic as JSON values."""
+        stamp = None if self.stamp_ns is None else str(self.stamp_ns)
+        age_s = self.age_s(now_s)
+        # The rate is unknown if all messages arrived at the same time.
+        rate_hz = round(1.0 / self.period_s, 2) if self.period_s > 1e-6 else None
+        return {"stamp_ns": stamp, "age_s": age_s, "rate_hz": rate_hz, "stale": self.is_stale(now_s), "lost": lost}
