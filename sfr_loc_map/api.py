@@ -35,6 +35,7 @@ from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs import offline
 from sfr_loc_map.runs.call_stats import CallStats, stats_of
+from sfr_loc_map.runs.calls import tracking_warning
 from sfr_loc_map.scoring.conversion import converted_run
 from sfr_loc_map.scoring.inputs import CloudToScore, Correction, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_map_truth, load_run, with_fusion_flag
@@ -112,11 +113,12 @@ def localise(
         how = _parameters(LocalisationConfig, config, "localisation")
     else:
         how = _under_test(method, Task.LOCALISATION, config, opened)
-    steps = _named(opened.path, offline.run_localiser(drive, how, first))
     if live:
+        steps = _named(opened.path, offline.localiser_steps(drive, how, first))
         return (step.estimate for step in steps)
-    done = offline.DriveRun(list(steps))
-    if (text := offline.tracking_warning(done.records, opened.path)) is not None:
+    with naming(opened.path):
+        done = offline.run_localiser(drive, how, first)
+    if (text := tracking_warning(done.records, opened.path)) is not None:
         warnings.warn(text, UserWarning, stacklevel=2)
     return replace(done.trajectory, records=tuple(done.records), method=done.method)
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
@@ -21,16 +20,21 @@ from sfr_loc_map.cli.options import (
     StartOption,
     method_under_test,
     open_as,
+    refuse_given,
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.config import read_config
-from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
+from sfr_loc_map.errors import InterruptedRunError, naming
 from sfr_loc_map.inputs import OURS, Task
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.signals import hold
 
-R = TypeVar("R")
+if TYPE_CHECKING:
+    from sfr_loc_map.io.sequence import LocSequence
+    from sfr_loc_map.localisation.estimate import StartPose
+    from sfr_loc_map.runs.offline import DriveRun, UnderTest
+    from sfr_loc_map.runs.track_video import FrameObserver
 
 
 @app.command(
@@ -61,34 +65,34 @@ def localise(
     """Estimate the trajectory of a drive with the code of the localisation node, or with another method."""
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
-    from sfr_loc_map.runs import offline
     from sfr_loc_map.runs.call_files import save_stats, stats_beside
+    from sfr_loc_map.runs.calls import states_text, tracking_warning
+    from sfr_loc_map.runs.offline import start_pose
     from sfr_loc_map.runs.track_video import track_video
 
     check_suffix(output, FILE_SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
     check_outputs(*files_written(output), stats, video, inputs=(source, config), overwrite=overwrite)
-    if method != OURS and video is not None:
-        raise ConfigError(f"'--video' shows the tracks of our localiser: omit it with --method {method}")
+    if method != OURS:
+        refuse_given({"--video": video}, f"shows the tracks of our localiser: omit it with --method {method}")
     opened, read_from = open_as(source, remap, config if method == OURS else None)
     theirs = method_under_test(method, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
     parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)
     with ExitStack() as film, naming(source):
-        first_pose = offline.start_pose(sequence, start)
+        first_pose = start_pose(sequence, start)
         truth = source if sequence.ground_truth is not None else "TRUTH"
         watch = None if video is None else film.enter_context(track_video(video, sequence.rig))
-        steps = offline.run_localiser(sequence, theirs or parameters, first_pose, watch)
-        done = offline.DriveRun(_finished(steps, len(sequence)))
+        done = _localised(sequence, theirs or parameters, first_pose, watch)
         save_trajectory(output, done.trajectory)
         with secondary_output():
             film.close()
     with secondary_output():
         save_stats(stats, done.records, done.method, done.trajectory)
-    say(f"{len(done.steps)} poses, {offline.states_text(done.records)}: {output}", err=True)
+    say(f"{len(done.steps)} poses, {states_text(done.records)}: {output}", err=True)
     more = (("--stats", stats), ("--config", config if theirs is None else None))
     again = [word for option, file in more if file is not None for word in (option, file)]
     propose("sfr", "score", output, truth, *again, why="against the truth")
-    if (text := offline.tracking_warning(done.records, source)) is not None:
+    if (text := tracking_warning(done.records, source)) is not None:
         warn(text)
     count = len(done.steps)
     if count < len(sequence):
@@ -96,18 +100,17 @@ def localise(
     conclude_findings(done.method, done.records)
 
 
-def _finished(results: Iterable[R], total: int) -> list[R]:
-    """Return the results while a progress bar counts them; after an interruption return the finished results."""
-    done: list[R] = []
+def _localised(
+    sequence: LocSequence, how: LocalisationConfig | UnderTest, start: StartPose, watch: FrameObserver | None
+) -> DriveRun:
+    """Return the run over a drive while a progress bar counts the pairs; after an interruption, the finished pairs."""
+    from sfr_loc_map.runs.offline import run_localiser
+
     with progress_bar("pairs") as bar:
-        task = bar.add_task("localising", total=total)
+        task = bar.add_task("localising", total=len(sequence))
         try:
-            for result in results:
-                done.append(result)
-                bar.advance(task)
-        except KeyboardInterrupt:
-            if not done:
-                raise
+            return run_localiser(
+                sequence, how, start, watch, lambda done: bar.update(task, completed=done), keeps_finished=True
+            )
         finally:
             hold()
-    return done

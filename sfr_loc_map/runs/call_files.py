@@ -23,7 +23,7 @@ from sfr_loc_map.metrics.calls import Calls, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.consistency import STEP_SIZE, WITHOUT_NOISE
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord
-from sfr_loc_map.runs.call_stats import USAGE_NAMES, CallStats, positions_of, processes_of
+from sfr_loc_map.runs.call_stats import USAGE_NAMES, CallStats, known_times, positions_of, processes_of
 from sfr_loc_map.runs.calls import CallRecord, findings_of
 
 STATS_SUFFIX = ".stats.csv"  #: Suffix of a file of calls, which replaces the suffix of the result.
@@ -57,27 +57,27 @@ def save_stats(
 
     With an estimate each row has the estimated position.
     """
-    given = {} if estimate is None else positions_of(estimate)
-    named: tuple[str, ...] = ()
+    positions = {} if estimate is None else positions_of(estimate)
+    method_values: tuple[str, ...] = ()
     if method is not None:
-        named = (method.name, *(getattr(method, field) or "" for field in METHOD_FIELDS))
+        method_values = (method.name, *(getattr(method, field) or "" for field in METHOD_FIELDS))
     names = sorted({name for record in records for name in record.statistics})
     # statistics of a method must not replace measured columns
-    taken = {*CALL_NAMES, *COST_NAMES, *METHOD_NAMES, *POSITION_NAMES, *COVARIANCE_NAMES, *STEP_NAMES, MEMORY_METHOD}
-    told = [f"statistics.{name}" if name in taken else name for name in names]
+    reserved = {*CALL_NAMES, *COST_NAMES, *METHOD_NAMES, *POSITION_NAMES, *COVARIANCE_NAMES, *STEP_NAMES, MEMORY_METHOD}
+    statistics_names = [f"statistics.{name}" if name in reserved else name for name in names]
     with_pose = any(record.covariance is not None for record in records)
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         pose_names = (*COVARIANCE_NAMES, *STEP_NAMES) if with_pose else ()
-        position_names = POSITION_NAMES if given else ()
-        names_of_method = METHOD_NAMES if named else ()
-        writer.writerow([*CALL_NAMES, MEMORY_METHOD, *names_of_method, *position_names, *told, *pose_names])
+        position_names = POSITION_NAMES if positions else ()
+        method_names = METHOD_NAMES if method_values else ()
+        writer.writerow([*CALL_NAMES, MEMORY_METHOD, *method_names, *position_names, *statistics_names, *pose_names])
         for record in records:
             row = [record.stamp_ns, repr(record.processing_time_s), record.state, record.reason]
             row += ["" if item is None else item for item in (record.peak_rss_bytes, record.above_idle_bytes)]
             row.append("" if record.peak_rss_bytes is None else METHOD)
-            row += [*named, record.finding] if named else []
-            position = given.get(record.stamp_ns)
+            row += [*method_values, record.finding] if method_values else []
+            position = positions.get(record.stamp_ns)
             row += [""] * len(position_names) if position is None else map(repr, position)
             figures = (record.statistics.get(name) for name in names)
             row += ["" if value is None else repr(float(value)) for value in figures]
@@ -106,8 +106,8 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
             raise InputError(
                 f"statistics '{path}' line {number}: state is '{state}', must be one of {', '.join(STATES)} or empty"
             )
-    seconds, peak, above_idle, heap, stack = (_column(path, rows, name) for name in COST_NAMES)
-    seconds[seconds == 0.0] = np.nan  # zero: the time is unknown
+    times, peak, above_idle, heap, stack = (_column(path, rows, name) for name in COST_NAMES)
+    seconds = known_times(times)
     stages = {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))}
     covariance = _columns(path, rows, COVARIANCE_NAMES, COVARIANCE_NAMES)
     steps = _columns(path, rows, STEP_NAMES, STEP_NAMES[:WITHOUT_NOISE])
@@ -124,8 +124,9 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     findings = findings_of([row.get("finding") or "" for row in rows], stamps_ns.tolist())
     memory_method = next(filter(None, (row.get(MEMORY_METHOD) for row in rows)), None)
     calls = Calls(stamps_ns, seconds, states, peak, above_idle, stages, heap, stack, memory_method)
-    taken = [_column(path, rows, name) for name in USAGE_NAMES] if USAGE_NAMES[1] in rows[0] else None
-    usage = None if taken is None else processes_of(taken, calls)
+    usage = None
+    if USAGE_NAMES[1] in rows[0]:
+        usage = processes_of([_column(path, rows, name) for name in USAGE_NAMES], calls)
     positions = _columns(path, rows, POSITION_NAMES, POSITION_NAMES)
     return CallStats(calls, covariance, steps, method, findings, usage, positions, has_stamps="stamp_ns" in rows[0])
 

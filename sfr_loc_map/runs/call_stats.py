@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.call_meter import METHOD
 from sfr_loc_map.metrics.calls import Calls, concatenated, stacked, stage_of
 from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.records import FindingRecord, MethodRecord, ProcessUsage
-from sfr_loc_map.runs.calls import CallRecord, findings_of, is_covariance_reported
+from sfr_loc_map.runs.calls import CallRecord, findings_of, first_reported
 
 SEVERITIES = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}  #: Severity of states; 0 for others.
 USAGE_NAMES = ("cpu_s", "cpu_between_s", "threads", "processes")
@@ -78,7 +78,7 @@ def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: Fl
         states = np.array([*stats.calls.states, ""], object)[rows]
         steps = _steps_between(trajectory.stamps_ns, stats, rows)
         of_calls = _values_at(stats.covariance, rows)
-    covariance = _first_reported(covariance, of_calls)
+    covariance = first_reported(covariance, of_calls)
     lost, degraded = states == TrackingState.LOST, states == TrackingState.DEGRADED
     is_known = np.asarray(states != "", np.bool_)
     is_lost_known = is_known
@@ -89,17 +89,6 @@ def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: Fl
     return replace(estimates, is_lost_known=is_lost_known, is_degraded_known=is_known)
 
 
-def _first_reported(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
-    """Return the first reported covariance of each row, NaN in rows without one; None if none is reported."""
-    found: FloatArray | None = None
-    for covariance in (second, first):
-        if covariance is None or not (is_reported := is_covariance_reported(covariance)).any():
-            continue
-        otherwise = np.full_like(covariance, np.nan) if found is None else found
-        found = np.where(is_reported[:, None], covariance, otherwise)
-    return found
-
-
 def _steps_between(stamps_ns: IntArray, stats: CallStats, rows: NDArray[np.intp]) -> FloatArray | None:
     """Return the steps `(N, 48)` to poses from the rows of their calls; NaN if the previous pose is missing."""
     steps = _values_at(stats.steps, rows)
@@ -108,6 +97,7 @@ def _steps_between(stamps_ns: IntArray, stats: CallStats, rows: NDArray[np.intp]
     has_step = stats.calls.is_localisation & np.isfinite(stats.steps).all(axis=1)
     stepped_ns = np.unique(stats.calls.stamps_ns[has_step])
     own_ns = np.unique(stamps_ns)
+    # A pose is missing if more steps end in (own_ns[i], own_ns[i + 1]] than that of the pose at own_ns[i + 1].
     steps_until = np.searchsorted(stepped_ns, own_ns, "right")
     has_gap = np.diff(steps_until) > np.isin(own_ns[1:], stepped_ns)
     steps[np.isin(stamps_ns, own_ns[1:][has_gap])] = np.nan
@@ -132,20 +122,21 @@ def stats_of(
 
     names = sorted({name for record in records for name in record.statistics})
     stages = {stage: numbers(r.statistics.get(name) for r in records) for name in names if (stage := stage_of(name))}
+    peak_bytes = numbers(record.peak_rss_bytes for record in records)
     calls = Calls(
         np.array([record.stamp_ns for record in records], np.int64),
-        numbers(record.processing_time_s for record in records),
+        known_times(numbers(record.processing_time_s for record in records)),
         [record.state for record in records],
-        numbers(record.peak_rss_bytes for record in records),
+        peak_bytes,
         numbers(record.above_idle_bytes for record in records),
         stages,
-        memory_method=METHOD,
+        memory_method=METHOD if np.isfinite(peak_bytes).any() else None,
     )
     covariances = [None if record.covariance is None else record.covariance[UPPER] for record in records]
     steps = [record.step for record in records]
     findings = findings_of([record.finding for record in records], calls.stamps_ns.tolist())
-    taken = [numbers(record.statistics.get(name) for record in records) for name in USAGE_NAMES]
-    about = (method, findings, processes_of(taken, calls))
+    usage_columns = [numbers(record.statistics.get(name) for record in records) for name in USAGE_NAMES]
+    about = (method, findings, processes_of(usage_columns, calls))
     positions = None
     if estimate is not None and len(estimate):
         given = positions_of(estimate)
@@ -155,12 +146,21 @@ def stats_of(
     return CallStats(calls, rows(covariances, len(UPPER[0])), rows(steps, STEP_SIZE), *about, positions)
 
 
-def processes_of(taken: Sequence[FloatArray], calls: Calls) -> ProcessUsage | None:
-    """Return the usage of the processes of a method in all calls, from the columns of USAGE_NAMES."""
-    known = np.isfinite(taken[0]) & np.isfinite(taken[1])
+def known_times(seconds: FloatArray) -> FloatArray:
+    """Return processing times, s, with NaN in place of 0, which states that a time is unknown."""
+    return np.where(seconds == 0.0, np.nan, seconds)
+
+
+def processes_of(usage_columns: Sequence[FloatArray], calls: Calls) -> ProcessUsage | None:
+    """Return the usage of the processes of a method in all calls, from the columns of USAGE_NAMES.
+
+    Processor time is outside a call if it was used between two calls, or if it exceeds the time that the reported
+    threads could use within the call.
+    """
+    known = np.isfinite(usage_columns[0]) & np.isfinite(usage_columns[1])
     if not known.any():
         return None
-    cpu_s, between_s, threads, processes = (np.nan_to_num(values[known]) for values in taken)
+    cpu_s, between_s, threads, processes = (np.nan_to_num(values[known]) for values in usage_columns)
     within_s = threads * np.nan_to_num(calls.seconds[known]) + ADAPTER_S
     return ProcessUsage(
         cpu_s=float(cpu_s.sum() + between_s.sum()),

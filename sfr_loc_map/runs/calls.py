@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -29,6 +30,7 @@ STATES_OF: dict[Task, tuple[str, ...]] = {Task.LOCALISATION: tuple(TrackingState
 DEFAULT_STATE = {Task.LOCALISATION: "", Task.MAPPING: MappingState.MAPPED.value}
 """State of a call, by task, if an external node reports none; the state of a localiser is then unknown."""
 MAX_CALL_S = 1e6
+MANY = 0.05  #: Minimum fraction of lost or degraded pairs for a warning.
 Bytes = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 
 
@@ -37,7 +39,7 @@ class CallRecord:
     """One call of localiser or mapper; `encode_call` and `decode_call` convert it for `<node>/call`."""
 
     stamp_ns: Annotated[int, Meta(ge=0, le=2**63 - 1)]  #: Stamp of the pair; for a fused cloud, of its last pair.
-    processing_time_s: Annotated[float, Meta(ge=0.0, le=MAX_CALL_S)]  #: Wall-clock time; NaN: not measured.
+    processing_time_s: Annotated[float, Meta(ge=0.0, le=MAX_CALL_S)]  #: Wall-clock time; 0 or NaN: unknown.
     state: str = ""  #: State after the call: initialising, tracking, degraded, lost; mapped, fused, mapped_set.
     #: Peak resident memory of the process during the call; None if it cannot be measured.
     peak_rss_bytes: Bytes | None = None
@@ -105,14 +107,28 @@ def is_covariance_reported(covariance: FloatArray) -> NDArray[np.bool_]:
 
 
 def published_or_of_call(published: FloatArray | None, call: CallRecord) -> FloatArray | None:
-    """Return the covariance `(6, 6)` of a pose by the rule of `estimates_of`: the published one, else that of its call.
+    """Return the reported covariance `(6, 6)` of a pose: the published one, or else that of its call.
 
-    None if neither is reported.
+    None if neither is reported. `first_reported` is the same rule for many poses.
     """
     for covariance in (published, call.covariance):
         if covariance is not None and is_covariance_reported(covariance[None, *UPPER])[0]:
             return covariance
     return None
+
+
+def first_reported(published: FloatArray | None, of_calls: FloatArray | None) -> FloatArray | None:
+    """Return the reported covariances `(N, 21)` of poses: in each row the published one, or else that of the call.
+
+    Rows in which neither is reported are NaN. None if no covariance is reported.
+    """
+    found: FloatArray | None = None
+    for covariance in (of_calls, published):  # a published covariance replaces that of the call
+        if covariance is None or not (is_reported := is_covariance_reported(covariance)).any():
+            continue
+        otherwise = np.full_like(covariance, np.nan) if found is None else found
+        found = np.where(is_reported[:, None], covariance, otherwise)
+    return found
 
 
 def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[FindingRecord, ...]:
@@ -125,6 +141,25 @@ def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[Finding
             first = counted.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=rest)
             counted[kind] = msgspec.structs.replace(first, count=first.count + 1)
     return tuple(counted.values())
+
+
+def states_text(records: Sequence[CallRecord]) -> str:
+    """Return the text of the numbers of lost and, if any, degraded calls of the localiser."""
+    counts = Counter(record.state for record in records)
+    degraded = counts[TrackingState.DEGRADED]
+    return f"{counts[TrackingState.LOST]} lost" + (f", {degraded} degraded" if degraded else "")
+
+
+def tracking_warning(records: Sequence[CallRecord], source: object) -> str | None:
+    """Return a warning with the most frequent reason if many pairs are lost or degraded, None otherwise."""
+    bad = [record for record in records if record.state in (TrackingState.LOST, TrackingState.DEGRADED)]
+    if not bad or len(bad) < MANY * len(records):
+        return None
+    reason, count = Counter(record.reason for record in bad).most_common(1)[0]
+    return (
+        f"{states_text(records)} of {len(records)} pairs, {count} of them for '{reason or 'no reason'}': inspect with "
+        f"sfr info {source}, or sfr localise {source} -o again.csv --video tracks.avi"
+    )
 
 
 def encode_call(record: CallRecord) -> str:

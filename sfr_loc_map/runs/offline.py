@@ -1,11 +1,11 @@
 """A localiser or mapper over a complete source, without ROS; the nodes make the same calls of `process`.
 
-`run_localiser` and `run_mapper` accept the configuration of our localiser or mapper, or a method under test.
+`run_localiser` and `run_mapper` accept the configuration of our localiser or mapper, or a method under test. Both
+return the complete run; `localiser_steps` yields the estimates of a drive one by one.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,7 +23,7 @@ from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
+from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
@@ -42,7 +42,6 @@ from sfr_loc_map.signals import stopping
 
 MAX_START_GAP_NS = NS_PER_S  #: Longest gap of the truth in which the start pose is interpolated, ns.
 DEFAULT_STEP_S = 0.1
-MANY = 0.05  #: Minimum fraction of lost or degraded pairs for a warning.
 Progress = Callable[[int], None]
 
 
@@ -107,16 +106,44 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
         )
     stamps = truth.stamps_ns
     first_ns = int(sequence.stamps_ns[0] if len(sequence) else stamps[0])
-    wanted = max(first_ns, from_ns)
-    after = min(int(np.searchsorted(stamps, wanted)), len(stamps) - 1)
-    gap = int(stamps[after] - stamps[after - 1]) if after else 0
-    if wanted > first_ns or not stamps[after - 1] < wanted < stamps[after] or gap > MAX_START_GAP_NS:
-        return StartPose(truth.pose(after), stamp_ns=int(stamps[after]))
-    share = (wanted - int(stamps[after - 1])) / gap
-    return StartPose(interpolated(truth.pose(after - 1), truth.pose(after), share), stamp_ns=wanted)
+    wanted_ns = max(first_ns, from_ns)
+    after = min(int(np.searchsorted(stamps, wanted_ns)), len(stamps) - 1)
+    next_true_pose = StartPose(truth.pose(after), stamp_ns=int(stamps[after]))
+    if wanted_ns > first_ns or after == 0:
+        return next_true_pose
+    before_ns, after_ns = int(stamps[after - 1]), int(stamps[after])
+    if not before_ns < wanted_ns < after_ns or after_ns - before_ns > MAX_START_GAP_NS:
+        return next_true_pose
+    fraction = (wanted_ns - before_ns) / (after_ns - before_ns)
+    return StartPose(interpolated(truth.pose(after - 1), truth.pose(after), fraction), stamp_ns=wanted_ns)
 
 
 def run_localiser(
+    sequence: LocSequence,
+    how: LocalisationConfig | UnderTest,
+    start: StartPose,
+    watch: FrameObserver | None = None,
+    progress: Progress = lambda done: None,
+    *,
+    keeps_finished: bool = False,
+) -> DriveRun:
+    """Localise the pairs of a drive by our localiser or by a method under test; see `localiser_steps`.
+
+    `progress` is called with the number of localised pairs. With `keeps_finished`, an interruption after the first pair
+    ends the drive, and the run has the localised pairs. Otherwise the interruption is raised.
+    """
+    steps: list[Step] = []
+    try:
+        for step in localiser_steps(sequence, how, start, watch):
+            steps.append(step)
+            progress(len(steps))
+    except KeyboardInterrupt:
+        if not (keeps_finished and steps):
+            raise
+    return DriveRun(steps)
+
+
+def localiser_steps(
     sequence: LocSequence, how: LocalisationConfig | UnderTest, start: StartPose, watch: FrameObserver | None = None
 ) -> Iterator[Step]:
     """Yield the step of each pair of a drive by our localiser or by a method under test.
@@ -167,25 +194,6 @@ def localise_with(how: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> 
 def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
     """Return the trajectory of estimates."""
     return Trajectory.from_poses((estimate.stamp_ns, estimate.T_ds_rb) for estimate in estimates)
-
-
-def states_text(records: Sequence[CallRecord]) -> str:
-    """Return the text of the numbers of lost and, if any, degraded calls of the localiser."""
-    counts = Counter(record.state for record in records)
-    degraded = counts[TrackingState.DEGRADED]
-    return f"{counts[TrackingState.LOST]} lost" + (f", {degraded} degraded" if degraded else "")
-
-
-def tracking_warning(records: Sequence[CallRecord], source: object) -> str | None:
-    """Return a warning with the most frequent reason if many pairs are lost or degraded, None otherwise."""
-    bad = [record for record in records if record.state in (TrackingState.LOST, TrackingState.DEGRADED)]
-    if not bad or len(bad) < MANY * len(records):
-        return None
-    reason, count = Counter(record.reason for record in bad).most_common(1)[0]
-    return (
-        f"{states_text(records)} of {len(records)} pairs, {count} of them for '{reason or 'no reason'}': inspect with "
-        f"sfr info {source}, or sfr localise {source} -o again.csv --video tracks.avi"
-    )
 
 
 # ---- maps
@@ -280,18 +288,24 @@ def map_pairs_with(
             return MapRun(maps, fused, records, mapper.record)
         for index, item in enumerate(sequence.pairs()):
             done, call = mapper.map_pair(item.pair, item.T_lm_navsb, index)
-            stamp_ns = item.pair.stamp_ns
             maps.append(done)
             cost = call.usage.cost(MappingState.MAPPED)
-            records.append(CallRecord(stamp_ns, *cost, done.statistics, finding=call.finding, task=Task.MAPPING))
+            records.append(
+                CallRecord(item.pair.stamp_ns, *cost, done.statistics, finding=call.finding, task=Task.MAPPING)
+            )
             progress(index + 1)
             if ended():
                 break
-        fused, fusion = mapper.fuse(maps, item.pair)
+        last_pair = item.pair
+        fused, fusion = mapper.fuse(maps, last_pair)
         if fusion is not None:
             cost = fusion.usage.cost(MappingState.FUSED)
-            records.append(CallRecord(stamp_ns, *cost, fused.statistics, finding=fusion.finding, task=Task.MAPPING))
-        records.append(CallRecord(stamp_ns, *call_of_stages(records).cost(MappingState.MAPPED_SET), task=Task.MAPPING))
+            records.append(
+                CallRecord(last_pair.stamp_ns, *cost, fused.statistics, finding=fusion.finding, task=Task.MAPPING)
+            )
+        records.append(
+            CallRecord(last_pair.stamp_ns, *call_of_stages(records).cost(MappingState.MAPPED_SET), task=Task.MAPPING)
+        )
         return MapRun(maps, fused, records, mapper.record)
 
 

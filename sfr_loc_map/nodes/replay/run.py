@@ -14,7 +14,7 @@ from sfr_loc_map.nodes.replay.external_poses import with_converted_poses
 from sfr_loc_map.nodes.replay.options import ReplayOptions
 from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.session import replay
-from sfr_loc_map.runs.offline import states_text, tracking_warning
+from sfr_loc_map.runs.calls import states_text, tracking_warning
 from sfr_loc_map.runs.replay_files import ReplayFiles, save_replay
 from sfr_loc_map.runs.replay_result import ReplayResult
 from sfr_loc_map.scoring.inputs import Correction

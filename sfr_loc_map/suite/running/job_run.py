@@ -34,7 +34,7 @@ from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.runs.call_files import load_call_stats, save_stats
-from sfr_loc_map.runs.offline import DriveRun, UnderTest, run_localiser, run_mapper, start_pose
+from sfr_loc_map.runs.offline import UnderTest, run_localiser, run_mapper, start_pose
 from sfr_loc_map.scoring.inputs import CloudToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_run
@@ -61,7 +61,7 @@ def _localise(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     section, start = _section(job, "localisation"), start_pose(source.loc, job.start)
     method = chosen_method(section, Task.LOCALISATION)
     how = build(LocalisationConfig, section) if method is None else UnderTest(method, hidden=_hidden(source, cache))
-    done = DriveRun(list(run_localiser(source.loc, how, start)))
+    done = run_localiser(source.loc, how, start)
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
     save_trajectory(estimate, done.trajectory)
     save_stats(stats, done.records, done.method, done.trajectory)
