@@ -18,9 +18,10 @@ from sfr_loc_map.cli.options import (
     columns_of,
     open_as,
     parse_remaps,
+    refuse_given,
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, progress_bar, say, warn
-from sfr_loc_map.errors import ConfigError, InputError, naming
+from sfr_loc_map.errors import InputError, naming
 
 CLOUDS = (".ply", ".pcd", ".npz")
 """Suffixes of point cloud files. Equal to `io.clouds.cloud_file.SUFFIXES`, which is slow to import."""
@@ -72,32 +73,39 @@ def convert(
     from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, format_of_name
 
     layout = None if to is None else Layout(to)
-    options = ConvertOptions(jpeg_quality, compression == "zstd", truth_grid, layout)
+    of_bags = {
+        "--jpeg-quality": jpeg_quality,
+        "--compression": compression != "none",
+        "--truth-grid": truth_grid is not None,
+    }
+    of_source = {"--remap": remap, "--config": config}
+    of_table = {"--columns": columns}
     if source.suffix.lower() in CLOUDS and not source.is_dir():
-        if options != ConvertOptions() or remap:
-            raise ConfigError(f"'{source}' is a cloud: only the option '--overwrite' applies to clouds")
+        refuse_given(
+            {"--to": to, **of_bags, **of_source, **of_table},
+            f"has no effect, because '{source}' is a cloud, to which only '--overwrite' applies: omit it",
+        )
         _convert_cloud(source, destination, overwrite=overwrite)
         return
     is_poses = not source.is_dir() and source.suffix in FILE_SUFFIXES
-    if is_poses and layout is not None:
-        raise ConfigError(
-            f"'--to {layout}' writes images, but '{source}' is only a trajectory: omit '--to', or give a source with "
-            "images"
+    if is_poses:
+        refuse_given(
+            {"--to": to, **of_source}, f"requires a source with images, but '{source}' is a trajectory: omit it"
         )
+    else:
+        refuse_given(of_table, f"applies only to a trajectory, which '{source}' is not: omit it")
     if is_poses or (layout is None and format_of_name(destination) is not None):
+        refuse_given(of_bags, "applies only to bags with images, but a trajectory is written: omit it")
         of_poses = columns_of(columns)[0]
         _convert_trajectory(
             source, destination, remap, config, is_poses=is_poses, overwrite=overwrite, columns=of_poses
         )
         return
     if destination.suffix == PAIRS and layout is None:
-        if options != ConvertOptions():
-            raise ConfigError(
-                f"'{destination}' is a file of lossless pairs for a target board: omit the options that apply "
-                "only to bags"
-            )
+        refuse_given(of_bags, f"applies only to bags, but '{destination}' is a file for a target board: omit it")
         _convert_pairs(source, destination, remap, config, overwrite=overwrite)
         return
+    options = ConvertOptions(jpeg_quality, compression == "zstd", truth_grid, layout)
     opened, _ = open_as(source, remap, config)
     parts = [part for part in (opened.loc, opened.nav) if part is not None]
     if layout is not None:

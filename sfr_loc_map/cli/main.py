@@ -39,7 +39,7 @@ UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # of click or of 
 
 app.add_typer(bench.app, name="bench")
 app.add_typer(suite.app, name="suite")
-_panel_of = {name: panel for panel, names in PANELS.items() for name in names}
+_panel_of = {name: panel for panel, names in PANELS.items() for name in names}  # a new command needs a row in PANELS
 for _command in app.registered_commands:
     _command.name = _command.name or str(getattr(_command.callback, "__name__", ""))
     _command.rich_help_panel = _panel_of[_command.name]

@@ -19,11 +19,12 @@ from sfr_loc_map.cli.options import (
     SourceArgument,
     method_under_test,
     open_as,
+    refuse_given,
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.config import read_config
-from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
+from sfr_loc_map.errors import InterruptedRunError, naming
 from sfr_loc_map.inputs import OURS, Task
 from sfr_loc_map.mapping.config import CalibrationPrior, MappingConfig
 from sfr_loc_map.signals import hold, stopping
@@ -81,8 +82,8 @@ def map_cloud(
     check_dems(dem or ())
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)
     check_outputs(output, stats, *outputs.more, inputs=(source, config), overwrite=overwrite)
-    if refine_poses and theirs is not None:
-        raise ConfigError(f"'--refine-poses' is an option of our mapper: omit it with --method {method}")
+    if theirs is not None:
+        refuse_given({"--refine-poses": refine_poses}, f"applies to our mapper: omit it with --method {method}")
     sequence = panorama_of(opened)
     done = 0
 

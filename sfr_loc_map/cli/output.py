@@ -7,7 +7,7 @@ Only a regular file, or a folder that contains only a data set or a bag, can be 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +29,7 @@ HTML_SUFFIXES = (".html", ".htm")
 DATA_SET_NAMES = {"rig.json", "pairs.csv", "groundtruth.csv", "simulation.yaml", "metadata.yaml"}
 DATA_SET_NAMES |= {"left", "right", "truth", "masks", "loc", "nav"}  #: Content of the folders that `sfr` writes.
 SOURCE_NAMES = DATA_SET_NAMES | {"mav0", "calib.txt", "times.txt", "poses.txt", *(f"image_{n}" for n in range(4))}
+NAMES_IN_SOURCES = SOURCE_NAMES - {"loc", "nav"}  #: Names of which one occurs in the path of each file of a source.
 BAG_SUFFIXES = (".mcap", ".db3")
 
 
@@ -46,22 +47,35 @@ def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (
     given = {path.resolve() for path in inputs if path is not None}
     taken = dict.fromkeys(given, "an input of this command")
     for path in (Path(item) for item in outputs if item is not None and str(item) != STANDARD_OUTPUT):
-        place = path.resolve()
-        reason = f"it is also {taken[place]}; choose another name" if place in taken else ""
-        taken[place] = "another output"
-        for folder in given & {*place.parents} if path.is_file() else ():
-            within = place.relative_to(folder).parts
-            if path.suffix in BAG_SUFFIXES or SOURCE_NAMES & {*within} - {"loc", "nav"}:
-                reason = f"it belongs to '{folder}', an input of this command; choose another name"
-        if not reason and path.is_dir():
-            reason = "it is a folder; choose another name"
-        elif not reason and path.exists() and not path.is_file():
-            reason = "it is not a regular file; choose another name"
-        elif not reason and not overwrite and (path.exists() or path.is_symlink()):
-            reason = "a file exists; choose another name or give --overwrite"
-        if reason:
+        if reason := _why_not_writable(path, given, taken, overwrite=overwrite):
             raise OutputError(f"cannot write '{path}': {reason}")
         check_output(path)
+        taken[path.resolve()] = "another output"
+
+
+def _why_not_writable(path: Path, inputs: set[Path], taken: Mapping[Path, str], *, overwrite: bool) -> str:
+    """Return why a file must not be written, with the advice; empty if it may be. `taken` are the used paths."""
+    place = path.resolve()
+    if path.is_file() and (owner := _source_of(place, inputs)) is not None:
+        return f"it belongs to '{owner}', an input of this command; choose another name"
+    if place in taken:
+        return f"it is also {taken[place]}; choose another name"
+    if path.is_dir():
+        return "it is a folder; choose another name"
+    if path.exists() and not path.is_file():
+        return "it is not a regular file; choose another name"
+    if not overwrite and (path.exists() or path.is_symlink()):
+        return "a file exists; choose another name or give --overwrite"
+    return ""
+
+
+def _source_of(place: Path, inputs: set[Path]) -> Path | None:
+    """Return the input folder to whose source a file belongs by its name, None if there is none."""
+    for folder in inputs & {*place.parents}:
+        names = set(place.relative_to(folder).parts)
+        if place.suffix in BAG_SUFFIXES or names & NAMES_IN_SOURCES:
+            return folder
+    return None
 
 
 @contextmanager

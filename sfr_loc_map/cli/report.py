@@ -12,7 +12,7 @@ from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption, refuse_given
 from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show, warn
-from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, is_judged, not_judged
+from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, NotJudgedError
 from sfr_loc_map.metrics.config import AlignedErrorConfig
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
 
 FORMATS = (*HTML_SUFFIXES, ".md", ".csv")
-
+MAX_DIFFERENCE_S = 0.01  #: Default maximum difference of the stamps of a drawn estimate and its truth, s.
 
 SIGNED = "Test report of scores"
 DRAWN = "Page of trajectories"
@@ -89,7 +89,7 @@ def report(
     max_difference: Annotated[
         float,
         Option(metavar="S", rich_help_panel=DRAWN, help="Maximum difference between the stamps of estimate and truth."),
-    ] = 0.01,
+    ] = MAX_DIFFERENCE_S,
 ) -> None:
     """Write a page of results: one score, a comparison of scores or of two suites, or a plot of trajectories.
 
@@ -102,7 +102,11 @@ def report(
     check_outputs(json_path, output, test_report, junit, control, inputs=read, overwrite=overwrite)
     of_test_report = {"--evidence": evidence, "--title": title}
     of_test = {"--test-report": test_report, "--junit": junit, "--control": control}
-    of_trajectories = {"--truth": truth, "--align": align != "none"}
+    of_trajectories = {
+        "--truth": truth,
+        "--align": align != "none",
+        "--max-difference": max_difference != MAX_DIFFERENCE_S,
+    }
     if test_report is None:
         refuse_given(of_test_report, "is shown in the test report: give --test-report T.html, too")
     if test_report is None and control is None:
@@ -179,7 +183,7 @@ def _conclude_all(scores: list[Score], *, lenient: bool) -> None:
     """Raise the error of the verdicts of scores; a missed limit in any score precedes a missing judgement."""
     undecided: NotJudgedError | None = None
     for score in scores:
-        if not is_judged(score):
+        if not score.is_judged:
             continue
         try:
             conclude(score, (), lenient=lenient)
@@ -195,7 +199,7 @@ def _conclude_signed(scores: list[Score], *, lenient: bool) -> None:
 
     _conclude_all(scores, lenient=lenient)
     reason = common_verdict(scores).text
-    if reason or not all(map(is_judged, scores)):
+    if reason or not all(score.is_judged for score in scores):
         not_judged([reason or NO_LIMITS], lenient=lenient)
 
 
@@ -232,7 +236,7 @@ def _write_junit(scores: list[Score], junit: Path) -> None:
     from sfr_loc_map.report.junit import junit as junit_of
 
     named = {f"score {number}": score for number, score in enumerate(scores, 1)}
-    judged = {name: score for name, score in named.items() if is_judged(score)}
+    judged = {name: score for name, score in named.items() if score.is_judged}
     unjudged = {name: NO_LIMITS for name in named if name not in judged}
     if not unjudged and (reason := common_verdict(scores).text):
         unjudged = {"all scores together": reason}

@@ -45,7 +45,7 @@ from sfr_loc_map.cli.output import (
     secondary_output,
     show,
 )
-from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, is_judged, not_judged, present
+from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, present
 from sfr_loc_map.config import Configuration, build, flatten
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.bag.files import is_bag
@@ -259,7 +259,7 @@ def score(
     _write_secondary(result, run, with_conditions(config, by.limits), junit, points, pieces)
     _propose_next(result, json_path, html)
     conclude(result, by.asked, lenient=lenient)
-    if junit is not None and not is_judged(result):
+    if junit is not None and not result.is_judged:
         not_judged([NO_LIMITS], lenient=lenient)
 
 
@@ -315,7 +315,7 @@ def _write_secondary(
 
     if junit is not None:
         with secondary_output():
-            judged, bare = ({"score 1": result}, {}) if is_judged(result) else ({}, {"score 1": NO_LIMITS})
+            judged, bare = ({"score 1": result}, {}) if result.is_judged else ({}, {"score 1": NO_LIMITS})
             write_text(junit_of(judged, bare), junit)
     if points is not None and run.cloud is not None and run.cloud.loaded.cloud is not None:
         with secondary_output():

@@ -9,13 +9,14 @@ from typing import Annotated
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, open_as, parse_settings
+from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, open_as, parse_settings, refuse_given
 from sfr_loc_map.cli.output import output_folder, progress_bar, say
 from sfr_loc_map.config import build, flatten, load_yaml
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault
 from sfr_loc_map.simulation.config import SimulationConfig
 
+WORKERS = 2  #: Default number of processes.
 FAULT_HELP = (
     "KIND, or KIND:OPTIONS with amount=A (unit: docs/simulation.md), share=S of the pairs (0 to 1), burst=N pairs "
     "at a time, start=N (first pair), camera=both|left|right, separated by commas; repeatable. "
@@ -44,7 +45,7 @@ def simulate(
     seed: Annotated[int | None, Option(min=0, metavar="N", help="Seed of all random numbers.")] = None,
     config_file: ConfigOption = None,
     remap: RemapOption = None,
-    workers: Annotated[int, Option(min=1, metavar="N", help="Number of processes.")] = 2,
+    workers: Annotated[int | None, Option(min=1, metavar="N", help=f"Number of processes; default: {WORKERS}.")] = None,
     settings: Annotated[
         list[str] | None, Option("--set", metavar="KEY=VALUE", help="A setting, for example terrain.relief_m=0.2.")
     ] = None,
@@ -55,17 +56,15 @@ def simulate(
     With --from SRC and --fault: copy a source and inject faults of single pairs, of the cameras, of the view, of the
     clock or of the calibration.
     """
-    if source is not None or fault:
-        if source is None:
-            raise ConfigError("'--fault' is injected into a recording: give --from SRC")
-        if len(paths) != 1 or settings:
-            raise ConfigError("'--from' copies a recording: give OUT alone, without CONFIG and --set")
+    if source is not None:
+        refuse_given(
+            {"CONFIG": len(paths) > 1, "--set": settings, "--workers": workers},
+            "has no effect with --from, which copies a recording: omit it",
+        )
         _inject(source, paths[0], fault, seed or 0, config_file, remap, overwrite=overwrite)
         return
-    if config_file is not None or remap:
-        raise ConfigError(
-            "'--config' and '--remap' apply to a recording: give --from SRC, or the scenario as an argument"
-        )
+    of_recording = {"--fault": fault, "--config": config_file, "--remap": remap}
+    refuse_given(of_recording, "applies only to a recording: give --from SRC, or omit it")
     from sfr_loc_map.simulation.simulate import can_continue
     from sfr_loc_map.simulation.simulate import simulate as run
 
@@ -81,7 +80,9 @@ def simulate(
     with nullcontext(out) if can_continue(config, out) else room as place, progress_bar("images") as bar:
         task = bar.add_task("rendering", total=None)
         try:
-            count = run(config, place, workers, lambda done, total: bar.update(task, completed=done, total=total))
+            count = run(
+                config, place, workers or WORKERS, lambda done, total: bar.update(task, completed=done, total=total)
+            )
         except KeyboardInterrupt:
             text = f"interrupted: the finished images are in '{place}'; repeat the command to render the others"
             raise InterruptedRunError(text) from None

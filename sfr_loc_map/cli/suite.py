@@ -12,7 +12,7 @@ from typer import Argument, Option
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import command_group, examples, propose
-from sfr_loc_map.cli.options import HtmlOption, JsonOption, LenientOption, OverwriteOption
+from sfr_loc_map.cli.options import HtmlOption, JsonOption, LenientOption, OverwriteOption, refuse_given
 from sfr_loc_map.cli.output import (
     HTML_SUFFIXES,
     STANDARD_OUTPUT,
@@ -26,9 +26,6 @@ from sfr_loc_map.cli.output import (
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 from sfr_loc_map.inputs import one_line
-from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judging.proof import words_of
-from sfr_loc_map.metrics.verdict import counts_of
 
 if TYPE_CHECKING:
     from sfr_loc_map.suite.run import Progress
@@ -135,8 +132,9 @@ def _progress() -> Iterator[Progress]:
 
 
 def _refuse_both(workers: int | None, scheduler: str | None) -> None:
-    if scheduler is not None and workers is not None:
-        raise ConfigError("'--workers' and '--scheduler': give one of them; a running scheduler has its own workers")
+    if scheduler is not None:
+        reason = "has no effect with --scheduler, because a running scheduler has its own workers: give one of them"
+        refuse_given({"--workers": workers}, reason)
 
 
 @app.command(epilog=examples("sfr suite search search.yaml --out runs/search --workers 2"))
@@ -233,12 +231,11 @@ def plan(
         if problem is not None:
             raise ConfigError(problem)
         counts = [count_without_runs(terms)]
-    elif given:
-        raise ConfigError(
-            f"'--{next(iter(given))}' cannot be given with a suite, because the limits of the suite define it: "
-            "omit the option or the suite"
-        )
     else:
+        refuse_given(
+            {f"--{name}": value is not None for name, value in asked.items()},
+            "has no effect with a suite, because the limits of the suite define it: omit the option or the suite",
+        )
         store = _open_store(folder)
         counts = list(drive_counts(summarise(store).results, store.limits))
     show([asdict(count) for count in counts], json_path, [drive_count_table(counts)])
@@ -286,6 +283,7 @@ def _present(
     """Print the tables and the verdict; raise an error if a limit was missed, a job failed or a limit is not judged."""
     from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit
     from sfr_loc_map.suite.pages.tables import suite_tables
+    from sfr_loc_map.suite.statistics.outcome import outcome_of
 
     if junit is not None:
         write_text(suite_junit(summary), junit)
@@ -297,34 +295,15 @@ def _present(
         say(one_line(f"skipped: {refusal.reason}"), err=True)
     for failure in summary.failures:
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)
-    verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
-    incomplete = [
-        f"incomplete: {item.missed_by} of {group.results} results of {group.task}, {group.configuration}"
-        + ("" if item.value is None else f"; the worst drive covers {100.0 * item.value:.4g} %")
-        for group, item in verdicts
-        if item.state is VerdictState.INCOMPLETE
-    ]
-    for text in incomplete:
+    outcome = outcome_of(summary)
+    for text in outcome.incomplete:
         say(text, err=True)
     if summary.verdict is not None:
         counts = summary.counts
         reported = f"verdict: {summary.verdict}. {counts['done']} of {counts['tasks']} jobs have a result"
         say(reported, err=json_path == STANDARD_OUTPUT)
-    failed = [item for _, item in verdicts if item.state is VerdictState.FAIL]
-    if failed:
-        limits = counts_of(summary.on_limits)
-        found = [item.name for item in failed if item.figure is None]
-        reasons = [f"methods failed: {', '.join(found)}"] if found else []
-        reasons += [f"{limits.missed} of {limits.limits} limits over all drives missed"] if limits.missed else []
-        raise FailedVerdictError("; ".join(reasons))
-    if count := len(summary.failures) + len(summary.refusals):
-        raise InputError(f"{count} jobs or sources failed; the messages above name them")
-    undecided = [
-        f"{item.name} of {group.task}, {group.configuration}: "
-        + (item.state.value if item.proof is None else words_of(item.proof, item.state))
-        for group, item in verdicts
-        if item.state in (VerdictState.NOT_ENOUGH_DATA, VerdictState.NOT_JUDGED)
-    ]
-    is_open = summary.waiting and verdicts and not summary.is_decided
-    waiting = [f"{summary.waiting} of {summary.jobs} jobs have no result yet"] if is_open else []
-    not_judged([*waiting, *incomplete, *undecided], lenient=lenient)
+    if outcome.failures:
+        raise FailedVerdictError("; ".join(outcome.failures))
+    if outcome.failed_jobs:
+        raise InputError(f"{outcome.failed_jobs} jobs or sources failed; the messages above name them")
+    not_judged([*outcome.waiting, *outcome.incomplete, *outcome.undecided], lenient=lenient)

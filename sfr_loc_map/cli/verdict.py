@@ -20,11 +20,6 @@ if TYPE_CHECKING:
 NO_LIMITS = "the score was not judged by limits"
 
 
-def is_judged(score: Score) -> bool:
-    """Return whether a score has a verdict, or a reason why it has none."""
-    return bool(score.verdicts) or score.incomplete is not None or score.contradiction is not None
-
-
 def present(score: Score, json_path: str | None, html: Path | None) -> None:
     """Write and print a score, its verdict and the first item to look at; raise ConfigError if the score is empty."""
     from sfr_loc_map.metrics.score_json import to_dict
@@ -37,7 +32,7 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
         raise ConfigError("nothing was scored: give an estimate and its truth")
     show(to_dict(score), json_path, tables)
     if json_path != STANDARD_OUTPUT:
-        if is_judged(score) and score.contradiction is None:  # a contradiction is raised as the error of the command
+        if score.is_judged and score.contradiction is None:  # a contradiction is raised as the error of the command
             facts, banner, made = dict(run_facts(score)), banner_of(score), score.provenance
             limits = None if made is None else made.inputs.get("limits")
             by = "" if limits is None else f"; by {limits.path}"

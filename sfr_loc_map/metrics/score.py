@@ -198,6 +198,11 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         """The verdicts that are `fail`."""
         return tuple(item for item in self.verdicts if item.state is VerdictState.FAIL)
 
+    @property
+    def is_judged(self) -> bool:
+        """Whether the score has a verdict, or a reason why it has none."""
+        return bool(self.verdicts) or self.incomplete is not None or self.contradiction is not None
+
     def with_caveat(self, text: str) -> Score:
         """Return the score with another caveat, which is also a warning."""
         return msgspec.structs.replace(self, warnings=(*self.warnings, text), caveats=(*self.caveats, text))

@@ -162,6 +162,16 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("live", "--terminal", "--port", "0"), "'--port' applies to the page.*: omit it"),
         (("score", "{tum}", "{tum}", "--diagnose", "--junit", "{out}/j.xml"), "'--junit' has no effect.*: omit it"),
         (("score", "{tum}", "{tum}", "--spacing", "0"), "Invalid value for '--spacing'"),
+        (
+            ("convert", "{tum}", "{out}/e.tum", "--compression", "zstd"),
+            "'--compression' applies only to bags.*: omit it",
+        ),
+        (("convert", "{source}", "{out}/e.tum", "--columns", "t,x,y,z"), "'--columns' applies only to a trajectory"),
+        (("convert", "{tum}", "{out}/f", "--to", "kitti"), "'--to' requires a source with images"),
+        (("simulate", "{out}/f", "--from={source}", "--workers", "3"), "'--workers' has no effect with --from"),
+        (("simulate", "{out}/f", "--fault", "black"), "'--fault' applies only to a recording"),
+        (("live", "--foxglove-port", "0"), "'--foxglove-port' applies to the Foxglove server"),
+        (("replay", "{source}", "--live-port", "0"), "'--live-port' applies to the page: give --live"),
         (("simulate", "{out}/f", "--set", "seed"), "'--set seed': must have the form KEY=VALUE"),
     ],
 )

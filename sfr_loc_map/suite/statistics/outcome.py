@@ -1,0 +1,62 @@
+"""The outcome of a suite: what failed, what is incomplete and what is undecided, as texts for a command."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.judging.proof import words_of
+from sfr_loc_map.metrics.verdict import counts_of
+from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
+from sfr_loc_map.suite.statistics.summary import Group, Summary
+
+UNDECIDED = (VerdictState.NOT_ENOUGH_DATA, VerdictState.NOT_JUDGED)
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteOutcome:
+    """What prevents a suite from passing, one text each; all are empty if the suite passes or has no limits.
+
+    Failures take precedence over jobs without a result, and these over missing judgements.
+    """
+
+    failures: tuple[str, ...]  #: Failures of methods, and missed limits.
+    failed_jobs: int  #: Number of jobs and sources that failed.
+    waiting: tuple[str, ...]  #: Jobs that have no result yet but are needed for a verdict.
+    incomplete: tuple[str, ...]  #: Groups that lack results.
+    undecided: tuple[str, ...]  #: Limits that could not be judged.
+
+
+def outcome_of(summary: Summary) -> SuiteOutcome:
+    """Return the outcome of a suite."""
+    verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
+    is_waiting = bool(summary.waiting and verdicts) and not summary.is_decided
+    return SuiteOutcome(
+        failures=tuple(_failures(summary)),
+        failed_jobs=len(summary.failures) + len(summary.refusals),
+        waiting=(f"{summary.waiting} of {summary.jobs} jobs have no result yet",) if is_waiting else (),
+        incomplete=tuple(_incomplete_text(*pair) for pair in verdicts if pair[1].state is VerdictState.INCOMPLETE),
+        undecided=tuple(_undecided_text(*pair) for pair in verdicts if pair[1].state in UNDECIDED),
+    )
+
+
+def _failures(summary: Summary) -> Iterator[str]:
+    """Yield the texts about failed methods and about missed limits, each if there are any."""
+    items = [item for group in summary.groups for item in group.verdicts]
+    methods = [item.name for item in items if item.state is VerdictState.FAIL and item.figure is None]
+    if methods:
+        yield f"methods failed: {', '.join(methods)}"
+    limits = counts_of(summary.on_limits)
+    if limits.missed:
+        yield f"{limits.missed} of {limits.limits} limits over all drives missed"
+
+
+def _incomplete_text(group: Group, item: GroupVerdict) -> str:
+    text = f"incomplete: {item.missed_by} of {group.results} results of {group.task}, {group.configuration}"
+    return text if item.value is None else f"{text}; the worst drive covers {100.0 * item.value:.4g} %"
+
+
+def _undecided_text(group: Group, item: GroupVerdict) -> str:
+    reason = item.state.value if item.proof is None else words_of(item.proof, item.state)
+    return f"{item.name} of {group.task}, {group.configuration}: {reason}"
