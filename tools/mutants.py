@@ -322,7 +322,7 @@ MUTATIONS = (
     Mutation(DRIVES, "SAME_GREY = 8", "SAME_GREY = 1"),
     Mutation(DRIVES, "path_m = path_m @ truth.pose(0).rotation", "path_m = path_m @ truth.pose(0).rotation.T"),
     Mutation(DRIVES, "key=lambda number: sources[number].sha256", "key=lambda number: number"),
-    Mutation("suite/statistics/pooling.py", "size > worst[drive][0]", "size < worst[drive][0]"),
+    Mutation("suite/statistics/pooling.py", "size > worst[drive_key][0]", "size < worst[drive_key][0]"),
     Mutation("suite/statistics/group_verdicts.py", "items_under_test(scores)) > 1", "items_under_test(scores)) > 2"),
     # a suite must not hide drives that were run, and its plan must match its files
     Mutation(STORE, "if same_work.isdisjoint((", "if not same_work.isdisjoint(("),

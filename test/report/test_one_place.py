@@ -40,7 +40,7 @@ from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.suite.pages.tables import result_table
 from sfr_loc_map.suite.search.specification import CHOICES
 from sfr_loc_map.suite.statistics.figures import figures_of
-from sfr_loc_map.suite.statistics.pooling import pool
+from sfr_loc_map.suite.statistics.pooling import DriveScore, pool
 from sfr_loc_map.suite.statistics.summary import ScoredJob
 
 SLIP = FigureKind(
@@ -207,7 +207,7 @@ def test_a_figure_is_in_the_tables_of_suites_and_in_the_history(tmp_path: Path) 
     row = score.judged_row("slip")
     assert row is not None
     assert "slip over 5 m, m" in [item.name for item in figures_of(score)]
-    pooled = {item.figure: item for item in pool([("a", score), ("b", score)], "distance=5")}
+    pooled = {item.figure: item for item in pool([DriveScore("a", score), DriveScore("b", score)], "distance=5")}
     assert pooled["slip"].n == 2 * (row.n or 0)
     drives = result_table("drives", "", [ScoredJob(JOB, score)], set(), Subject.TRAJECTORY)
     assert drives.rows[0][titles(drives).index("slip, mean + 3 sigma")].value == row.mean_plus_3sigma

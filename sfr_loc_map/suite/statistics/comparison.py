@@ -1,7 +1,7 @@
 """Compare two suites figure by figure over their common drives.
 
-The test statistic of a figure is the mean log ratio over the drives. If two runs are equally good, each log ratio is as
-likely positive as negative. A sign-flip test therefore compares the mean with its distribution over all choices of
+The test statistic of a figure is the mean log ratio over the drives. If two suites are equally good, each log ratio is
+as likely positive as negative. A sign-flip test therefore compares the mean with its distribution over all choices of
 signs (Fisher 1935), exactly for up to 14 drives and with random choices for more. The test does not assume a
 distribution of the errors, and a single bad drive cannot decide the outcome.
 """
@@ -41,12 +41,12 @@ class DriveRatio:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FigureComparison:
-    """A figure over the common drives of two runs.
+    """A figure over the common drives of two suites.
 
-    `ratio` is the second run divided by the first, the baseline; below 1, the second run is better.
+    `ratio` is the second suite divided by the first, the baseline; below 1, the second suite is better.
     """
 
-    runs: str  #: Task, configuration and faults.
+    runs: str  #: Group: task, configuration and faults.
     baseline: str  #: Name of the reference suite.
     kind: ComparedKind
     figure: str  #: Name with unit.
@@ -75,43 +75,46 @@ class SuiteComparison:
 
 def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> SuiteComparison:
     """Compare the second suite with the first, the reference; raise a MetricsError without a common drive."""
-    mine, theirs = _by_pairing(first, other)
-    common = [(drive, theirs[key]) for key, drive in mine.items() if key in theirs]
+    first_results, other_results = _by_pairing(first, other)
+    common = [(result, other_results[key]) for key, result in first_results.items() if key in other_results]
     if not common:
         raise MetricsError(
             f"'{names[0]}' and '{names[1]}' have no drive in common: run the same sources, faults and conditions"
         )
-    pairs: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}  # by drive, with its repeats
-    for drive, same in common:
-        others, runs = figures_of(same.score), ", ".join(part for part in drive.group_key if part)
-        for name, value in figures_of(drive.score).items():
-            if name in others and name.kind in COMPARED:
-                ratio = DriveRatio(label=drive.job.label, first=value, other=others[name])
-                pairs.setdefault((runs, name), {}).setdefault(drive.job.drive_key, []).append(ratio)
-    left_out = (len(mine) - len(common), len(theirs) - len(common))
+    ratios: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}  # by drive, with its repeats
+    for first_result, other_result in common:
+        group = ", ".join(part for part in first_result.group_key if part)
+        other_figures = figures_of(other_result.score)
+        for name, value in figures_of(first_result.score).items():
+            if name in other_figures and name.kind in COMPARED:
+                ratio = DriveRatio(label=first_result.job.label, first=value, other=other_figures[name])
+                ratios.setdefault((group, name), {}).setdefault(first_result.job.drive_key, []).append(ratio)
+    left_out = (len(first_results) - len(common), len(other_results) - len(common))
     return SuiteComparison(
-        names=names, common=len(common), left_out=left_out, figures=tuple(_compared(pairs, names[0]))
+        names=names, common=len(common), left_out=left_out, figures=tuple(_compared(ratios, names[0]))
     )
 
 
 def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
-    """Return the drives of each suite by pairing key, which has no configuration if each suite has only one."""
-    one = all(len({drive.job.configuration for drive in suite.results}) == 1 for suite in suites)
+    """Return the results of each suite by pairing key, which has no configuration if each suite has only one."""
+    has_one = all(len({result.job.configuration for result in suite.results}) == 1 for suite in suites)
     return [
-        {drive.job.pairing + ("" if one else f" {drive.job.configuration}"): drive for drive in suite.results}
+        {result.job.pairing + ("" if has_one else f" {result.job.configuration}"): result for result in suite.results}
         for suite in suites
     ]
 
 
 def _compared(
-    pairs: Mapping[tuple[str, FigureName], Mapping[str, Sequence[DriveRatio]]], baseline: str
+    ratios: Mapping[tuple[str, FigureName], Mapping[str, Sequence[DriveRatio]]], baseline: str
 ) -> Iterator[FigureComparison]:
-    ratios = [
+    """Yield the comparison of each figure of each group; `ratios` are by drive, with the repeats of the drive."""
+    log_ratios = [
         np.array([np.log([item.other / item.first for item in items]).mean() for items in drives.values()])
-        for drives in pairs.values()
+        for drives in ratios.values()
     ]
-    chance = [sign_flip_p(logs) for logs in ratios]
-    for ((runs, name), drives), logs, p, corrected in zip(pairs.items(), ratios, chance, holm(chance), strict=True):
+    p_values = [sign_flip_p(logs) for logs in log_ratios]
+    rows = zip(ratios.items(), log_ratios, p_values, holm(p_values), strict=True)
+    for ((group, name), drives), logs, p, corrected in rows:
         interval: Interval | None = None
         if len(logs) >= MIN_DRIVES:
             low, high = np.exp(np.quantile(drawn_weights(len(logs)) @ logs / len(logs), (0.025, 0.975))).tolist()
@@ -121,7 +124,7 @@ def _compared(
             direction = Outcome.WORSE if logs.mean() > 0.0 else Outcome.BETTER
             outcome = Outcome.NO_DIFFERENCE if corrected >= SIGNIFICANCE else direction
         yield FigureComparison(
-            runs=runs,
+            runs=group,
             baseline=baseline,
             kind=name.kind,
             figure=name.name,

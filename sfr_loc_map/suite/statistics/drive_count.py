@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import VerdictState
@@ -13,7 +13,7 @@ from sfr_loc_map.metrics.limits import BOUND, Interpretation, Limits, Terms
 from sfr_loc_map.metrics.tolerance import count_needed, moments, normal_count, zero_failure_count
 from sfr_loc_map.report.verdict_view import limited_name
 from sfr_loc_map.suite.statistics.group_verdicts import samples_by_drive
-from sfr_loc_map.suite.statistics.summary import ScoredJob
+from sfr_loc_map.suite.statistics.summary import ScoredJob, by_group
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,13 +62,10 @@ def drive_counts(results: Sequence[ScoredJob], limits: Limits | None) -> Iterato
     chosen = [] if limits is None else [item for item in limits.limits if item.terms is not None]
     if not chosen:
         raise ConfigError("the suite has no limit with 'prob', such as position_bound_m: {limit: 0.1, prob: 0.95}")
-    members: dict[tuple[str, str, str], list[ScoredJob]] = {}
-    for result in results:
-        members.setdefault(result.group_key, []).append(result)
-    for key, jobs in members.items():
+    for key, members in by_group(results).items():
         for limit in chosen:
             terms = limit.terms or Terms()
-            samples = samples_by_drive(limit, [(job.job.drive_key, job.score) for job in jobs])
+            samples = samples_by_drive(limit, [result.of_drive for result in members])
             if not samples:
                 continue
             interpretation = terms.interpretation
@@ -77,9 +74,8 @@ def drive_counts(results: Sequence[ScoredJob], limits: Limits | None) -> Iterato
             sample = sample_over_drives(interpretation, samples)
             known = moments(sample)
             has_failed = sample.sizes > limit.limit
-            plan = count_without_runs(terms)
-            yield DriveCount(
-                **{name: getattr(plan, name) for name in DriveCount.__slots__ if name not in OF_RUNS},
+            yield replace(
+                count_without_runs(terms),
                 runs=", ".join(part for part in key if part),
                 limit=f"{limited_name(limit.limited.figure, None, limit.condition, BOUND)}, {interpretation}",
                 drives=len(sample.errors),
@@ -88,7 +84,3 @@ def drive_counts(results: Sequence[ScoredJob], limits: Limits | None) -> Iterato
                 if_normal=None if known is None else normal_count(known, limit.limit, terms.prob, terms.confidence),
                 state=sequential_test(terms).decision(has_failed.tolist())[0],
             )
-
-
-OF_RUNS = ("runs", "limit", "drives", "failures", "at_the_rate_seen", "if_normal", "state")
-"""Fields that depend on the runs of a suite."""

@@ -29,16 +29,19 @@ class ComparedKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, order=True)
 class FigureName:
-    """A figure whose smaller values are better: its kind, and its name with unit, such as `position over 5 m, m`."""
+    """A compared figure: its kind, and its name with unit, such as `position over 5 m, m`.
+
+    Smaller values are better, except for the normalised errors (NEES), which are best at 1.
+    """
 
     kind: ComparedKind
     name: str
 
 
 def figures_of(score: Score) -> dict[FigureName, float]:
-    """Return the figures of a score that have a value, except values that are not positive and not counts.
+    """Return the compared figures that a score has: all counts, and the positive values of other figures.
 
-    The logarithms of all figures but counts are compared.
+    Other figures must be positive because their logarithms are compared.
     """
     found: dict[FigureName, float | None] = {}
     errors = [kind for kind in KINDS.values() if kind.subject is Subject.TRAJECTORY]

@@ -29,6 +29,7 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.tolerance import Sample
 from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.suite.statistics.pooling import DriveScore
 
 WORST_DRIVE = "worst drive"
 ALL_DRIVES = "all drives"
@@ -43,22 +44,23 @@ class GroupVerdict(Verdict, frozen=True, kw_only=True):
 
 def verdicts_over(
     limits: Limits | None,
-    results: Sequence[tuple[str, Score]],
+    results: Sequence[DriveScore],
     pooled: tuple[Figure, ...],
-    of_suite: Collection[str] = (),
+    suite_subjects: Collection[str] = (),
     next_drive: str | None = None,
 ) -> Iterator[GroupVerdict]:
     """Yield the verdicts over drives with equal settings: first those without a limit, then one for each limit.
 
-    `of_suite` are the subjects of all results of the suite. A limit on none of them has not enough data in each group.
-    `next_drive` is the first drive without a result, in the order of the hashes.
+    `suite_subjects` are the subjects of all results of the suite. A limit on a subject of other groups is omitted. A
+    limit on a subject that the suite lacks has the verdict "not enough data" in each group. `next_drive` is the key of
+    the first drive without a result, in the order of the keys.
     """
-    scores = [score for _, score in results]
+    scores = [result.score for result in results]
     yield from _verdicts_without_limit(scores)
-    parts_judged = {part for score in scores for part in tasks_of(score)}
+    group_subjects = {subject for score in scores for subject in tasks_of(score)}
     for limit in () if limits is None else limits.limits:
-        if task_of(limit) not in parts_judged and task_of(limit) in of_suite:
-            continue  # a limit on another subject of the suite
+        if task_of(limit) not in group_subjects and task_of(limit) in suite_subjects:
+            continue
         if limit.terms is not None:
             yield proof_over_drives(limit, limit.terms, results, next_drive)
         else:
@@ -71,73 +73,73 @@ def _verdicts_without_limit(scores: Sequence[Score]) -> Iterator[GroupVerdict]:
     for name in dict.fromkeys(item.name for item in wrong):
         found = [item for item in wrong if item.name == name]
         worst = replace(max(found, key=lambda item: item.value or 0.0), n=len(scores))
-        yield _of_group(worst, WORST_DRIVE, len(found))
+        yield _group_verdict(worst, WORST_DRIVE, len(found))
     if contradicted := sum(score.contradiction is not None for score in scores):
         value, state = float(contradicted), VerdictState.NOT_JUDGED
         plain = plain_verdict("convention_mismatch_drives", 0.0, value, state)
-        yield _of_group(replace(plain, n=len(scores)), WORST_DRIVE, contradicted)
+        yield _group_verdict(replace(plain, n=len(scores)), WORST_DRIVE, contradicted)
     if (several := items_under_test(scores)) > 1:
         plain = plain_verdict("items_under_test_max", 1.0, float(several), VerdictState.NOT_JUDGED)
-        yield _of_group(replace(plain, n=len(scores)), ALL_DRIVES, several)
+        yield _group_verdict(replace(plain, n=len(scores)), ALL_DRIVES, several)
     if incomplete := [score for score in scores if score.incomplete is not None]:
         rows = [row for score in incomplete for row in score.rows("judged", subject=Subject.COMPLETENESS)[:1]]
         fractions = [row.value for row in rows if row.value is not None]
         # an incomplete drive prevents a pass, whatever the figures of the other drives
         smallest = replace(incomplete_verdict(min(fractions, default=None)), n=len(scores))
-        yield _of_group(smallest, WORST_DRIVE, len(incomplete))
+        yield _group_verdict(smallest, WORST_DRIVE, len(incomplete))
 
 
 def verdict_over_drives(
-    limit: Limit, limits: Limits, results: Sequence[tuple[str, Score]], pooled: tuple[Figure, ...]
+    limit: Limit, limits: Limits, results: Sequence[DriveScore], pooled: tuple[Figure, ...]
 ) -> GroupVerdict:
     """Return the verdict over drives on a limit, by the pooled value if the figure can be pooled, else by the worst.
 
     A drive without a value of the figure makes the verdict incomplete.
     """
-    scores = [score for _, score in results if task_of(limit) in tasks_of(score)]
-    of_each = [figure_of(limit, score) for score in scores]
-    values = [each.value for each in of_each if each.value is not None]
+    scores = [result.score for result in results if task_of(limit) in tasks_of(result.score)]
+    figures = [figure_of(limit, score) for score in scores]
+    values = [figure.value for figure in figures if figure.value is not None]
     worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
     if limit.condition is None:
         over, count = WORST_DRIVE, len(values)
-        figure = LimitedFigure(worst_value)  # no minimum number of drives is required
+        judged = LimitedFigure(worst_value)  # no minimum number of drives is required
     else:
-        of_all = figure_of(limit, Score(figures=pooled))
-        over, count = "pooled", of_all.n or 0
-        if of_all.value is None and worst_value is not None:  # quantiles cannot be pooled
+        pooled_figure = figure_of(limit, Score(figures=pooled))
+        over, count = "pooled", pooled_figure.n or 0
+        if pooled_figure.value is None and worst_value is not None:  # quantiles cannot be pooled
             over = WORST_DRIVE
-            of_all = of_all._replace(value=worst_value, interval=None, place=None)
-        figure = of_all._replace(
+            pooled_figure = pooled_figure._replace(value=worst_value, interval=None, place=None)
+        judged = pooled_figure._replace(
             independent=independent_of_drives(limit, results),
-            truth_error=max((each.truth_error for each in of_each), default=0.0),
+            truth_error=max((figure.truth_error for figure in figures), default=0.0),
         )
-    verdict = replace(verdict_on(limit, figure, limits), n=count)
+    verdict = replace(verdict_on(limit, judged, limits), n=count)
     if not all(_count_of(limit, score) for score in scores):
         verdict = of_incomplete(verdict)
-    return _of_group(verdict, over, sum(not meets(limit, value) for value in values))
+    return _group_verdict(verdict, over, sum(not meets(limit, value) for value in values))
 
 
-def independent_of_drives(limit: Limit, results: Sequence[tuple[str, Score]]) -> float:
+def independent_of_drives(limit: Limit, results: Sequence[DriveScore]) -> float:
     """Return the number of independent values of a limited figure; the repeats of a drive count once."""
-    of_drives: dict[str, float] = {}
-    for drive, score in results:
+    by_drive: dict[str, float] = {}
+    for drive_key, score, _ in results:
         if task_of(limit) in tasks_of(score):
-            of_drives[drive] = max(of_drives.get(drive, 0.0), figure_of(limit, score).independent or 0.0)
-    return sum(of_drives.values())
+            by_drive[drive_key] = max(by_drive.get(drive_key, 0.0), figure_of(limit, score).independent or 0.0)
+    return sum(by_drive.values())
 
 
-def samples_by_drive(limit: Limit, results: Sequence[tuple[str, Score]]) -> dict[str, list[Sample]]:
-    """Return the errors to which a limit applies, for each run by drive."""
+def samples_by_drive(limit: Limit, results: Sequence[DriveScore]) -> dict[str, list[Sample]]:
+    """Return by drive the errors of each result to which a limit applies."""
     samples: dict[str, list[Sample]] = {}
-    for drive, score in results:
-        sample = sample_of(score, limit.limited.figure, limit.condition)
+    for result in results:
+        sample = sample_of(result.score, limit.limited.figure, limit.condition)
         if sample is not None:
-            samples.setdefault(drive, []).append(sample)
+            samples.setdefault(result.drive_key, []).append(sample)
     return samples
 
 
 def proof_over_drives(
-    limit: Limit, terms: Terms, results: Sequence[tuple[str, Score]], next_drive: str | None = None
+    limit: Limit, terms: Terms, results: Sequence[DriveScore], next_drive: str | None = None
 ) -> GroupVerdict:
     """Return the verdict over drives on a limit with a probability and a confidence.
 
@@ -145,13 +147,17 @@ def proof_over_drives(
     the order in which drives finish.
     """
     samples = samples_by_drive(limit, results)
-    is_sequential = terms.good is not None and next_drive is not None
-    taken = {drive: runs for drive, runs in samples.items() if not is_sequential or drive < (next_drive or "")}
-    truth_error = max((truth_error_of(limit, score, score.reading) for _, score in results), default=0.0)
-    verdict = proof_verdict(limit, prove(terms, limit.limit, taken), None, truth_error)
-    exceeding = sum(any(not (run.sizes <= limit.limit).all() for run in runs) for runs in samples.values())
+    used = samples
+    if terms.good is not None and next_drive is not None:
+        used = {drive_key: of_drive for drive_key, of_drive in samples.items() if drive_key < next_drive}
+    scores = [result.score for result in results]
+    truth_error = max((truth_error_of(limit, score, score.reading) for score in scores), default=0.0)
+    verdict = proof_verdict(limit, prove(terms, limit.limit, used), None, truth_error)
+    exceeding = sum(
+        any(not (sample.sizes <= limit.limit).all() for sample in of_drive) for of_drive in samples.values()
+    )
     over = WORST_DRIVE if terms.interpretation is Interpretation.TEMPORAL else ALL_DRIVES
-    return _of_group(verdict, over, exceeding)
+    return _group_verdict(verdict, over, exceeding)
 
 
 def _count_of(limit: Limit, score: Score) -> float:
@@ -162,5 +168,5 @@ def _count_of(limit: Limit, score: Score) -> float:
     return 0.0 if found.value is None else 1.0
 
 
-def _of_group(verdict: Verdict, over: str, missed_by: int) -> GroupVerdict:
+def _group_verdict(verdict: Verdict, over: str, missed_by: int) -> GroupVerdict:
     return GroupVerdict(**asdict(verdict), over=over, missed_by=missed_by)

@@ -12,11 +12,11 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from sfr_loc_map.errors import InputError, MetricsError
@@ -46,20 +46,24 @@ class Scale:
     of_host: bool = False  #: Whether the figure depends on the host, which all drives of a night share.
 
 
-LOG = partial(Scale, lambda x: np.log(np.where(x > 0.0, x, np.nan)), lambda value: float(np.exp(value)))
+def log_scale(floor: float, *, of_host: bool = False) -> Scale:
+    """Return the scale of positive values, whose logarithms are compared; values that are not positive are missing."""
+    return Scale(lambda x: np.log(np.where(x > 0.0, x, np.nan)), lambda value: float(np.exp(value)), floor, of_host)
+
+
 COUNT = Scale(lambda x: 2.0 * np.sqrt(x + 0.375), lambda value: max(0.0, (0.5 * value) ** 2 - 0.375), 1.0)
 """Scale of a count n: `2 sqrt(n + 3/8)`, whose standard deviation is about 1 for Poisson counts (Anscombe 1948)."""
 #: The floors are chosen: changes of 5 % of an error or a time, 10 % of a NEES, 2 % of memory and 10 % of the drives
 #: count as noise.
 SCALES: Mapping[ComparedKind, Scale] = {
-    ComparedKind.ACCURACY: LOG(0.05),
-    ComparedKind.NEES: LOG(0.1),
+    ComparedKind.ACCURACY: log_scale(0.05),
+    ComparedKind.NEES: log_scale(0.1),
     ComparedKind.LOST: COUNT,
     ComparedKind.DEGRADED: COUNT,
     ComparedKind.MISSING: COUNT,
     ComparedKind.FAILED: Scale(np.copy, float, 0.1),
-    ComparedKind.TIME: LOG(0.05, of_host=True),
-    ComparedKind.MEMORY: LOG(0.02, of_host=True),
+    ComparedKind.TIME: log_scale(0.05, of_host=True),
+    ComparedKind.MEMORY: log_scale(0.02, of_host=True),
 }
 SHORT_COMMIT = 9
 WITHOUT_RESULT = FigureName(ComparedKind.FAILED, "drives without a result, share")
@@ -69,6 +73,11 @@ def _figure(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= MAX_NUMBER:
         raise ValueError(f"a figure is {value!r:.40}: a number of at least 0 is required")
     return float(value)
+
+
+def _data_of(key: str) -> str:
+    """Return the key of a drive without its configuration."""
+    return key.partition(" ")[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +109,10 @@ class Night:
 
     def without_configurations(self) -> Night:
         """Return the night with drives that are identified by their data only, not by their configuration."""
-        of_drives = ({key.partition(" ")[0]: value for key, value in part.items()}
-                     for part in (self.labels, self.paths, self.figures))  # fmt: skip
-        return Night(self.name, self.commit, *of_drives)  # type: ignore[arg-type]
+        labels = {_data_of(key): label for key, label in self.labels.items()}
+        paths = {_data_of(key): path for key, path in self.paths.items()}
+        figures = {_data_of(key): of_drive for key, of_drive in self.figures.items()}
+        return Night(self.name, self.commit, labels, paths, figures)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,7 +163,10 @@ class History:
 
     @property
     def worse(self) -> tuple[Change, ...]:
-        """The last change of each figure, if it was for the worse."""
+        """The last change of each figure, if it was for the worse.
+
+        A later change for the better closes earlier changes of the figure, also those of other drives.
+        """
         last = {change.figure: change for change in self.changes}
         return tuple(change for change in last.values() if change.outcome is Outcome.WORSE)
 
@@ -218,26 +231,33 @@ def find_changes(nights: Sequence[Night]) -> History:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class FoundChange:
-    """A change of values `(drive, night)`, on the scale of the comparison."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shift:
+    """A change of the mean of nights relative to reference nights, on the scale of the comparison."""
 
-    night: int  #: First night after the change.
     drives: tuple[int, ...]  #: Changed drives.
     of: int  #: Number of drives with values before and after.
     before: float  #: Mean over the changed drives before the change.
     after: float
     half_width: float  #: Half-width of the 95 % prediction interval of `after` from the reference nights.
     window: int  #: Number of nights whose mean revealed the change.
-    seen: int = 0  #: Night at which the change was detected.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundChange(Shift):
+    """A change of values `(drive, night)` with its nights."""
+
+    night: int  #: First night after the change.
+    seen: int  #: Night at which the change was detected.
     is_return: bool = False  #: Whether the figure returned to its level before the previous change.
 
 
 def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[FoundChange]:
     """Return the changes of values `(D, T)` of drives and nights, NaN if missing.
 
-    The nights after a change are compared with the same reference as the change. If the figure returns to its old level
-    within `MIN_REFERENCE` nights, the return is a second change. Otherwise the new level becomes the reference.
+    Without a change, each night is compared with the nights since `start`. The nights after a change are compared with
+    the same reference as the change. If the figure returns to its old level within `MIN_REFERENCE` nights, the return
+    is a second change. Otherwise the new level becomes the reference.
     """
     found: list[FoundChange] = []
     start, changed_at = 0, None
@@ -262,56 +282,99 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
             if change is not None:
                 size = _change_size(reference[list(change.drives)], x[list(change.drives), first : night + 1])
                 changed_at = first + int(np.argmax(size))
-                found.append(replace(change, night=changed_at, seen=night))
+                found.append(FoundChange(**asdict(change), night=changed_at, seen=night))
                 break
     return found
 
 
-def compare_nights(before: FloatArray, after: FloatArray, scale: Scale, false_alarm_rate: float) -> FoundChange | None:
+def compare_nights(before: FloatArray, after: FloatArray, scale: Scale, false_alarm_rate: float) -> Shift | None:
     """Return the change of the mean of nights `(D, W)` relative to reference nights `(D, N)`, None without a change.
 
     Half of the false-alarm rate is assigned to the mean over the drives, the other half to the single drives.
     """
-    window = after.shape[1]
-    usual, present = _mean(before.T), _mean(after.T)
-    shift = present - usual
-    there = np.flatnonzero(np.isfinite(shift))
-    if not there.size:
+    drives = _DriveShifts.of(before, after, scale)
+    count = len(drives.indices)
+    if not count:
         return None
-    deviations = before[there] - usual[there, None]
-    count = np.isfinite(deviations).sum(axis=1)
-    variance = np.nansum(np.square(deviations), axis=1) / np.maximum(count - 1, 1)
-    if (long := count >= MIN_REFERENCE).any():  # a drive that never varied gets the median variance
-        variance = np.maximum(variance, np.median(variance[long]))
-    variance = np.maximum(variance, scale.floor**2)
-    each = np.sqrt(variance * (1.0 / window + 1.0 / count))
-    each_shift = np.where(long, np.abs(shift[there]) / each, 0.0)
-    one_changed = bool(np.any(each_shift > _quantile(false_alarm_rate / 2 / len(there), count - 1.0)))
+    sigma, freedom = drives.scatter_of_mean(scale)
+    has_mean_changed = abs(float(drives.shifts.mean())) > sigma * float(_quantile(false_alarm_rate / 2, freedom))
+    if not has_mean_changed and not drives.exceeding(false_alarm_rate / 2).any():
+        return None
+    named = drives.exceeding(FALSE_NAMES)
+    number_named = int(named.sum())
+    if 0 < number_named <= count / 2:
+        sigma = float(np.sqrt(np.mean(np.square(drives.sigmas[named])) / number_named))
+        freedom = float(drives.nights.max() - 1)
+    else:
+        named = np.ones(count, np.bool_)
+        sigma = sigma if np.isfinite(sigma) else scale.floor / np.sqrt(count)
+    return Shift(
+        drives=tuple(drives.indices[named].tolist()),
+        of=count,
+        before=float(drives.usual[named].mean()),
+        after=float(drives.present[named].mean()),
+        half_width=sigma * float(_quantile(0.05, freedom)),
+        window=drives.window,
+    )
 
-    mean_shift = float(shift[there].mean())
-    mean_of_nights = _mean(deviations)
-    mean_of_nights = mean_of_nights[np.isfinite(mean_of_nights)]
-    nights = len(mean_of_nights)
-    floor = scale.floor / np.sqrt(len(there))
-    if nights >= MIN_REFERENCE:
-        deviation, freedom = float(np.std(mean_of_nights, ddof=1)) * np.sqrt(1.0 / window + 1.0 / nights), nights - 1.0
-    elif len(there) >= MIN_DRIVES_OF_SCATTER and not scale.of_host:
-        deviation, freedom = float(np.std(shift[there], ddof=1) / np.sqrt(len(there))), len(there) - 1.0
-    else:
-        deviation, freedom = np.inf, 1.0
-    deviation = max(deviation, floor)
-    mean_changed = abs(mean_shift) > deviation * float(_quantile(false_alarm_rate / 2, freedom))
-    if not mean_changed and not one_changed:
-        return None
-    chosen = each_shift > _quantile(FALSE_NAMES / len(there), count - 1.0)
-    if 0 < (named := int(chosen.sum())) <= len(there) / 2:
-        drives = there[chosen]
-        half = float(np.sqrt(np.mean(np.square(each[chosen])) / named) * _quantile(0.05, float(count.max() - 1)))
-    else:
-        drives = there
-        half = (deviation if np.isfinite(deviation) else floor) * float(_quantile(0.05, freedom))
-    means = float(usual[drives].mean()), float(present[drives].mean())
-    return FoundChange(0, tuple(drives.tolist()), len(there), *means, half, window)
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _DriveShifts:
+    """Shifts of the drives that have values in the reference nights and in the compared nights."""
+
+    indices: NDArray[np.intp]
+    usual: FloatArray  #: Mean of each drive over the reference nights.
+    present: FloatArray  #: Mean of each drive over the compared nights.
+    deviations: FloatArray  #: Values of the reference nights minus their mean, `(drive, night)`.
+    sigmas: FloatArray  #: Standard deviation of each shift.
+    window: int  #: Number of compared nights.
+
+    @classmethod
+    def of(cls, before: FloatArray, after: FloatArray, scale: Scale) -> _DriveShifts:
+        """Return the shifts from reference nights `(D, N)` to nights `(D, W)`."""
+        usual, present = _mean(before.T), _mean(after.T)
+        indices = np.flatnonzero(np.isfinite(present - usual))
+        deviations = before[indices] - usual[indices, None]
+        nights = np.isfinite(deviations).sum(axis=1)
+        variances = np.nansum(np.square(deviations), axis=1) / np.maximum(nights - 1, 1)
+        is_long = nights >= MIN_REFERENCE
+        if is_long.any():  # a drive that never varied gets the median variance
+            variances = np.maximum(variances, np.median(variances[is_long]))
+        variances = np.maximum(variances, scale.floor**2)
+        sigmas = np.sqrt(variances * (1.0 / after.shape[1] + 1.0 / nights))
+        return cls(indices, usual[indices], present[indices], deviations, sigmas, after.shape[1])
+
+    @property
+    def shifts(self) -> FloatArray:
+        """Shift of each drive."""
+        return self.present - self.usual
+
+    @property
+    def nights(self) -> NDArray[np.intp]:
+        """Number of reference nights of each drive."""
+        return np.asarray(np.isfinite(self.deviations).sum(axis=1))
+
+    def exceeding(self, false_alarm_rate: float) -> NDArray[np.bool_]:
+        """Return which drives changed, with the given rate of false alarms over all drives together."""
+        sizes = np.where(self.nights >= MIN_REFERENCE, np.abs(self.shifts) / self.sigmas, 0.0)
+        return np.asarray(sizes > _quantile(false_alarm_rate / len(self.indices), self.nights - 1.0))
+
+    def scatter_of_mean(self, scale: Scale) -> tuple[float, float]:
+        """Return the standard deviation of the mean shift and its degrees of freedom; infinity if unknown.
+
+        The scatter follows from the reference nights, or from the drives if there are too few nights. The scatter of
+        the drives does not contain the speed of the host, which all drives of a night share.
+        """
+        means = _mean(self.deviations)
+        means = means[np.isfinite(means)]
+        nights, drives = len(means), len(self.indices)
+        if nights >= MIN_REFERENCE:
+            sigma, freedom = float(np.std(means, ddof=1)) * np.sqrt(1.0 / self.window + 1.0 / nights), nights - 1.0
+        elif drives >= MIN_DRIVES_OF_SCATTER and not scale.of_host:
+            sigma, freedom = float(np.std(self.shifts, ddof=1) / np.sqrt(drives)), drives - 1.0
+        else:
+            sigma, freedom = np.inf, 1.0
+        return max(sigma, scale.floor / np.sqrt(drives)), freedom
 
 
 def _change_size(before: FloatArray, after: FloatArray) -> FloatArray:

@@ -7,8 +7,8 @@ whole drives, because errors within one drive are not independent.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,40 +22,54 @@ from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, h
 AXES = ("x", "y", "z")  #: Pooled parts of the position error.
 
 
-def pool(results: Sequence[tuple[str, Score]], condition: str, sources: Sequence[str] = ()) -> Iterator[Figure]:
-    """Yield the pooled errors of scores for a condition; each score is given with the key of its drive.
+class DriveScore(NamedTuple):
+    """The score of a result with its drive."""
 
-    Means and sigmas of a vector are pooled axis by axis. `sources` are the hashes of the sources of the results. Of the
-    sources that are copies of one drive, only the worst is pooled, because copies would dilute the errors.
+    drive_key: str  #: Hash that repeats and copies of one drive share (`Job.drive_key`).
+    score: Score
+    source: str = ""  #: Hash of the source, which differs between copies of one drive.
+
+
+class DriveRows(NamedTuple):
+    """A figure of a result: the rows of its axes, or the judged row of a figure without axes."""
+
+    drive_key: str
+    rows: Sequence[Figure]
+
+
+def pool(results: Sequence[DriveScore], condition: str) -> Iterator[Figure]:
+    """Yield the pooled errors of scores for a condition.
+
+    Means and sigmas of a vector are pooled axis by axis. Of several sources that are copies of one drive, only the
+    worst is pooled, because copies would dilute the errors.
     """
     for kind in KINDS.values():
         if kind.subject is not Subject.TRAJECTORY:
             continue
         axes: tuple[str | None, ...] = AXES if kind.name == "position" else (None,)
-        used: dict[tuple[str, str], list[list[Figure]]] = {}
-        for (drive, score), source in zip(results, sources or [""] * len(results), strict=True):
-            rows = [axis_row(score, kind.name, condition, axis) for axis in axes]
+        by_source: dict[tuple[str, str], list[DriveRows]] = {}
+        for result in results:
+            rows = [axis_row(result.score, kind.name, condition, axis) for axis in axes]
             known = [row for row in rows if row is not None and row.mean is not None and (row.n or 0) > 0]
             if len(known) == len(axes):
-                used.setdefault((drive, source), []).append(known)
-        has_figure = any(score.rows(kind.name, condition=condition) for _, score in results)
+                repeats = by_source.setdefault((result.drive_key, result.source), [])
+                repeats.append(DriveRows(result.drive_key, known))
+        has_figure = any(result.score.rows(kind.name, condition=condition) for result in results)
         if has_figure:
-            yield pooled_row(kind.name, condition, _without_copies(kind.name, condition, used))
+            yield pooled_row(kind.name, condition, _without_copies(kind.name, condition, by_source.values()))
 
 
-def _without_copies(
-    figure: str, condition: str, used: Mapping[tuple[str, str], Sequence[Sequence[Figure]]]
-) -> list[tuple[str, Sequence[Figure]]]:
-    """Return the rows of the results by drive. Of several sources of a drive, that with the largest figure is used."""
-    worst: dict[str, tuple[float, Sequence[Sequence[Figure]]]] = {}
-    for (drive, _), results in used.items():
-        row = pooled_row(figure, condition, [(drive, rows) for rows in results])
-        size = row.mean_plus_3sigma
+def _without_copies(figure: str, condition: str, sources: Iterable[Sequence[DriveRows]]) -> list[DriveRows]:
+    """Return the rows of the results, given for each source. Of the sources of a drive, the worst is used."""
+    worst: dict[str, tuple[float, Sequence[DriveRows]]] = {}
+    for repeats in sources:
+        drive_key, rows = repeats[0]
+        size = pooled_row(figure, condition, repeats).mean_plus_3sigma
         if size is None:
-            size = float(np.linalg.norm([item.mean or 0.0 for item in results[0]]))
-        if drive not in worst or size > worst[drive][0]:
-            worst[drive] = size, results
-    return [(drive, rows) for drive, (_, results) in worst.items() for rows in results]
+            size = float(np.linalg.norm([row.mean or 0.0 for row in rows]))
+        if drive_key not in worst or size > worst[drive_key][0]:
+            worst[drive_key] = size, repeats
+    return [result for _, repeats in worst.values() for result in repeats]
 
 
 def axis_row(score: Score, figure: str, condition: str, axis: str | None) -> Figure | None:
@@ -65,28 +79,29 @@ def axis_row(score: Score, figure: str, condition: str, axis: str | None) -> Fig
     return score.figure(figure, condition=condition, part=axis)
 
 
-def pooled_row(figure: str, condition: str, used: Sequence[tuple[str, Sequence[Figure]]]) -> Figure:
-    """Return mean, sigma and mean + 3 sigma of all values; `used` has the drive and the rows by axis of each result.
+def pooled_row(figure: str, condition: str, results: Sequence[DriveRows]) -> Figure:
+    """Return mean, sigma and mean + 3 sigma of all values of the results.
 
     The interval resamples drives, each with all of its results. `independent` is the number of drives.
     """
-    numbers = {drive: number for number, drive in enumerate(dict.fromkeys(drive for drive, _ in used))}
+    drive_keys = dict.fromkeys(result.drive_key for result in results)
+    numbers = {drive_key: number for number, drive_key in enumerate(drive_keys)}
     many = len(numbers)
-    count = np.array([float(rows[0].n or 0) for _, rows in used])
+    count = np.array([float(result.rows[0].n or 0) for result in results])
     total = int(count.sum())
-    if not used:
+    if not results:
         return figure_row(figure, condition, POOLED, n=0, independent=0)
-    means = np.array([[row.mean for row in rows] for _, rows in used], np.float64)
+    means = np.array([[row.mean for row in result.rows] for result in results], np.float64)
     if total < 2:
         return figure_row(figure, condition, POOLED, n=total, independent=many)
-    sigmas = np.array([[row.sigma or 0.0 for row in rows] for _, rows in used], np.float64)
+    sigmas = np.array([[row.sigma or 0.0 for row in result.rows] for result in results], np.float64)
     squares = np.square(sigmas) * (count[:, None] - 1.0)
     mean, sigma = (float(values[0]) for values in _pooled(count, means, squares, np.ones((1, len(count)))))
     found: dict[str, Any] = {"mean": mean, "sigma": sigma, "mean_plus_3sigma": mean_plus_3sigma(mean, sigma)}
     if means.shape[1] == 1:  # the mean of a scalar figure keeps its sign
         found["mean"] = float(count @ means[:, 0]) / total
     if many >= MIN_DRIVES and found["mean_plus_3sigma"] > 0.0:
-        weights = drawn_weights(many)[:, [numbers[drive] for drive, _ in used]]
+        weights = drawn_weights(many)[:, [numbers[result.drive_key] for result in results]]
         drawn_means, drawn_sigmas = _pooled(count, means, squares, weights)
         logs = np.log(np.maximum(mean_plus_3sigma(drawn_means, drawn_sigmas), 1e-300))
         factor = float(np.exp(half_width(logs, many)))

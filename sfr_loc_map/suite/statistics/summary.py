@@ -30,7 +30,7 @@ from sfr_loc_map.suite.running.variants import error_sources_of
 from sfr_loc_map.suite.statistics.budget import Budget, DriveErrors, budget_of
 from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
-from sfr_loc_map.suite.statistics.pooling import AXES, axis_row, pool
+from sfr_loc_map.suite.statistics.pooling import AXES, DriveScore, axis_row, pool
 
 SCHEMA = "sfr-suite/1"
 
@@ -51,6 +51,11 @@ class ScoredJob:
     def group_key(self) -> tuple[str, str, str]:
         """Key of the group: task, configuration, faults or variant of a budget."""
         return group_key_of(self.job)
+
+    @property
+    def of_drive(self) -> DriveScore:
+        """The score with the keys by which repeats and copies of a drive are identified."""
+        return DriveScore(self.job.drive_key, self.score, self.job.source.sha256)
 
     @property
     def position_m(self) -> float | None:
@@ -246,26 +251,30 @@ def _drive_errors(score: Score, condition: str) -> DriveErrors | None:
     return DriveErrors(rows[0].n or 0, np.array([row.mean for row in rows]), np.array([row.sigma for row in rows]))
 
 
+def by_group(results: Sequence[ScoredJob]) -> dict[tuple[str, str, str], list[ScoredJob]]:
+    """Return the results of each group by its key, in the order of their first occurrence."""
+    members: dict[tuple[str, str, str], list[ScoredJob]] = {}
+    for result in results:
+        members.setdefault(result.group_key, []).append(result)
+    return members
+
+
 def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: Sequence[Job] = ()) -> Iterator[Group]:
     """Yield the groups of results in the order of their first occurrence.
 
     Within a group, results are sorted by the hashes of their drives and jobs, so that figures and verdicts do not
     depend on the order of the suite's file. `unfinished` are the jobs without a result.
     """
-    members: dict[tuple[str, str, str], list[ScoredJob]] = {}
-    for result in results:
-        members.setdefault(result.group_key, []).append(result)
-    parts_judged = {part for result in results for part in tasks_of(result.score)}
-    for key, unsorted in members.items():
+    suite_subjects = {subject for result in results for subject in tasks_of(result.score)}
+    for key, unsorted in by_group(results).items():
         task, configuration, faults = key
         in_group = sorted(unsorted, key=lambda item: (item.job.drive_key, item.job.key))
         next_drive = min((job.drive_key for job in unfinished if group_key_of(job) == key), default=None)
         scores = [result.score for result in in_group]
         trajectories = [score.association for score in scores if score.association is not None]
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
-        by_drive = [(result.job.drive_key, result.score) for result in in_group]
-        sources = [result.job.source.sha256 for result in in_group]
-        pooled = tuple(row for condition in conditions for row in pool(by_drive, condition, sources))
+        of_drives = [result.of_drive for result in in_group]
+        pooled = tuple(row for condition in conditions for row in pool(of_drives, condition))
         yield Group(
             task=task,
             configuration=configuration,
@@ -274,5 +283,5 @@ def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: S
             lost=sum(item.lost for item in trajectories),
             matched=sum(item.matched for item in trajectories),
             figures=pooled,
-            verdicts=tuple(verdicts_over(limits, by_drive, pooled, parts_judged, next_drive)),
+            verdicts=tuple(verdicts_over(limits, of_drives, pooled, suite_subjects, next_drive)),
         )

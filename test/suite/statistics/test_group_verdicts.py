@@ -9,10 +9,9 @@ from helpers.random_drives import drive, score_of
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.proof import sample_of
-from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
-from sfr_loc_map.suite.statistics.pooling import pool
+from sfr_loc_map.suite.statistics.pooling import DriveScore, pool
 
 
 def test_a_limit_with_a_share_over_drives_by_each_interpretation() -> None:
@@ -20,10 +19,11 @@ def test_a_limit_with_a_share_over_drives_by_each_interpretation() -> None:
     results = []
     for number in range(60):
         truth, estimate = drive(number, count=60)
-        results.append((str(number), score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))))
+        score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+        results.append(DriveScore(str(number), score))
     terms = {"prob": 0.95, "confidence": 0.95}
 
-    def verdict(interpretation: str, chosen: list[tuple[str, Score]], limit: float = 10.0) -> GroupVerdict:
+    def verdict(interpretation: str, chosen: list[DriveScore], limit: float = 10.0) -> GroupVerdict:
         entry = {**terms, "limit": limit, "interpretation": interpretation}
         content = {"trajectory": [{"condition": "distance=5", "position_bound_m": entry}]}
         (found,) = verdicts_over(parse_limits(content, "limits"), chosen, ())
@@ -31,7 +31,7 @@ def test_a_limit_with_a_share_over_drives_by_each_interpretation() -> None:
 
     passed = verdict("ensemble", results)
     assert (passed.state, passed.n, passed.missed_by, passed.over) == ("pass", 60, 0, "all drives")
-    largest = sorted(float(sample_of(score, "position", "distance=5").sizes.max()) for _, score in results)
+    largest = sorted(float(sample_of(score, "position", "distance=5").sizes.max()) for _, score, _ in results)
     assert passed.value == pytest.approx(largest[-1])
     mixed = verdict("mixed", results)
     assert (mixed.state, mixed.n) == ("pass", 60)
@@ -42,12 +42,12 @@ def test_a_limit_with_a_share_over_drives_by_each_interpretation() -> None:
     assert verdict("ensemble", results, limit=0.0).state == "fail"
     few = verdict("ensemble", results[:40])
     assert (few.state, few.proof.more) == ("not enough data", 19)
-    repeats = verdict("ensemble", [*results[:40], *[("0", score) for _, score in results[40:]]])
+    repeats = verdict("ensemble", [*results[:40], *[result._replace(drive_key="0") for result in results[40:]]])
     assert (repeats.state, repeats.n) == ("not enough data", 40), "repeats are one drive"
     assert verdict("temporal", results).state == "not enough data"
 
 
-def group_of(limit: str, bound: object, results: list[tuple[str, Score]]) -> GroupVerdict:
+def group_of(limit: str, bound: object, results: list[DriveScore]) -> GroupVerdict:
     """The verdict on one limit over drives."""
     content = {"trajectory": [{"condition": "distance=5", limit: bound}]}
     rows = tuple(row for row in pool(results, "distance=5"))
@@ -60,16 +60,17 @@ def test_a_limit_on_a_statistic_that_drives_do_not_pool_is_that_of_the_worst_dri
     results = []
     for number in range(6):
         truth, estimate = drive(number, count=200)
-        results.append((str(number), score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))))
-    values = [score.number("position", statistic, condition="distance=5") for _, score in results]
+        score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+        results.append(DriveScore(str(number), score))
+    values = [score.number("position", statistic, condition="distance=5") for _, score, _ in results]
     for factor, state in ((1.01, "pass"), (0.99, "fail")):
         found = group_of(f"position_{statistic}_m", factor * max(values), results)
         assert (found.state, found.over, found.value, found.row) == (state, "worst drive", max(values), None)
         missed = sum(value > factor * max(values) for value in values)
-        assert (found.missed_by, found.n) == (missed, sum(score.figure("position").n for _, score in results))
+        assert (found.missed_by, found.n) == (missed, sum(score.figure("position").n for _, score, _ in results))
     truth, estimate = drive(0, count=80)
     short = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
-    few = group_of(f"position_{statistic}_m", 10.0, [("short", short)])
+    few = group_of(f"position_{statistic}_m", 10.0, [DriveScore("short", short)])
     assert (few.state, few.over) == ("not enough data", "worst drive"), short.figure("position").independent
 
 
@@ -80,7 +81,7 @@ def test_a_bound_over_drives_within_the_error_of_the_truth_decides_nothing() -> 
         score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
         exact = tuple(row for row in score.figures if row.figure != "truth_error")
         noisy = replace(score, figures=(*exact, figure_row("truth_error", value=0.01)))
-        results.append((str(number), noisy))
+        results.append(DriveScore(str(number), noisy))
     terms = {"prob": 0.95, "confidence": 0.95, "interpretation": "ensemble"}
     bound = group_of("position_bound_m", {**terms, "limit": 10.0}, results).value
     for beyond, state in ((0.02, "not enough data"), (0.04, "pass")):  # 1.96 sqrt(2) 0.01 m

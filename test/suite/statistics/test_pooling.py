@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.suite.statistics.pooling import pool, pooled_row
+from sfr_loc_map.suite.statistics.pooling import DriveRows, DriveScore, pool, pooled_row
 
 
 def rows_of(values: np.ndarray) -> list[Figure]:
@@ -22,7 +22,7 @@ def rows_of(values: np.ndarray) -> list[Figure]:
 
 def pooled(drives: list[np.ndarray], names: list[str]) -> Figure:
     return pooled_row(
-        "position", "distance=5", [(name, rows_of(values)) for name, values in zip(names, drives, strict=True)]
+        "position", "distance=5", [DriveRows(name, rows_of(values)) for name, values in zip(names, drives, strict=True)]
     )
 
 
@@ -48,7 +48,7 @@ def test_pooled_is_the_statistic_of_all_values(sizes: list[int], axes: int, seed
     repeated = pooled(drives, ["one"] * len(drives))
     assert (repeated.mean, repeated.interval) == (found.mean, None)  # repeats of one drive
     one = Score(figures=tuple(figure_row("position", "distance=5", axis, n=1, mean=1.0) for axis in "xyz"))
-    assert [row.mean for row in pool([("a", one)], "distance=5")] == [None], "one value has no sigma"
+    assert [row.mean for row in pool([DriveScore("a", one)], "distance=5")] == [None], "one value has no sigma"
 
 
 def test_the_interval_holds_the_true_figure_nine_times_in_ten_at_least() -> None:
@@ -63,6 +63,6 @@ def test_the_interval_holds_the_true_figure_nine_times_in_ten_at_least() -> None
 
 def test_the_mean_of_a_signed_figure_over_drives_keeps_its_sign() -> None:
     left, right = (figure_row("heading", "distance=5", "pose", n=10, mean=mean, sigma=0.1) for mean in (-0.4, 0.2))
-    row = pooled_row("heading", "distance=5", [("a", [left]), ("b", [right])])
+    row = pooled_row("heading", "distance=5", [DriveRows("a", [left]), DriveRows("b", [right])])
     assert row.mean == pytest.approx(-0.1)
     assert row.mean_plus_3sigma == pytest.approx(0.1 + 3.0 * row.sigma)
