@@ -23,18 +23,20 @@ EXPERIMENT = "sfr suite"  #: Name of the MLflow experiment.
 
 def suite_junit(summary: Summary) -> str:
     """Return JUnit XML: test cases for the limits over all drives, for those of each drive, and for missing results."""
-    failed = {item.label: f"{item.cause}: {item.message}" for item in summary.failures}
+    jobs = [result.job for result in summary.results]
+    labels = Counter([*(job.label for job in jobs), *(failure.label for failure in summary.failures)])
+
+    def unique_name(label: str, key: str) -> str:
+        return label if labels[label] == 1 else f"{label}, {key}"
+
+    failed = {unique_name(item.label, item.key): f"{item.cause}: {item.message}" for item in summary.failures}
     refused = {item.path: item.reason for item in summary.refusals}
     judged = {
         ", ".join(filter(None, ("all drives", *group.key))): Score(figures=group.figures, verdicts=group.verdicts)
         for group in summary.groups
     }
     waiting = {"jobs": f"{summary.waiting} of {summary.jobs} have no result yet"} if summary.waiting else {}
-    labels = Counter(result.job.label for result in summary.results)
-    scores = {
-        result.job.label if labels[result.job.label] == 1 else f"{result.job.label}, {result.job.key}": result.score
-        for result in summary.results
-    }
+    scores = {unique_name(result.job.label, result.job.key): result.score for result in summary.results}
     return junit(judged | scores, failed | refused | waiting)
 
 

@@ -1,4 +1,4 @@
-"""The tables of a suite, of a comparison of suites, and of a history, made from their JSON values."""
+"""The tables of a suite, of a comparison of suites, and of a history."""
 
 from __future__ import annotations
 

@@ -43,6 +43,13 @@ def test_junit_has_every_limit_and_what_has_no_result(summary: Summary) -> None:
     assert suites["gone.mcap"].get("errors") == "1"
 
 
+def test_failures_with_equal_names_are_separate_test_cases(summary: Summary) -> None:
+    """Two entries of one scenario and seed with different settings have equal labels."""
+    failures = tuple(replace(summary.failures[0], key=key) for key in ("k1", "k2"))
+    names = {suite.get("name") for suite in ET.fromstring(suite_junit(replace(summary, failures=failures)))}
+    assert {"localise third, k1", "localise third, k2"} <= names
+
+
 def test_parquet_has_the_same_columns_with_and_without_results(summary: Summary, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="needs the extra [suite]")
     write_parquet(summary, tmp_path / "full")
