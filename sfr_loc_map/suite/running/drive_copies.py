@@ -75,9 +75,9 @@ def _trace(truth: Trajectory, grey: tuple[int, ...] = ()) -> DriveTrace:
 
 
 def with_drives(sources: Sequence[JobSource], traces: Sequence[DriveTrace]) -> list[JobSource]:
-    """Return the sources with the names of their drives. Copies are named by the smallest hash among them.
+    """Return the sources with the hashes of their drives. Copies have the hash of the source with the smallest hash.
 
-    Simulated drives are identified by their settings.
+    The hash of an estimate's drive is that of its ground truth. Simulated drives are identified by their settings.
     """
     found: dict[int, JobSource] = {}
     originals: list[tuple[DriveTrace, str]] = []

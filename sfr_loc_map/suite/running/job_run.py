@@ -44,7 +44,7 @@ from sfr_loc_map.suite.running.sources import local_path
 
 
 def run_job(job: Job, scratch: Path, cache: Path) -> Score:
-    """Return the score of a job. The score has no verdicts, because the summary of the suite judges the limits.
+    """Return the score of a job. The score has no verdicts on limits, because the summary judges the score again.
 
     Paths in the score are relative to `scratch`, an empty folder. Sources are stored in `cache`.
     """

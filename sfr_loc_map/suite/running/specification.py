@@ -44,15 +44,17 @@ class SuiteSettings:
     memory_mb: int = param(
         4000, unit="MB", doc="Resident memory above which the process of a job is killed.", low=500, high=10**6
     )
-    timeout_s: float = param(3600.0, unit="s", doc="Time after which a job is killed.", low=0.1, high=1e7)
+    timeout_s: float = param(
+        3600.0, unit="s", doc="Time after which a job is killed. A job is tried three times.", low=0.1, high=1e7
+    )
     wait_s: float = param(300.0, unit="s", doc="Maximum time without a worker that may run a job.", low=0.1, high=1e7)
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """A source that cannot be read, and the reason."""
+    """A source that cannot be read, or that has a result but no job any more, and the reason."""
 
-    path: str
+    path: str  #: Path or URL of an unreadable source; name of a source with a result.
     reason: str
 
 
@@ -65,7 +67,7 @@ class SuiteSpecification:
     refusals: tuple[Refusal, ...]  #: Entries without a match, or with a server that does not answer.
     faults: tuple[str, ...]  #: Injected faults; the source without faults comes first, as an empty text.
     configurations: Mapping[str, Mapping[str, object]]  #: Parameters of each configuration, by dotted name.
-    tasks: tuple[JobKind, ...] | None  #: Requested tasks; None: the tasks for which each source has data.
+    tasks: tuple[JobKind, ...] | None  #: Requested tasks; None: those of `DEFAULT_TASKS` for which a source has data.
     budget: tuple[str, ...]  #: Names of the sources of error of a budget; empty if there is none.
     scoring: TrajectoryScoreConfig  #: Settings of the scores, including conditions that only the limits name.
     limits: Mapping[str, Any]  #: Limits; empty if there are none.
