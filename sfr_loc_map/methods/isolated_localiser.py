@@ -1,4 +1,4 @@
-"""A localiser under test in its own process. Each pair has an estimate, which is lost if the localiser fails."""
+"""A localiser under test in its own process. Each pair has an estimate; if the localiser fails, its state is lost."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.records import FindingKind
 
 SYMMETRY = 1e-6  #: Largest asymmetry of a covariance, relative to its largest element.
-STEP_NUMBERS = 48  #: Number of values in the uncertainty of a step.
+STEP_NUMBERS = 48
+"""Number of values in the uncertainty of a step (`StepEstimate.uncertainty`): covariance (21), systematic vector (6)
+and noise (21)."""
 
 
 class IsolatedLocaliser(IsolatedMethod):
@@ -40,7 +42,7 @@ class IsolatedLocaliser(IsolatedMethod):
         super().__init__(method, rig, limits, T_ds_rb=T_ds_rb, rate_hz=rate_hz, hidden=hidden)
 
     def localise(self, pair: StereoPair, since_start_s: float = 0.0) -> tuple[PoseEstimate, MethodCall]:
-        """Localise one pair; return the estimate, which is lost if the result is invalid, and the call."""
+        """Localise one pair; return the estimate and the call. If the result is invalid, the state is lost."""
         if self._is_given_up:
             return self._lost(pair, MethodCall(reason="not started again"))
         call = MethodCall()

@@ -107,7 +107,7 @@ class IsolatedMapper(IsolatedMethod):
         cloud = PointCloud.concatenate([item.cloud for item in maps])
         if self._process is not None and self._process.fuses and self._is_complete:
             try:
-                call, answer = self._process.call("fuse", [last], [_ordered(last, None, 0)])
+                call, answer = self._called("fuse", [last], [_ordered(last, None, 0)])
                 cloud = replace(self._cloud(len(maps)), fused=True)
                 warnings = tuple(answer.get("warnings", ()))
             except MethodFailureError as error:

@@ -18,7 +18,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
-from sfr_loc_map.methods.method_process import MethodCall
+from sfr_loc_map.methods.method_process import MethodCall, MethodProcess
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.runs.offline import UnderTest, localise, map_pairs, map_pairs_with
 
@@ -78,6 +78,16 @@ class Fusing:
         return SimpleNamespace(cloud=PointCloud.empty(), warnings=["of a pair"])
     def fuse(self, results):
         return SimpleNamespace(cloud=PointCloud.empty(), warnings=["of the fusion"])
+
+class InvalidFusion:
+    def __init__(self, rig, config):
+        self.mapper, self.kind = Mapper(rig), config
+    def process(self, pair, T_lm_navsb, index):
+        return self.mapper.process(pair, T_lm_navsb, index)
+    def fuse(self, results):
+        if self.kind == "disparity":
+            return np.ones((120, 160), np.float32)
+        return SimpleNamespace(cloud=PointCloud.empty(), stamp_ns=1)
 
 class Writing:
     def __init__(self, rig, config):
@@ -172,6 +182,41 @@ def test_the_warnings_of_the_pairs_and_of_the_fusion_are_reported(drive: Path, t
     method = find_method(f"{tmp_path}/classes.py:Fusing", Task.MAPPING)
     run = map_pairs_with(open_source(drive).nav, UnderTest(method, hidden=()))
     assert run.warnings == ["pair 0: of a pair", "pair 1: of a pair", "of the fusion"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "finding"),
+    [
+        (
+            "disparity",
+            "invalid result: the mapper must return from 'fuse' a PointCloud, or an object with a PointCloud",
+        ),
+        ("stamp", "wrong stamp: answered for stamp 1, asked for "),
+    ],
+)
+def test_an_invalid_fusion_is_a_finding_and_the_points_of_all_pairs_are_kept(
+    drive: Path, tmp_path: Path, kind: str, finding: str
+) -> None:
+    (tmp_path / "classes.py").write_text(CLASSES)
+    method = find_method(f"{tmp_path}/classes.py:InvalidFusion", Task.MAPPING, kind)
+    run = map_pairs_with(open_source(drive).nav, UnderTest(method, hidden=()))
+    (fusion,) = [record for record in run.records if record.state == "fused"]
+    assert fusion.finding.startswith(finding)
+    assert run.fused.cloud.fused is False
+    assert set(run.fused.cloud.pair) == {0, 1}
+
+
+def test_the_files_of_a_pair_are_removed_before_the_fusion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A method that answers without writing a cloud does not return the cloud of the last pair."""
+    item = nav_pair(0)
+    with IsolatedMapper(find_method("sfr", Task.MAPPING), NAV_RIG, hidden=()) as mapper:
+        made, _ = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
+        monkeypatch.setattr(MethodProcess, "call", lambda *_: (MethodCall(), {"fused": True}))
+        fused, call = mapper.fuse([made], item.pair)
+    assert call is not None
+    assert call.finding.startswith("invalid result: the cloud cannot be read")
+    assert fused.cloud.fused is False
+    assert len(fused.cloud) == len(made.cloud) > 0
 
 
 def test_the_example_in_c_localises_and_maps(example: Path) -> None:

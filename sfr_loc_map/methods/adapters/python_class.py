@@ -129,9 +129,10 @@ class PythonMapper(PythonClass):
             self._results.append(answer)
         cloud = answer if isinstance(answer, PointCloud) else getattr(answer, "cloud", None)
         disparity = answer if isinstance(answer, np.ndarray) else getattr(answer, "disparity_px", None)
-        if order["call"] == "set" and not isinstance(cloud, PointCloud):
+        if order["call"] != "pair" and not isinstance(cloud, PointCloud):
+            subject = "for a set" if order["call"] == "set" else "from 'fuse'"
             raise TypeError(
-                "the mapper must return for a set a PointCloud, or an object with a PointCloud as 'cloud': got "
+                f"the mapper must return {subject} a PointCloud, or an object with a PointCloud as 'cloud': got "
                 f"{_described(answer)}"
             )
         if disparity is not None:
