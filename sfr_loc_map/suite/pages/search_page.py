@@ -49,15 +49,16 @@ def _points_table(result: SearchResult) -> Table:
     return Table("points", "Points with the smallest margin", heads, rows, f"{len(result.tried)} points were searched.")
 
 
-def _coverage_tables(cards: Sequence[Coverage]) -> list[Table]:
+def _coverage_tables(coverage: Sequence[Coverage]) -> list[Table]:
     tables = []
-    for number, card in enumerate(cards, 1):
-        heads = tuple(Column(name, words=True) for name in card.parameters)
+    for number, combination in enumerate(coverage, 1):
+        heads = tuple(Column(name, words=True) for name in combination.parameters)
         rows = tuple(
-            tuple(Cell(f"{low:.4g} to {high:.4g}") for low, high in cell) for cell in card.missing[:CELLS_SHOWN]
+            tuple(Cell(f"{low:.4g} to {high:.4g}") for low, high in cell) for cell in combination.missing[:CELLS_SHOWN]
         )
-        note = f"{card.cells - len(card.missing)} of {card.cells} cells were tested. The table lists untested cells."
-        tables.append(Table(f"coverage-{number}", f"Coverage: {', '.join(card.parameters)}", heads, rows, note))
+        tested = combination.cells - len(combination.missing)
+        note = f"{tested} of {combination.cells} cells were tested. The table lists untested cells."
+        tables.append(Table(f"coverage-{number}", f"Coverage: {', '.join(combination.parameters)}", heads, rows, note))
     return tables
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import yaml
@@ -14,7 +14,7 @@ from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.suite.running.job import FailureCause, Job
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.search.specification import Point, SearchSpecification
+from sfr_loc_map.suite.search.specification import UNUSED, Point, SearchSpecification
 from sfr_loc_map.suite.search.worst_case import (
     Coverage,
     RandomChooser,
@@ -146,7 +146,7 @@ def _search(specification: SearchSpecification, points: _Points, *, at_random: b
         last_reason = [*points.left_out.values()][-1]
         raise InputError(f"{specification.path}: no point can be run; reason of the last point: {last_reason}")
     found = max(tried, key=lambda item: item.ratio)
-    case = reduced(found, usual_point, points.evaluate)
+    case = reduced(found, parameters, points.evaluate)
     slices = slices_of(parameters, case, tried, chosen.slices, points.evaluate) if chosen.slices else []
     return SearchResult(
         specification=specification,
@@ -200,7 +200,7 @@ def case_file(result: SearchResult) -> str:
         ],
         "tasks": ["localise"],
         "conditions": list(specification.scoring.conditions),
-        "spacing": specification.scoring.spacing,
+        **{name: value for name, value in asdict(specification.running).items() if name not in UNUSED},
     }
     if faults := specification.faults_at(point):
         content["perturb"] = [faults]

@@ -22,6 +22,7 @@ from sfr_loc_map.suite.running.specification import SuiteSettings, scenario_sett
 Point = tuple[float, ...]
 """Values of the parameters of a search, in the order of the file."""
 CHOICES = (*STATISTICS, "value")  #: Statistics that a search accepts.
+UNUSED = ("repeats", "stop_when_decided")  #: Settings of a suite that have no effect in a search.
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +41,8 @@ class Parameter:
         """Group of the parameter: `faults`, or the section of the scenario."""
         return "faults" if self.fault else self.name.partition(".")[0]
 
-    def within(self, value: float) -> float:
-        """Return a value rounded for the scenario: to an integer, or to six digits."""
+    def rounded(self, value: float) -> float:
+        """Return a value as the scenario uses it: an integer, or six digits."""
         return float(round(value)) if self.is_whole else float(f"{value:.6g}")
 
 
@@ -72,7 +73,7 @@ class SearchSpecification:
     parameters: tuple[Parameter, ...]
     scoring: TrajectoryScoreConfig
     settings: SearchSettings
-    running: SuiteSettings  #: Memory, time and threads of a run.
+    running: SuiteSettings  #: Settings of the jobs, except `UNUSED`.
 
     @property
     def usual(self) -> Point:
@@ -106,7 +107,7 @@ class SearchSpecification:
             kind=JobKind.LOCALISE,
             source=simulated_source(self.scenario, settings, seed, str(self.path)),
             faults=self.faults_at(point),
-            fault_seed=seed,
+            fault_seed=self.running.seed,
             configuration="default",
             start=self.running.start,
             scoring=self.scoring,
@@ -127,7 +128,10 @@ def load_search(path: Path) -> SearchSpecification:
     content = load_yaml(path)
     scenario_name, changes = content.pop("scenario", None), content.pop("set", None) or {}
     ranges, seeds = content.pop("ranges", None), content.pop("seeds", [1])
-    running = build(SuiteSettings, content.pop("running", None) or {}, origin=f"{path}: running")
+    stated_running = content.pop("running", None) or {}
+    running = build(SuiteSettings, stated_running, origin=f"{path}: running")
+    if unused := [name for name in UNUSED if name in stated_running]:
+        raise ConfigError(f"{path}: running: '{unused[0]}' has no effect in a search: remove it")
     settings = build(SearchSettings, content, origin=str(path))
     if settings.figure not in KINDS:
         raise ConfigError(f"{path}: 'figure: {settings.figure}' is unknown; one of {', '.join(KINDS)} is required")

@@ -48,7 +48,7 @@ class RandomChooser:
         drawn = self._rng.random((count, len(self._parameters)))
         return [
             tuple(
-                parameter.within(parameter.low + share * (parameter.high - parameter.low))
+                parameter.rounded(parameter.low + share * (parameter.high - parameter.low))
                 for parameter, share in zip(self._parameters, row, strict=True)
             )
             for row in drawn
@@ -89,7 +89,7 @@ class TreeChooser:
         trials = [self._study.ask(self._ranges) for _ in range(count)]
         self._asked = trials
         return [
-            tuple(parameter.within(trial.params[parameter.name]) for parameter in self._parameters) for trial in trials
+            tuple(parameter.rounded(trial.params[parameter.name]) for parameter in self._parameters) for trial in trials
         ]
 
     def tell(self, points: Sequence[Point], ratios: Sequence[float | None]) -> None:
@@ -125,7 +125,7 @@ def search_worst(chooser: Chooser, evaluate: Evaluate, runs: int, batch: int) ->
                 yield Tried(point, ratio)
 
 
-def reduced(found: Tried, usual: Point, evaluate: Evaluate) -> Tried:
+def reduced(found: Tried, parameters: Sequence[Parameter], evaluate: Evaluate) -> Tried:
     """Return the smallest change of the scenario that still misses the limit; `found` if it meets the limit.
 
     First, each parameter in turn is reset to its usual value if the case still fails with that value. Then each
@@ -134,13 +134,15 @@ def reduced(found: Tried, usual: Point, evaluate: Evaluate) -> Tried:
     if not found.fails:
         return found
     case = found
-    for index, value in enumerate(usual):
-        if case.point[index] != value:
-            case = _still_failing(case, _with(case.point, index, value), evaluate)
-    for index, value in enumerate(usual):
-        holds, fails = value, case.point[index]
-        for _ in range(BISECTIONS if holds != fails else 0):
-            between = float(f"{0.5 * (holds + fails):.6g}")
+    for index, parameter in enumerate(parameters):
+        if case.point[index] != parameter.usual:
+            case = _still_failing(case, _with(case.point, index, parameter.usual), evaluate)
+    for index, parameter in enumerate(parameters):
+        holds, fails = parameter.usual, case.point[index]
+        for _ in range(BISECTIONS):
+            between = parameter.rounded(0.5 * (holds + fails))
+            if between in (holds, fails):
+                break
             tried = _still_failing(case, _with(case.point, index, between), evaluate)
             if tried is case:
                 holds = between
@@ -188,7 +190,7 @@ def slices_of(
 
 
 def _grid(parameter: Parameter, count: int) -> tuple[float, ...]:
-    values = (parameter.within(value) for value in np.linspace(parameter.low, parameter.high, count))
+    values = (parameter.rounded(value) for value in np.linspace(parameter.low, parameter.high, count))
     return tuple(dict.fromkeys(values))
 
 
@@ -228,10 +230,10 @@ def coverage_of(parameters: Sequence[Parameter], points: Sequence[Point]) -> lis
     for index, parameter in enumerate(parameters):
         groups.setdefault(parameter.group, []).append(index)
     chosen = list(groups.values())[:3]
-    return [_card([parameters[index] for index in indices], indices, points) for indices in product(*chosen)]
+    return [_combination([parameters[index] for index in indices], indices, points) for indices in product(*chosen)]
 
 
-def _card(parameters: Sequence[Parameter], indices: Sequence[int], points: Sequence[Point]) -> Coverage:
+def _combination(parameters: Sequence[Parameter], indices: Sequence[int], points: Sequence[Point]) -> Coverage:
     edges = [np.linspace(parameter.low, parameter.high, CELLS + 1) for parameter in parameters]
     run = {
         tuple(

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.metrics.records import Association, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.suite.running.job import FailureCause, Job, JobOutcome
+from sfr_loc_map.suite.running.plan import make_plan
 from sfr_loc_map.suite.running.specification import load_specification
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.search.run import case_file, find_worst_case
@@ -71,6 +73,32 @@ def test_the_worst_case_is_reduced_and_runs_again(specification: SearchSpecifica
     again = Host(store)
     assert find_worst_case(specification, store, again.run) == result
     assert again.done == 0
+
+
+def test_the_case_repeats_the_faults_and_the_settings_of_the_jobs(tmp_path: Path) -> None:
+    """Faults of a fraction of the pairs hit the same pairs again, because the case states the seed of the faults."""
+    running = {"seed": 7, "start": "identity", "spacing": 2, "rebase": "displacement", "partial": True, "threads": 2}
+    content = {"scenario": "scenario.yaml", "limit": 0.1, "runs": 4, "slices": 0, "seeds": [1, 2], "running": running}
+    content["ranges"] = {"light.sun_elevation_deg": [5, 9], "blur": {"fault": "blurred:share=0.3", "range": [2, 4]}}
+    (tmp_path / "scenario.yaml").write_text("light: {sun_elevation_deg: 6}\n")
+    (tmp_path / "search.yaml").write_text(yaml.safe_dump(content))
+    specification = load_search(tmp_path / "search.yaml")
+    store = Store(tmp_path / "out")
+    result = find_worst_case(specification, store, Host(store).run)
+    with_fault = replace(result, case=result.found)
+    (tmp_path / "case.yaml").write_text(case_file(with_fault))
+    planned, _ = make_plan(load_specification(tmp_path / "case.yaml"), store.facts_of, store.cache)
+    searched = specification.jobs_at(with_fault.case.point)
+    assert all(job.faults.startswith("blurred:share=0.3,amount=") for job in searched)
+    assert {job.key for job in searched} == {job.key for job in planned if job.faults}
+
+
+@pytest.mark.parametrize("name", ["repeats", "stop_when_decided"])
+def test_settings_without_effect_in_a_search_are_refused(specification: SearchSpecification, name: str) -> None:
+    file = specification.path
+    file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | {"running": {name: 1}}))
+    with pytest.raises(ConfigError, match=f"'{name}'"):
+        load_search(file)
 
 
 def test_a_broken_host_is_no_worst_case_and_the_search_continues(
