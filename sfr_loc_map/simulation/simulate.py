@@ -135,18 +135,18 @@ def _claim(config: SimulationConfig, out: Path) -> None:
 
 def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress: Callable[[int], None]) -> None:
     if workers <= 1:
-        _prepare(plan.config, out, is_worker=False)
+        world, folders = World(plan), task_folders(plan, out)
         for done, job in enumerate(jobs, start=1):
-            _run(job)
+            _write_job(world, folders[job.task], job)
             progress(done)
         return
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
     with deferred_signals():  # signals may go to the whole group; this process ends the others
-        pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare, (plan.config, out))
+        pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _start_worker, (plan.config, out))
     try:
         with deferred_signals():
-            futures = [pool.submit(_run, job) for job in jobs]
+            futures = [pool.submit(_run_on_worker, job) for job in jobs]
         for done, future in enumerate(as_completed(futures), start=1):
             future.result()
             progress(done)
@@ -162,23 +162,27 @@ def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-_worker: tuple[World, dict[Task, Path]] | None = None
+_worker: tuple[World, dict[Task, Path]] | None = None  # set in worker processes alone, which end with the pool
 
 
-def _prepare(config: SimulationConfig, out: Path, *, is_worker: bool = True) -> None:
+def _start_worker(config: SimulationConfig, out: Path) -> None:
+    """Build the world of a worker process once, for all its jobs."""
     global _worker
-    if is_worker:
-        end_with_parent(signal.SIGKILL)
-        if (parent := multiprocessing.parent_process()) is None or not parent.is_alive():  # was killed before
-            os._exit(1)
+    end_with_parent(signal.SIGKILL)
+    if (parent := multiprocessing.parent_process()) is None or not parent.is_alive():  # was killed before
+        os._exit(1)
     plan = Plan.make(config)
     _worker = World(plan), task_folders(plan, out)
 
 
-def _run(job: RenderJob) -> None:
+def _run_on_worker(job: RenderJob) -> None:
     assert _worker is not None
     world, folders = _worker
-    for file, content in zip(job.files(folders[job.task]), rendered(world, job), strict=True):
+    _write_job(world, folders[job.task], job)
+
+
+def _write_job(world: World, folder: Path, job: RenderJob) -> None:
+    for file, content in zip(job.files(folder), rendered(world, job), strict=True):
         _write(file, content)
 
 

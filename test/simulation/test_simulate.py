@@ -1,10 +1,12 @@
 """A simulated data set: read back, identical for any number of workers, continued after a kill."""
 
+import gc
 import hashlib
 import signal
 import subprocess
 import sys
 import time
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ from sfr_loc_map.io.sequence import drive_of, panorama_of
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.simulate import SETTINGS, settings_text, simulate
+from sfr_loc_map.simulation.world import World
 
 pytestmark = pytest.mark.slow
 
@@ -62,6 +65,21 @@ def test_folder_reads_back_with_the_plans_truth_and_two_workers_make_the_same_by
     assert np.allclose(nav.T_lm_navsb.matrix, plan.lm_pose(0).matrix, atol=1e-12)
     simulate(CONFIG, tmp_path / "two", workers=2)
     assert digest(tmp_path / "two") == digest(made)
+
+
+def test_the_world_is_released_after_a_run_in_this_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A worker of a suite that has simulated a drive does not hold its meshes."""
+    built: list[weakref.ref[World]] = []
+
+    class RecordedWorld(World):
+        def __init__(self, plan: Plan) -> None:
+            super().__init__(plan)
+            built.append(weakref.ref(self))
+
+    monkeypatch.setattr("sfr_loc_map.simulation.simulate.World", RecordedWorld)
+    simulate(CONFIG, tmp_path / "made", workers=1)
+    gc.collect()
+    assert [world() for world in built] == [None]
 
 
 def workers_at_work(pid: int, end: float) -> list[psutil.Process]:
