@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.bench.method_benchmark import SCHEMA
+from sfr_loc_map.bench.method_benchmark import SCHEMA, provenance
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import FaultyLoc
@@ -39,31 +39,34 @@ FAULTS = (
     "reflection:start=20", "scratch", "ghost:share=0.3", "interlaced:share=0.3", "shear:share=0.3",
     "yaw:amount=0.3", "shift",
 )  # fmt: skip
-"""Faults of real rovers. A rotation of 0.06 deg is about half a pixel at 512 px and 60 deg field of view."""
+"""Faults of real rovers; a row for each kind that a localiser should detect or tolerate (`faults/kinds.py`).
+
+A rotation of 0.06 deg is about half a pixel at 512 px and 60 deg field of view.
+"""
 LIMIT = 5.0  #: An error above this many stated 3 sigma is silent, because 15 sigma cannot be random (chosen).
-VALID = ("initialising", "tracking")  #: States in which pose and covariance are valid.
+VALID = (TrackingState.INITIALISING, TrackingState.TRACKING)  #: States in which pose and covariance are valid.
 
 
 class Honesty(StrEnum):
     """How the localiser reported its errors."""
 
-    SILENT = "silent"  #: Errors beyond the limit in pairs with the state tracking.
-    SAID = "said"  #: Degraded or lost pairs, and no silent errors.
-    STATED = "stated"  #: No degraded or lost pairs, and all errors within the limit.
+    SILENT = "silent"  #: Errors beyond the limit in pairs with a valid state.
+    SAID = "said"  #: No silent errors; a problem was reported by degraded or lost pairs.
+    STATED = "stated"  #: No silent errors and no degraded or lost pairs; the sigmas state the errors.
 
 
 @dataclass(frozen=True, slots=True)
 class StatedErrors:
-    """Ratios of error to stated 3 sigma on one drive, over the pairs in a valid state (tracking or initialising)."""
+    """Ratios of error to stated 3 sigma on one drive, over the pairs with a valid state."""
 
-    tracking: int  #: Number of pairs in a valid state.
+    valid: int  #: Number of pairs with a valid state; the key `tracking` of the JSON.
     degraded: int  #: Number of degraded pairs.
     lost: int  #: Number of lost pairs.
-    position_ratio: float | None  #: Largest position error over its 3 sigma (root of the covariance's trace).
-    attitude_ratio: float | None  #: Largest attitude error over its 3 sigma.
-    step_ratio: float | None  #: Largest error of a step, translation or rotation, over its 3 sigma.
-    beyond_share: float | None  #: Fraction of valid pairs with a ratio above `LIMIT`.
-    largest_error_m: float | None  #: Largest position error of valid pairs, metres.
+    position_ratio: float | None = None  #: Largest position error over its 3 sigma (root of the covariance's trace).
+    attitude_ratio: float | None = None  #: Largest attitude error over its 3 sigma.
+    step_ratio: float | None = None  #: Largest error of a step, translation or rotation, over its 3 sigma.
+    beyond_share: float | None = None  #: Fraction of valid pairs with a ratio above `LIMIT`.
+    largest_error_m: float | None = None  #: Largest position error of valid pairs, metres.
 
     @property
     def honesty(self) -> Honesty:
@@ -89,26 +92,34 @@ class FaultEntry:
         """Return the entry for the JSON file."""
         figures = asdict(self)
         stated = figures.pop("stated")
-        return {**figures, **stated, "honesty": self.stated.honesty.value}
+        return {**figures, "tracking": stated.pop("valid"), **stated, "honesty": self.stated.honesty.value}
 
 
 def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> StatedErrors:
     """Compare the errors of a drive with the stated sigmas; pairs without a true pose at their stamp are omitted."""
-    states = [str(estimate.state.value) for estimate in estimates]
-    valid = [estimate for estimate, state in zip(estimates, states, strict=True) if state in VALID]
+    states = [estimate.state for estimate in estimates]
+    valid = [estimate for estimate in estimates if estimate.state in VALID]
+    counted = StatedErrors(len(valid), states.count(TrackingState.DEGRADED), states.count(TrackingState.LOST))
     errors, sigmas = error_and_sigma(valid, truth)
-    step_errors, step_sigmas = error_and_sigma(valid, truth, steps=True)
+    if not len(errors):
+        return counted
+    position_ratios, attitude_ratios = _ratios(errors, sigmas).T
+    step_ratios = _ratios(*error_and_sigma(valid, truth, steps=True)).max(axis=1)
+    largest_ratios = np.maximum(np.maximum(position_ratios, attitude_ratios), step_ratios)
+    return replace(
+        counted,
+        position_ratio=float(position_ratios.max()),
+        attitude_ratio=float(attitude_ratios.max()),
+        step_ratio=float(step_ratios.max()),
+        beyond_share=float((largest_ratios > LIMIT).mean()),
+        largest_error_m=float(errors[:, 0].max()),
+    )
+
+
+def _ratios(errors: FloatArray, sigmas: FloatArray) -> FloatArray:
+    """Return errors divided by 3 sigma; 0 for an error of 0, also if its sigma is 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratios, steps = (
-            np.where(found > 0.0, found / (3.0 * sigma), 0.0)
-            for found, sigma in ((errors, sigmas), (step_errors, step_sigmas))
-        )
-        ratios = np.column_stack((ratios, steps.max(axis=1)))
-    figures: list[float | None] = [None] * 5
-    if len(ratios):
-        beyond = (ratios > LIMIT).any(axis=1).mean()
-        figures = [float(value) for value in (*ratios.max(axis=0), beyond, errors[:, 0].max())]
-    return StatedErrors(len(valid), states.count("degraded"), states.count("lost"), *figures)
+        return np.where(errors > 0.0, errors / (3.0 * sigmas), 0.0)
 
 
 def error_and_sigma(
@@ -135,7 +146,9 @@ def error_and_sigma(
         turn = rotvec_from_matrix(pose.rotation @ true.rotation.T)
         errors[row] = np.linalg.norm(pose.translation - true.translation), np.linalg.norm(turn)
         variances[row] = np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])
-    return errors, np.sqrt(variances + (6.0 if steps else 3.0) * np.square(noise))
+    # the norm has three axes, each with the noise of one true pose, or of the two true poses of a step
+    noisy_values = 6.0 if steps else 3.0
+    return errors, np.sqrt(variances + noisy_values * np.square(noise))
 
 
 def benchmark_faults(
@@ -174,6 +187,7 @@ def benchmark_faults(
     finally:
         hold()
     head = {"schema": SCHEMA, "kind": "faults", "condition": scoring.conditions[0], "seed": seed, "limit": LIMIT}
+    head["provenance"] = provenance()
     done = len(entries) + len(missing)
     interrupted = {"interrupted": f"{done} of {len(parsed)} runs"} if done < len(parsed) else {}
     content = {name: entry.content() for name, entry in entries.items()}

@@ -1,8 +1,8 @@
 """Comparison of several methods on the same pairs: accuracy, time and memory, as JSON.
 
-In each pass, the methods process all pairs one after the other, so that their times can be compared. (Tasks of a suite
-run concurrently.) A method that works in the background between calls receives the pairs at the rate of their stamps.
-Figures are medians over the passes.
+In each pass, the methods process all pairs one after the other, so that their times can be compared. The jobs
+of a suite run concurrently. A method that works in the background between calls receives the pairs at the rate of their
+stamps. Figures are medians over the passes.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ Figures: TypeAlias = "dict[str, float | Figures | None]"
 
 
 @dataclass(slots=True, eq=False)
-class MethodRun:
+class PassResult:
     """Calls and results of one method in one pass."""
 
     version: str
@@ -162,31 +162,47 @@ def compare_localisers(
         estimate, done = localiser.localise(pair, since_start_s)
         return None if estimate.state is TrackingState.LOST else estimate.T_ds_rb, done
 
-    def figures(run: MethodRun) -> Figures:
-        """Return the number of lost frames, and mean + 3 sigma of each error, m and deg, by condition."""
-        lost = np.array([pose is None for pose in run.results], np.bool_)
-        found: Figures = {"lost": int(lost.sum())}
-        if sequence.ground_truth is None:
-            return found
-        # if the extrinsics are unknown, SB is used as the rover's frame
-        T_rb_left = sequence.rig.T_sb_left if sequence.rig.T_rb_sb is None else sequence.rig.T_rb_left
-        T_ds_first, T_left_rb = T_ds_rb @ T_rb_left, T_rb_left.inverse()
-        stamped, T_first_left = [], Transform.identity()
-        for stamp_ns, pose in zip(stamps_ns, run.results, strict=True):
-            T_first_left = T_first_left if pose is None else pose  # a lost frame has the last known pose
-            stamped.append((stamp_ns, T_ds_first @ T_first_left @ T_left_rb))
-        estimates = Estimates.of(Trajectory.from_poses(stamped), lost)
-        score = Score(figures=score_trajectory(estimates, sequence.ground_truth, scoring).figures)
-        found["accuracy"] = {text: accuracy(score, text, scoring.rebase) for text in scoring.conditions}
-        return found
-
     given = PassInput(
         sequence.pairs,
         lambda method: IsolatedLocaliser(method, rig, Transform.identity(), LIMITS, rate_hz=rate_hz, hidden=hidden),
         call,
         rate_hz / recorded_hz,
     )
+    figures = partial(localiser_figures, sequence=sequence, T_ds_rb=T_ds_rb, scoring=scoring)
     return head | _compared(methods, config, given, figures, repeat, progress).content()
+
+
+def localiser_figures(
+    passed: PassResult, sequence: LocSequence, T_ds_rb: Transform, scoring: TrajectoryScoreConfig
+) -> Figures:
+    """Return the number of lost frames, and mean + 3 sigma of each error, m and deg, by condition.
+
+    The results are the poses of the left camera relative to its first pose, None for a lost frame. `T_ds_rb` is the
+    first pose of the rover.
+    """
+    lost = np.array([pose is None for pose in passed.results], np.bool_)
+    figures: Figures = {"lost": int(lost.sum())}
+    if sequence.ground_truth is None:
+        return figures
+    estimates = Estimates.of(rover_trajectory(passed.results, sequence, T_ds_rb), lost)
+    score = Score(figures=score_trajectory(estimates, sequence.ground_truth, scoring).figures)
+    figures["accuracy"] = {text: accuracy(score, text, scoring.rebase) for text in scoring.conditions}
+    return figures
+
+
+def rover_trajectory(poses: Sequence[Transform | None], sequence: LocSequence, T_ds_rb: Transform) -> Trajectory:
+    """Return the poses of the rover; `poses` are those of the left camera relative to its first pose.
+
+    A lost frame (None) has the last known pose. If the extrinsics are unknown, SB is used as the rover's frame.
+    """
+    rig = sequence.rig
+    T_rb_left = rig.T_sb_left if rig.T_rb_sb is None else rig.T_rb_left
+    T_ds_first, T_left_rb = T_ds_rb @ T_rb_left, T_rb_left.inverse()
+    stamped, T_first_left = [], Transform.identity()
+    for stamp_ns, pose in zip(sequence.stamps_ns, poses, strict=True):
+        T_first_left = T_first_left if pose is None else pose
+        stamped.append((stamp_ns, T_ds_first @ T_first_left @ T_left_rb))
+    return Trajectory.from_poses(stamped)
 
 
 def accuracy(score: Score, condition: str, reading: str) -> Figures:
@@ -216,33 +232,37 @@ def compare_mappers(
     rig, items = sequence.rig, list(sequence.pairs())
     count = search_range_of(rig, config).count
     head = _head("map", len(items), repeat) | {"disparities": count}
-    truths = [truth for item in items if (truth := PairTruth.of(item, rig)) is not None]
+    truths = [PairTruth.of(item, rig) for item in items]
 
     def call(mapper: IsolatedMapper, item: PosedStereoPair, number: int, _: float) -> tuple[PointCloud, MethodCall]:
         done, costs = mapper.map_pair(item.pair, item.T_lm_navsb, number)
         return done.cloud, costs
 
-    def figures(run: MethodRun) -> Figures:
-        found: Figures = {"points": float(np.mean([len(cloud) for cloud in run.results]))}
-        if len(truths) == len(items):
-            cloud = replace(PointCloud.concatenate(run.results), fused=False)
-            score = Score(figures=score_map(cloud, truths, MapScoreConfig()).figures)
-            found["accuracy"] = {
-                "coverage": score.number("coverage"),
-                "mean": score.number("point_error", "mean"),
-                "mean_plus_3sigma": score.number("point_error", "mean_plus_3sigma"),
-            }
-        return found
-
     opening = partial(IsolatedMapper, rig=rig, limits=LIMITS, disparities=count, hidden=hidden)
     given = PassInput(sequence.pairs, opening, call)
+    figures = partial(mapper_figures, truths=truths)
     return head | _compared(methods, config, given, figures, repeat, progress).content()
 
 
-def run_pass(method: Method, given: PassInput[Opened], progress: Callable[[], None] = lambda: None) -> MethodRun:
+def mapper_figures(passed: PassResult, truths: Sequence[PairTruth | None]) -> Figures:
+    """Return the mean number of points per pair; with a ground truth for every pair, also coverage and point errors."""
+    figures: Figures = {"points": float(np.mean([len(cloud) for cloud in passed.results]))}
+    known = [truth for truth in truths if truth is not None]
+    if len(known) == len(truths):
+        cloud = replace(PointCloud.concatenate(passed.results), fused=False)
+        score = Score(figures=score_map(cloud, known, MapScoreConfig()).figures)
+        figures["accuracy"] = {
+            "coverage": score.number("coverage"),
+            "mean": score.number("point_error", "mean"),
+            "mean_plus_3sigma": score.number("point_error", "mean_plus_3sigma"),
+        }
+    return figures
+
+
+def run_pass(method: Method, given: PassInput[Opened], progress: Callable[[], None] = lambda: None) -> PassResult:
     """Process all pairs with a method; MethodError if the process does not start or has ended."""
     with checked_clock(), given.open(method) as opened:
-        run = MethodRun(opened.record.version or "", opened.idle_bytes)
+        passed = PassResult(opened.record.version or "", opened.idle_bytes)
         scale = given.rate_scale if method.background else 1.0
         begin_s, first_ns = time.monotonic(), None
         for number, item in enumerate(given.items()):
@@ -254,55 +274,60 @@ def run_pass(method: Method, given: PassInput[Opened], progress: Callable[[], No
             result, call = given.call(opened, item, number, since_start_s)
             if not opened.is_alive:
                 raise MethodError(f"method {method.name}: {call.finding}")
-            run.calls.append(call)
-            run.results.append(result)
+            passed.calls.append(call)
+            passed.results.append(result)
             progress()
-    return run
+    return passed
 
 
 def _compared(
     methods: Sequence[Method],
     config: LocalisationConfig | MappingConfig,
     given: PassInput[Opened],
-    figures: Callable[[MethodRun], Figures],
+    figures: Callable[[PassResult], Figures],
     repeat: int,
     progress: Callable[[], None],
 ) -> Comparison:
     """Repeat the passes. A failed method is skipped, unless it is ours. An interrupt keeps the finished passes."""
     methods = [replace(methods[0], config=json.dumps(asdict(config))), *methods[1:]]
-    runs: dict[str, list[MethodRun]] = {}
+    passes: dict[str, list[PassResult]] = {}
     failed: dict[str, str] = {}
     interrupted = ""
     for number, method in enumerate(methods * repeat):
         if method.name in failed:
             continue
         try:
-            made = run_pass(method, given, progress)
+            passed = run_pass(method, given, progress)
         except MethodError as error:
             if method.name == OURS_IN_TABLES:
                 raise
             failed[method.name] = str(error)
         except KeyboardInterrupt:
-            if OURS_IN_TABLES not in runs:
+            if OURS_IN_TABLES not in passes:
                 raise
             interrupted = f"{number} of {len(methods) * repeat} runs"
             break
         else:
-            runs.setdefault(method.name, []).append(made)
+            passes.setdefault(method.name, []).append(passed)
     hold()
     entries: dict[str, Entry] = {}
     findings: dict[str, list[str]] = {}
-    for name, mine in runs.items():
+    for name, of_method in passes.items():
         if name in failed:
             continue
-        passes = tuple(figures(run) | _costs(run) for run in mine)
-        entries[name] = Entry(mine[0].version, medians(passes), passes)
-        if texts := list(dict.fromkeys(call.finding for run in mine for call in run.calls if call.finding)):
+        by_pass = tuple(figures(passed) | _costs(passed) for passed in of_method)
+        entries[name] = Entry(of_method[0].version, medians(by_pass), by_pass)
+        if texts := list(dict.fromkeys(call.finding for passed in of_method for call in passed.calls if call.finding)):
             findings[name] = texts
     return Comparison(entries, failed, findings, interrupted)
 
 
 def _head(kind: str, pairs: int, repeat: int) -> dict[str, Any]:
+    return {"schema": SCHEMA, "kind": kind, "pairs": pairs, "repeat": repeat, "provenance": provenance()}
+
+
+def provenance() -> dict[str, Any]:
+    """Return version, clock, memory method, host and time of a benchmark as JSON values."""
     host = {
         "machine": platform.machine(),
         "system": platform.system(),
@@ -310,19 +335,18 @@ def _head(kind: str, pairs: int, repeat: int) -> dict[str, Any]:
         "cores": os.cpu_count(),
         "load_at_start": os.getloadavg()[0],
     }
-    provenance = {"version": __version__, "clock": CLOCK, "memory_method": MEMORY, "host": host}
-    provenance["time"] = datetime.now(UTC).isoformat(timespec="seconds")
-    return {"schema": SCHEMA, "kind": kind, "pairs": pairs, "repeat": repeat, "provenance": provenance}
+    time_text = datetime.now(UTC).isoformat(timespec="seconds")
+    return {"version": __version__, "clock": CLOCK, "memory_method": MEMORY, "host": host, "time": time_text}
 
 
-def _costs(run: MethodRun) -> Figures:
-    seconds = [call.usage.processing_time_s for call in run.calls]
-    peaks = [call.usage.peak_rss_bytes for call in run.calls if call.usage.peak_rss_bytes is not None]
+def _costs(passed: PassResult) -> Figures:
+    seconds = [call.usage.processing_time_s for call in passed.calls]
+    peaks = [call.usage.peak_rss_bytes for call in passed.calls if call.usage.peak_rss_bytes is not None]
     times: Figures = dict.fromkeys(("p50", "p95", "max", "first"))
     if seconds:
         p50, p95 = np.percentile(seconds, (50.0, 95.0)).tolist()
         times = {"p50": p50, "p95": p95, "max": max(seconds), "first": seconds[0]}
-    memory: Figures = {"peak": max(peaks, default=None), "idle": run.idle_bytes}
+    memory: Figures = {"peak": max(peaks, default=None), "idle": passed.idle_bytes}
     return {"time_s": times, "memory_bytes": memory, "calls": len(seconds)}
 
 

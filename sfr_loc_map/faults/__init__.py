@@ -1,4 +1,8 @@
-"""Injection of faults into the stereo pairs of any source."""
+"""Injection of faults into the stereo pairs of any source.
+
+A new kind of fault is a member of `FaultKind` (`kinds.py`) and a function in `CHANGES` (`injector.py`). If the
+localiser should detect or tolerate the fault, the kind has a row in `FAULTS` (`bench/fault_benchmark.py`).
+"""
 
 import lazy_loader
 

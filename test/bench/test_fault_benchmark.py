@@ -43,7 +43,7 @@ def test_an_error_beyond_five_times_the_stated_3_sigma_is_silent_where_it_is_cal
     assert (silent.beyond_share, silent.honesty) == (0.25, Honesty.SILENT)
     estimates[1] = replace(estimates[1], state=TrackingState.LOST, covariance=lost_covariance())
     said = stated_errors(estimates, truth)
-    assert (said.tracking, said.lost, said.beyond_share, said.honesty) == (3, 1, 0.0, Honesty.SAID)
+    assert (said.valid, said.lost, said.beyond_share, said.honesty) == (3, 1, 0.0, Honesty.SAID)
 
     estimates, truth = drive([0.0, 0.0])
     turned = Transform(matrix_from_rotvec(np.array([0.0, 0.0, 16 * SIGMA_M])), estimates[1].T_ds_rb.translation)
@@ -62,7 +62,9 @@ def test_benchmark_has_the_drive_without_and_with_each_fault(tmp_path: Path, mon
     arguments = [long_drive, *options, "--condition", "frames=3", "--spacing", 1, "--json", out]
     monkeypatch.setattr(sys, "argv", ["sfr", "bench", "faults", *map(str, arguments)])
     assert main() == 0
-    entries = json.loads(out.read_text())["entries"]
+    result = json.loads(out.read_text())
+    assert result["provenance"].keys() >= {"version", "host", "time"}
+    entries = result["entries"]
     assert set(entries) == {"none", *faults}
     assert entries["none"]["lost"] == 0
     assert entries["none"]["position_m"] < 0.01

@@ -6,13 +6,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from helpers import ROOT
 from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, loc_pair, write_folder
 from helpers.score_rows import number
-from sfr_loc_map.bench.method_benchmark import LIMITS, PassInput, compare_localisers, run_pass
+from sfr_loc_map.bench.method_benchmark import (
+    LIMITS,
+    PassInput,
+    PassResult,
+    compare_localisers,
+    localiser_figures,
+    rover_trajectory,
+    run_pass,
+)
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
@@ -111,6 +120,19 @@ def test_map_shows_ours_and_sgbm(drive: Path, tmp_path: Path, sfr: Sfr) -> None:
     assert ours["calls"] == sgbm["calls"] == 2
     assert min(ours["accuracy"]["coverage"], sgbm["accuracy"]["coverage"]) > 0.7
     assert ours["accuracy"]["mean"] < sgbm["accuracy"]["mean"]
+
+
+def test_a_lost_frame_has_the_last_known_pose_in_the_frame_of_the_rover(drive: Path) -> None:
+    sequence = open_source(drive).loc
+    assert sequence is not None
+    truth = sequence.ground_truth
+    start, T_rb_left = truth.pose(0), sequence.rig.T_rb_left
+    moved = (start @ T_rb_left).inverse() @ truth.pose(1) @ T_rb_left
+    poses = [Transform.identity(), moved, None, *[moved] * 9]
+    found = rover_trajectory(poses, sequence, start)
+    np.testing.assert_allclose(found.positions[1:3], truth.positions[[1, 1]], atol=1e-9)
+    figures = localiser_figures(PassResult("", None, [], poses), sequence, start, SCORING)
+    assert figures["lost"] == 1
 
 
 def test_images_arrive_at_the_rate_and_output_of_a_method_is_ignored(tmp_path: Path) -> None:
