@@ -55,11 +55,16 @@ def run_suite(
         for refusal in refusals:
             say(f"skipped: {refusal.reason}")
         jobs = open_jobs(planned, store, settings, retry_failed=retry_failed)
+        decision = SequentialDecision(store) if settings.stop_when_decided else None
+        if decision is not None and decision.is_made:
+            decision = None  # failed jobs are run again even so, if this was requested
+            jobs = [job for job in jobs if store.state(job.key) == "failed"]
+            say("decided by the existing results: the remaining jobs are not needed")
         try:
             if jobs:
                 slots = min(slots_for(settings, workers), len(jobs))
                 with suite_workers(store, settings, slots, scheduler, say) as (client, at_work):
-                    run_and_keep(jobs, store, settings, client, at_work, say, progress)
+                    run_and_keep(jobs, store, settings, client, at_work, say, progress, decision)
         except KeyboardInterrupt:
             interrupted = True
         finally:  # report the finished jobs after any error
@@ -149,9 +154,9 @@ def run_and_keep(
     at_work: SuiteWorkers,
     say: Say,
     progress: Progress,
+    decision: SequentialDecision | None = None,
 ) -> None:
-    """Run jobs and save each outcome. With `stop_when_decided`, stop when the sequential tests have decided."""
-    decision = SequentialDecision(store) if settings.stop_when_decided else None
+    """Run jobs and save each outcome. With a `decision`, stop when the sequential tests have decided all limits."""
     with closing(run_jobs(client, jobs, settings.timeout_s, store.cache, at_work)) as outcomes:
         progress(0, len(jobs), None)
         for done, (job, outcome) in enumerate(outcomes, 1):

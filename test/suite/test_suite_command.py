@@ -1,4 +1,4 @@
-"""`sfr suite run`, `report`, `history`, `plan` and `search`: interruption, results on Dask, failures and exit codes."""
+"""`sfr suite run`, `report`, `history` and `plan`: interruption, results on Dask, failures and exit codes."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 import yaml
 
-from helpers.cli_result import Sfr
-from helpers.made_suites import SFR, made_suite, results
+from helpers.cli_result import Result, Sfr
+from helpers.made_suites import SFR, made_suite, results, sfr_process, stamps_of
 from helpers.score_rows import row
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
@@ -42,17 +44,32 @@ def serial(suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.fixture(scope="module")
+def summary(serial: Path) -> dict[str, Any]:
+    """Content of `suite.json` after the first run."""
+    return dict(json.loads((serial / "suite.json").read_text()))
+
+
 @pytest.mark.slow
-def test_a_suite_is_run_once_judged_and_reported(sfr: Sfr, suite: Path, serial: Path) -> None:
-    before = {path: path.stat().st_mtime_ns for path in (serial / "results").iterdir()}
-    assert len(before) == DRIVES
+def test_a_repeated_run_returns_the_same_summary_and_runs_no_job(
+    sfr: Sfr, suite: Path, serial: Path, summary: dict[str, Any]
+) -> None:
+    before = stamps_of(serial)
     again = sfr("suite", "run", suite, "--out", serial, "--json", "-")
     assert again.code == 0
-    assert {path: path.stat().st_mtime_ns for path in (serial / "results").iterdir()} == before
-    summary = json.loads(again.out)
+    assert stamps_of(serial) == before
+    assert json.loads(again.out)["groups"] == summary["groups"]
+
+
+@pytest.mark.slow
+def test_the_summary_has_schema_counts_and_verdict(summary: dict[str, Any]) -> None:
     assert summary["schema"] == "sfr-suite/1"
     assert summary["counts"] == {"tasks": DRIVES, "done": DRIVES, "failed": 0, "waiting": 0}
     assert summary["verdict"] == "pass"
+
+
+@pytest.mark.slow
+def test_the_pooled_error_is_that_of_the_sub_trajectories_of_all_drives(serial: Path, summary: dict[str, Any]) -> None:
     (group,) = summary["groups"]
     pooled = row(group, "position")
     assert pooled["independent"] == DRIVES
@@ -60,20 +77,27 @@ def test_a_suite_is_run_once_judged_and_reported(sfr: Sfr, suite: Path, serial: 
     rows = [score["details"]["trajectory"]["sub_trajectories"][0] for score in scores]
     errors = np.concatenate([np.column_stack([row[f"{axis}_m"] for axis in "xyz"]) for row in rows])
     figure = np.linalg.norm(errors.mean(axis=0)) + 3 * np.linalg.norm(errors.std(axis=0, ddof=1))
-    assert pooled["mean_plus_3sigma"] == pytest.approx(figure, rel=1e-6), "the rows are rounded"
+    assert pooled["mean_plus_3sigma"] == pytest.approx(figure, rel=1e-6)  # the rows are rounded
+
+
+@pytest.mark.slow
+def test_the_page_links_each_result_and_all_linked_files_exist(serial: Path, summary: dict[str, Any]) -> None:
     page = (serial / "report.html").read_text()
     assert all(f'href="pages/{drive["key"]}.html"' in page for drive in summary["drives"])
     links = set(re.findall(r'<a href="([^":]+)"', page))
     assert {drive["file"] for drive in summary["drives"]} | {"suite.json"} <= links
     assert all((serial / link).is_file() for link in links)
-    shown = sfr("suite", "run", suite, "--out", serial)
-    last = [line for line in shown.out.splitlines() if line.strip()][-1]
-    assert last.startswith(f"verdict: pass. {DRIVES} of {DRIVES} jobs have a result")
-    assert json.loads((serial / "suite.json").read_text())["groups"] == summary["groups"]
 
 
 @pytest.mark.slow
-def test_stopped_twice_it_goes_on_and_ends_with_the_same_results(suite: Path, serial: Path, tmp_path: Path) -> None:
+def test_the_last_printed_line_states_verdict_and_number_of_results(sfr: Sfr, serial: Path) -> None:
+    shown = sfr("suite", "report", serial)
+    last = [line for line in shown.out.splitlines() if line.strip()][-1]
+    assert last.startswith(f"verdict: pass. {DRIVES} of {DRIVES} jobs have a result")
+
+
+@pytest.mark.slow
+def test_a_suite_that_is_stopped_twice_continues_to_the_same_results(suite: Path, serial: Path, tmp_path: Path) -> None:
     out, command = (tmp_path / "out", [sys.executable, "-m", "sfr_loc_map"])
     command += ["suite", "run", str(suite), "--out", str(out), "--workers", "2"]
     for number, (how, code) in enumerate([(signal.SIGINT, 130), (signal.SIGKILL, -9)], 1):
@@ -94,7 +118,7 @@ def test_stopped_twice_it_goes_on_and_ends_with_the_same_results(suite: Path, se
 
 
 @pytest.mark.slow
-def test_on_dask_the_results_are_the_same(sfr: Sfr, suite: Path, serial: Path, tmp_path: Path) -> None:
+def test_results_on_a_dask_cluster_are_those_of_one_worker(sfr: Sfr, suite: Path, serial: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="needs the extra [suite]")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address=None
@@ -105,39 +129,62 @@ def test_on_dask_the_results_are_the_same(sfr: Sfr, suite: Path, serial: Path, t
 
 
 @pytest.mark.slow
-def test_two_suites_and_their_history(sfr: Sfr, serial: Path, tmp_path: Path) -> None:
+def test_equal_suites_are_compared_as_equal(sfr: Sfr, serial: Path) -> None:
     compared = sfr("report", serial, serial, "--json", "-")
     assert compared.code == 0
     figures = json.loads(compared.out)["figures"]
     assert {item["outcome"] for item in figures if item["kind"] == "accuracy"} == {"equal"}
+
+
+@pytest.mark.slow
+def test_the_history_of_equal_suites_has_no_change(sfr: Sfr, serial: Path, tmp_path: Path) -> None:
     page = tmp_path / "history.html"
     assert sfr("suite", "history", serial, serial, "--html", page).code == 0
     assert "No figure is certainly worse" in page.read_text()
 
 
+class FailedRun(NamedTuple):
+    suite: Path
+    out: Path
+    result: Result
+
+
+@pytest.fixture(scope="module")
+def failed_run(tmp_path_factory: pytest.TempPathFactory) -> FailedRun:
+    """Run a suite with a good estimate, an estimate that is no trajectory, and a source that does not exist."""
+    folder = tmp_path_factory.mktemp("failed")
+    suite = made_suite(folder / "made of it", 2)
+    (suite.parent / "drive0.csv").write_text("stamp_ns\nnonsense\n")
+    content = yaml.safe_load(suite.read_text())
+    suite.write_text(yaml.safe_dump(content | {"sources": [*content["sources"], "gone"]}))
+    return FailedRun(suite, folder / "out", sfr_process("suite", "run", suite, "--out", folder / "out"))
+
+
 @pytest.mark.slow
-def test_what_fails_is_named_and_left_alone_until_it_is_asked_for(sfr: Sfr, tmp_path: Path) -> None:
-    suite = made_suite(tmp_path / "made of it", 2)
-    (tmp_path / "made of it" / "drive0.csv").write_text("stamp_ns\nnonsense\n")
-    suite.write_text(
-        yaml.safe_dump((content := yaml.safe_load(suite.read_text())) | {"sources": [*content["sources"], "gone"]})
-    )
-    out = tmp_path / "out"
-    done = sfr("suite", "run", suite, "--out", out)
-    assert done.code == 2, done.err
-    assert "of 2 jobs" in done.err, done.err
-    assert "skipped: source 'gone'" in done.err
-    found = json.loads((out / "suite.json").read_text())
-    assert (found["counts"]["done"], [item["path"] for item in found["refusals"]]) == (1, ["gone"])
+def test_a_missing_source_is_skipped_with_exit_code_2_also_by_the_report(sfr: Sfr, failed_run: FailedRun) -> None:
+    assert failed_run.result.code == 2, failed_run.result.err
+    assert "skipped: source 'gone'" in failed_run.result.err
+    found = json.loads((failed_run.out / "suite.json").read_text())
+    assert [item["path"] for item in found["refusals"]] == ["gone"]
+    assert sfr("suite", "report", failed_run.out).code == 2
+
+
+@pytest.mark.slow
+def test_a_failed_job_is_reported_with_its_cause_beside_the_other_results(failed_run: FailedRun) -> None:
+    assert "bad input" in failed_run.result.err
+    assert "of 2 jobs" in failed_run.result.err
+    found = json.loads((failed_run.out / "suite.json").read_text())
+    (key,) = [path.stem for path in (failed_run.out / "failures").iterdir()]
+    assert [failure["key"] for failure in found["failures"]] == [key]
+    assert found["counts"]["done"] == sum(worker["done"] for worker in found["workers"]) == 1
     assert {"commit", "branch", "date"} == set(found["git"])
-    assert sum(worker["done"] for worker in found["workers"]) == 1
-    assert sfr("suite", "report", out).code == 2, "what was refused is still known"
-    (key,) = [path.stem for path in (out / "failures").iterdir()]
-    assert "bad input" in done.err
-    (failure,) = json.loads((out / "suite.json").read_text())["failures"]
-    assert failure["key"] == key
-    assert sfr("suite", "run", suite, "--out", out, "--dry-run").out.startswith("0 of 2 jobs to run")
-    assert "1 of 2" in sfr("suite", "run", suite, "--out", out, "--dry-run", "--retry-failed").out
+
+
+@pytest.mark.slow
+def test_a_failed_job_is_not_run_again_without_retry_failed(sfr: Sfr, failed_run: FailedRun) -> None:
+    dry_run = ("suite", "run", failed_run.suite, "--out", failed_run.out, "--dry-run")
+    assert sfr(*dry_run).out.startswith("0 of 2 jobs to run")
+    assert "1 of 2 jobs to run" in sfr(*dry_run, "--retry-failed").out
 
 
 @pytest.mark.slow
@@ -161,46 +208,79 @@ def test_the_calls_beside_an_estimate_are_judged_as_by_score(sfr: Sfr, tmp_path:
     assert (failed["name"], failed["missed_by"]) == ("leaking_calls", 1)
 
 
-@pytest.mark.slow
-def test_a_suite_without_its_bad_drive_and_an_edited_plan_pass_nothing(
-    sfr: Sfr, tmp_path: Path, scheduler: str
-) -> None:
-    suite = made_suite(tmp_path / "made", 3, limits=LIMITS)
-    made_suite(tmp_path / "bad", 3, sigma_m=0.2)
-    (tmp_path / "bad/drive2.csv").replace(tmp_path / "made/drive2.csv")
-    content = suite.read_text()
-    out = tmp_path / "out"
-    run = ("suite", "run", suite, "--out", out, "--scheduler", scheduler, "--json", "-")
-    report = ("suite", "report", out, "--json", "-")
-    assert (ran := sfr(*run)).code == 1, ran.err
-    plan = (out / "plan.json").read_text()
+@pytest.fixture(scope="module")
+def run_with_bad_drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Run a suite of three drives, of which one misses the limit; return its file and folder."""
+    folder = tmp_path_factory.mktemp("bad_drive")
+    suite = made_suite(folder / "made", 3, limits=LIMITS)
+    made_suite(folder / "bad", 3, sigma_m=0.2)
+    (folder / "bad/drive2.csv").replace(folder / "made/drive2.csv")
+    ran = sfr_process("suite", "run", suite, "--out", folder / "out", "--workers", 1)
+    assert ran.code == 1, ran.err
+    return suite, folder / "out"
 
-    edited = json.loads(plan)
-    edited["limits"]["trajectory"][0]["position_mean_plus_3sigma_m"] = 9.0
-    (out / "plan.json").write_text(json.dumps(edited))
-    refused = sfr(*report)
+
+@pytest.fixture
+def missed(run_with_bad_drive: tuple[Path, Path]) -> Iterator[tuple[Path, Path]]:
+    """Yield the file and the folder of the suite with a bad drive, and restore both files afterwards."""
+    suite, out = run_with_bad_drive
+    content = {path: path.read_text() for path in (suite, out / "plan.json")}
+    yield suite, out
+    for path, text in content.items():
+        path.write_text(text)
+
+
+def remove_bad_drive(suite: Path) -> None:
+    content = yaml.safe_load(suite.read_text())
+    suite.write_text(yaml.safe_dump(content | {"sources": content["sources"][:2]}))
+
+
+@pytest.mark.slow
+def test_a_plan_with_edited_limits_is_refused(sfr: Sfr, missed: tuple[Path, Path]) -> None:
+    _, out = missed
+    plan = json.loads((out / "plan.json").read_text())
+    plan["limits"]["trajectory"][0]["position_mean_plus_3sigma_m"] = 9.0
+    (out / "plan.json").write_text(json.dumps(plan))
+    refused = sfr("suite", "report", out)
     assert (refused.code, "has other limits than" in refused.err) == (2, True), refused.err
 
-    edited = json.loads(plan)
-    bad = [job for job in edited["jobs"] if job["source"]["name"] == "drive2.csv"]
-    edited["jobs"].remove(*bad)
-    (out / "plan.json").write_text(json.dumps(edited))
-    without = sfr(*report)
+
+@pytest.mark.slow
+def test_a_plan_from_which_a_job_was_removed_is_incomplete(sfr: Sfr, missed: tuple[Path, Path]) -> None:
+    _, out = missed
+    plan = json.loads((out / "plan.json").read_text())
+    plan["jobs"] = [job for job in plan["jobs"] if job["source"]["name"] != "drive2.csv"]
+    (out / "plan.json").write_text(json.dumps(plan))
+    without = sfr("suite", "report", out, "--json", "-")
     assert (without.code, json.loads(without.out)["verdict"]) == (2, "incomplete")
     assert "skipped: 'drive2.csv' was run" in without.err
 
-    (out / "plan.json").write_text(plan)
-    suite.write_text(yaml.safe_dump((whole := yaml.safe_load(content)) | {"sources": whole["sources"][:2]}))
-    changed = sfr(*report)
+
+@pytest.mark.slow
+def test_the_report_refuses_a_suite_file_that_has_changed(sfr: Sfr, missed: tuple[Path, Path]) -> None:
+    suite, out = missed
+    remove_bad_drive(suite)
+    changed = sfr("suite", "report", out)
     assert (changed.code, "has changed since" in changed.err) == (2, True), changed.err
-    chosen = sfr(*run)
+
+
+@pytest.mark.slow
+def test_a_suite_from_which_a_drive_that_was_run_was_removed_is_incomplete(sfr: Sfr, missed: tuple[Path, Path]) -> None:
+    suite, out = missed
+    remove_bad_drive(suite)
+    chosen = sfr("suite", "run", suite, "--out", out, "--json", "-")
     assert (chosen.code, json.loads(chosen.out)["verdict"]) == (2, "incomplete")
     assert "skipped: 'drive2.csv' was run" in chosen.err
+
+
+@pytest.mark.slow
+def test_the_report_warns_without_the_suite_file(sfr: Sfr, missed: tuple[Path, Path]) -> None:
+    suite, out = missed
     suite.unlink()
-    assert "was not compared with this file" in sfr(*report).err
+    assert "was not compared with this file" in sfr("suite", "report", out).err
 
 
-def test_a_suite_with_another_drive_in_place_of_its_bad_drive_passes_nothing(sfr: Sfr, tmp_path: Path) -> None:
+def test_a_suite_whose_bad_drive_was_replaced_by_another_is_incomplete(sfr: Sfr, tmp_path: Path) -> None:
     """Both drives are as long as each other, and their files have the same names in different folders."""
     out, words = tmp_path / "out", ("--workers", 1, "--json", "-")
     bad, good = (made_suite(tmp_path / name, 1, sigma, limits=LIMITS) for name, sigma in (("bad", 0.2), ("good", 1e-3)))
@@ -210,20 +290,24 @@ def test_a_suite_with_another_drive_in_place_of_its_bad_drive_passes_nothing(sfr
     assert "skipped: 'drive0.csv' was run" in swapped.err
 
 
-def test_wrong_frames_between_the_starts_and_copies_pass_no_suite(sfr: Sfr, tmp_path: Path) -> None:
-    """What makes the score of a drive incomplete makes the suite incomplete."""
-    for name, said in (("between", "of the frames are in no judged error"), ("copy", "are those of the ground truth")):
-        suite = made_suite(tmp_path / name, 2, limits=LIMITS)
-        path, truth = suite.parent / "drive0.csv", read_trajectory_file(suite.parent / "truth0.csv").trajectory
-        drive = read_trajectory_file(path).trajectory
-        is_between = (np.arange(len(drive)) % 5 > 0)[:, None]
-        wrong = drive.positions + is_between * np.array([0.0, 0.0, 3.0])
-        chosen = wrong if name == "between" else truth.positions
-        save_trajectory(path, Trajectory(drive.stamps_ns, chosen, drive.quats_xyzw))
-        ran = sfr("suite", "run", suite, "--out", tmp_path / name / "out", "--workers", 1, "--json", "-")
-        found = json.loads(ran.out)
-        assert (ran.code, found["verdict"]) == (3, "incomplete"), ran.err
-        assert [said in drive.get("incomplete", "") for drive in found["drives"]] == [True, False], found["drives"]
+@pytest.mark.parametrize(
+    ("kind", "reason"), [("between", "of the frames are in no judged error"), ("copy", "are those of the ground truth")]
+)
+def test_an_incomplete_score_of_a_drive_makes_the_suite_incomplete(
+    sfr: Sfr, tmp_path: Path, kind: str, reason: str
+) -> None:
+    """Wrong frames between the starts of the sub-trajectories, and copied true poses."""
+    suite = made_suite(tmp_path / "made", 2, limits=LIMITS)
+    path, truth = suite.parent / "drive0.csv", read_trajectory_file(suite.parent / "truth0.csv").trajectory
+    drive = read_trajectory_file(path).trajectory
+    is_between = (np.arange(len(drive)) % 5 > 0)[:, None]
+    wrong = drive.positions + is_between * np.array([0.0, 0.0, 3.0])
+    chosen = wrong if kind == "between" else truth.positions
+    save_trajectory(path, Trajectory(drive.stamps_ns, chosen, drive.quats_xyzw))
+    ran = sfr("suite", "run", suite, "--out", tmp_path / "out", "--workers", 1, "--json", "-")
+    found = json.loads(ran.out)
+    assert (ran.code, found["verdict"]) == (3, "incomplete"), ran.err
+    assert [reason in drive.get("incomplete", "") for drive in found["drives"]] == [True, False], found["drives"]
 
 
 def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:
@@ -243,43 +327,53 @@ def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:
     assert yaml.safe_load(suite.read_text())["sources"]
 
 
+LIMIT_MISSED = {"trajectory": [{"condition": "distance=1", "position_mean_m": 0.0}]}
+
+
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("settings", "code", "verdict"),
+    [
+        pytest.param({"limits": LIMITS}, 3, "incomplete", id="limits"),
+        pytest.param({}, 3, "incomplete", id="no_limits"),
+        pytest.param({"limits": LIMIT_MISSED}, 1, "fail", id="missed"),
+        pytest.param({"limits": LIMITS, "partial": True}, 0, "pass", id="partial"),
+        pytest.param({"limits": LIMITS | {"completeness": {"missing_max_share": 0.6}}}, 0, "pass", id="allowed_share"),
+    ],
+)
 def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(
-    sfr: Sfr, tmp_path: Path, scheduler: str
+    sfr: Sfr, tmp_path: Path, scheduler: str, settings: dict[str, object], code: int, verdict: str
 ) -> None:
-    cases: dict[str, tuple[dict[str, object], int, str]] = {
-        "limits": ({"limits": LIMITS}, 3, "incomplete"),
-        "none": ({}, 3, "incomplete"),
-        "missed": ({"limits": {"trajectory": [{"condition": "distance=1", "position_mean_m": 0.0}]}}, 1, "fail"),
-        "partial": ({"limits": LIMITS, "partial": True}, 0, "pass"),
-        "share": ({"limits": LIMITS | {"completeness": {"missing_max_share": 0.6}}}, 0, "pass"),
-    }
-    for name, (more, code, verdict) in cases.items():
-        suite = made_suite(tmp_path / name, 2, rebase="displacement", **more)
-        lines = (suite.parent / "drive0.csv").read_text().splitlines(keepends=True)
-        (suite.parent / "drive0.csv").write_text("".join(lines[: len(lines) // 2]))
-        run = sfr("suite", "run", suite, "--out", tmp_path / name / "out", "--scheduler", scheduler, "--json", "-")
-        found = json.loads(run.out)
-        assert (run.code, found["verdict"]) == (code, verdict), name
-        assert f"verdict: {verdict}. 2 of 2 jobs have a result" in run.err
-        half = [drive for drive in found["drives"] if "incomplete" in drive]
-        if verdict == "pass":
-            assert not half
-            continue
-        assert half[0]["source"] == "drive0.csv"
+    suite = made_suite(tmp_path / "made", 2, rebase="displacement", **settings)
+    lines = (suite.parent / "drive0.csv").read_text().splitlines(keepends=True)
+    (suite.parent / "drive0.csv").write_text("".join(lines[: len(lines) // 2]))
+    run = sfr("suite", "run", suite, "--out", tmp_path / "out", "--scheduler", scheduler, "--json", "-")
+    found = json.loads(run.out)
+    assert (run.code, found["verdict"]) == (code, verdict)
+    assert f"verdict: {verdict}. 2 of 2 jobs have a result" in run.err
+    incomplete = [drive["source"] for drive in found["drives"] if "incomplete" in drive]
+    assert incomplete == ([] if verdict == "pass" else ["drive0.csv"])
+    if incomplete:
         (first, *_) = found["groups"][0]["verdicts"]
         assert (first["name"], first["verdict"], first["missed_by"]) == ("judged_share_min", "incomplete", 1)
         assert "incomplete: 1 of 2 results of score" in run.err
 
 
-@pytest.mark.slow
-def test_a_campaign_stops_when_its_limit_is_decided(sfr: Sfr, tmp_path: Path, scheduler: str) -> None:
-    """75 % with 75 % and no failure: the sequential test passes after 6 of 12 drives, and that is a pass."""
+@pytest.fixture(scope="module")
+def decided(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Result]:
+    """Run a suite of 12 drives that stops when its sequential test has decided; return file, folder and result."""
+    folder = tmp_path_factory.mktemp("decided")
     share = {"limit": 1.0, "prob": 0.75, "confidence": 0.75, "power": 0.75, "good": 0.05, "interpretation": "ensemble"}
     limits = {"trajectory": [{"condition": "distance=1", "position_bound_m": share}]}
-    file = made_suite(tmp_path / "suite", 12, limits=limits, stop_when_decided=True)
-    out = tmp_path / "out"
-    ended = sfr("suite", "run", file, "--out", out, "--scheduler", scheduler, "--json", "-")
+    suite = made_suite(folder / "suite", 12, limits=limits, stop_when_decided=True)
+    ran = sfr_process("suite", "run", suite, "--out", folder / "out", "--workers", 1, "--json", "-")
+    return suite, folder / "out", ran
+
+
+@pytest.mark.slow
+def test_a_suite_stops_when_its_limit_is_decided(sfr: Sfr, decided: tuple[Path, Path, Result]) -> None:
+    """75 % with confidence 75 % and no failure: the sequential test passes after 6 of 12 drives."""
+    _, out, ended = decided
     assert ended.code == 0, ended.err
     summary = json.loads(ended.out)
     assert summary["verdict"] == "pass"
@@ -290,19 +384,34 @@ def test_a_campaign_stops_when_its_limit_is_decided(sfr: Sfr, tmp_path: Path, sc
 
 
 @pytest.mark.slow
+def test_a_decided_suite_runs_no_further_drive(sfr: Sfr, decided: tuple[Path, Path, Result]) -> None:
+    suite, out, _ = decided
+    before = stamps_of(out)
+    again = sfr("suite", "run", suite, "--out", out, "--workers", 1, "--json", "-")
+    assert again.code == 0, again.err
+    assert stamps_of(out) == before
+    assert "decided by the existing results" in again.err
+    assert json.loads(again.out)["verdict"] == "pass"
+
+
+SMALL_DRIVE = {
+    "terrain.coarseness": 8, "rocks.cover": 0.01, "rocks.smallest_m": 0.15, "panorama.enabled": False,
+    "drive.pairs": 12, "drive.segments": ["straight 2"], "sensor.samples": 1,
+    "loc.width": 160, "loc.height": 160, "loc.focal_px": 130,
+}  # fmt: skip
+BUDGET = {
+    "sources": [{"simulate": "scenario.yaml", "seeds": [1, 2], "set": SMALL_DRIVE}],
+    "conditions": ["frames=4"],
+    "spacing": 2,
+    "budget": {"baseline": {"fault": "baseline:amount=1.2"}, "clock": {"fault": "clock:amount=0.01"}},
+}
+
+
+@pytest.mark.slow
 def test_an_error_budget_states_the_shares_of_its_sources(sfr: Sfr, tmp_path: Path) -> None:
-    small = {"terrain.coarseness": 8, "rocks.cover": 0.01, "rocks.smallest_m": 0.15, "panorama.enabled": False}
-    small |= {"drive.pairs": 12, "drive.segments": ["straight 2"], "sensor.samples": 1}
-    small |= {"loc.width": 160, "loc.height": 160, "loc.focal_px": 130}
     (tmp_path / "scenario.yaml").write_text("{}\n")
-    content = {
-        "sources": [{"simulate": "scenario.yaml", "seeds": [1, 2], "set": small}],
-        "conditions": ["frames=4"],
-        "spacing": 2,
-        "budget": {"baseline": {"fault": "baseline:amount=1.2"}, "clock": {"fault": "clock:amount=0.01"}},
-    }
     suite = tmp_path / "budget.yaml"
-    suite.write_text(yaml.safe_dump(content))
+    suite.write_text(yaml.safe_dump(BUDGET))
     found = sfr("suite", "run", suite, "--out", tmp_path / "out", "--workers", "1", "--json", "-")
     assert found.code == 0, found.err
     summary = json.loads(found.out)
@@ -312,54 +421,16 @@ def test_an_error_budget_states_the_shares_of_its_sources(sfr: Sfr, tmp_path: Pa
     assert shares["baseline"] > 0.8 > 0.2 > shares["clock"]
     assert "Error budget" in (tmp_path / "out/report.html").read_text()
 
-    for change in ({"limits": LIMITS}, {"perturb": ["black"]}, {"budget": {"one": {"fault": "yaw"}}}):
-        suite.write_text(yaml.safe_dump(content | change))
-        refused = sfr("suite", "run", suite, "--out", tmp_path / "other")
-        assert refused.code == 2
-        assert "budget" in refused.err
 
-
-@pytest.mark.slow
-def test_a_search_finds_a_weakness_goes_on_and_leaves_a_case(sfr: Sfr, tmp_path: Path) -> None:
-    pytest.importorskip("optuna")
-    small = {"terrain.coarseness": 16, "rocks.cover": 0.01, "rocks.smallest_m": 0.3, "panorama.enabled": False}
-    small |= {"drive.pairs": 12, "drive.segments": ["straight 2"], "sensor.samples": 1}
-    small |= {"loc.width": 160, "loc.height": 160, "loc.focal_px": 130}
+@pytest.mark.parametrize(
+    "change", [{"limits": LIMITS}, {"perturb": ["black"]}, {"budget": {"one": {"fault": "yaw"}}}], ids=str
+)
+def test_an_error_budget_with_limits_faults_or_a_source_without_size_is_refused(
+    sfr: Sfr, tmp_path: Path, change: dict[str, object]
+) -> None:
     (tmp_path / "scenario.yaml").write_text("{}\n")
-    content = {
-        "scenario": "scenario.yaml",
-        "set": small,
-        "ranges": {
-            "baseline": {"fault": "baseline", "range": [0.8, 1.2]},
-            "shift": {"fault": "shift", "range": [-0.2, 0.2]},
-        },
-        "condition": "frames=4",
-        "limit": 0.05,
-        "runs": 6,
-        "slices": 2,
-        "running": {"spacing": 2},
-    }
-    search = tmp_path / "search.yaml"
-    search.write_text(yaml.safe_dump(content))
-    first = sfr("suite", "search", search, "--out", tmp_path / "out", "--workers", "2", "--json", "-")
-    assert first.code == 1, first.err
-    found = json.loads(first.out)
-    assert found["schema"] == "sfr-search/1"
-    assert found["case"]["ratio"] >= 1.0 > found["usual"]["ratio"]
-    assert abs(found["case"]["point"]["baseline"] - 1.0) > 0.02
-    assert "Worst case" in (tmp_path / "out/search.html").read_text()
-    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out/results").iterdir()}
-
-    again = sfr("suite", "search", search, "--out", tmp_path / "out", "--workers", "2", "--json", "-")
-    assert json.loads(again.out) == found
-    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out/results").iterdir()} == before
-
-    case = sfr("suite", "run", tmp_path / "out/case.yaml", "--out", tmp_path / "case", "--workers", "1", "--json", "-")
-    assert case.code == 0, case.err
-    groups = json.loads(case.out)["groups"]
-    value = next(row["mean_plus_3sigma"] for row in groups[-1]["figures"] if row["figure"] == "position")
-    assert value / 0.05 == pytest.approx(found["case"]["ratio"], rel=1e-6)
-
-    for change in ({"ranges": {"sky": [0, 1]}}, {"figure": "speed"}, {"ranges": {"terrain.slope_deg": [9, 1]}}):
-        search.write_text(yaml.safe_dump(content | change))
-        assert sfr("suite", "search", search, "--out", tmp_path / "other").code == 2
+    suite = tmp_path / "budget.yaml"
+    suite.write_text(yaml.safe_dump(BUDGET | change))
+    refused = sfr("suite", "run", suite, "--out", tmp_path / "out")
+    assert refused.code == 2
+    assert "budget" in refused.err
