@@ -15,6 +15,7 @@ from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
 from sfr_loc_map.suite.statistics.history import (
     FALSE_ALARM_RATE,
     SCALES,
+    Change,
     History,
     Night,
     changes_of,
@@ -57,35 +58,43 @@ def found(tables: dict[ComparedKind, np.ndarray], gone: tuple[int, int] | None =
     return find_changes(made)
 
 
-@pytest.mark.parametrize("worse", ["three drives", "one drive", "lost", "no result", "all drives", "nees"])
-def test_what_changed_at_night_13_of_20_is_named(worse: str) -> None:
-    tables, gone = nights(20), None
-    figure, drives = NAMES[ComparedKind.ACCURACY], DRIVES
-    if worse == "three drives":
-        tables[ComparedKind.ACCURACY][4:7, 12:] *= 5.0
-        drives = DRIVES[4:7]
-    elif worse == "one drive":
-        tables[ComparedKind.ACCURACY][8, 12:] *= 10.0
-        drives = DRIVES[8:9]
-    elif worse == "all drives":
-        tables[ComparedKind.ACCURACY][:, 12:] *= 1.1
-    elif worse == "lost":
-        tables[ComparedKind.LOST][:, 12:] += 8.0
-        figure = NAMES[ComparedKind.LOST]
-    elif worse == "nees":
-        tables[ComparedKind.NEES][:, 12:] /= 3.0
-        figure = NAMES[ComparedKind.NEES]
-    else:
-        gone, figure, drives = (15, 12), "drives without a result, share", DRIVES[:15]
-    history = found(tables, gone)
+CHANGED_NIGHT = 12
+ACCURACY, LOST, NEES = ComparedKind.ACCURACY, ComparedKind.LOST, ComparedKind.NEES
+
+
+def change_of(history: History, figure: str) -> Change:
+    """Return the only change, which is for the worse, after a check of its figure, night, commits and command."""
     (change,) = history.worse
     assert (change.figure, change.night, change.commits) == (figure, "night 12", ("commit11", "commit12"))
-    assert set(change.drives) == set(drives) or len(change.drives) > 0.9 * len(drives) == 0.9 * len(DRIVES)
     assert change.command == "sfr report night 11 night 12"
-    if worse == "three drives":
-        assert change.after / change.before == pytest.approx(5.0, rel=0.05)
-    if worse == "nees":
-        assert change.after < change.before, "a covariance that is too large is no better than one that is too small"
+    return change
+
+
+@pytest.mark.parametrize(("drives", "factor"), [(DRIVES[4:7], 5.0), (DRIVES[8:9], 10.0)], ids=["three", "one"])
+def test_a_change_of_a_few_drives_names_these_drives(drives: list[str], factor: float) -> None:
+    tables = nights(20)
+    first = DRIVES.index(drives[0])
+    tables[ACCURACY][first : first + len(drives), CHANGED_NIGHT:] *= factor
+    change = change_of(found(tables), NAMES[ACCURACY])
+    assert set(change.drives) == set(drives)
+    assert change.after / change.before == pytest.approx(factor, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("kind", "factor", "more"), [(ACCURACY, 1.1, 0.0), (LOST, 1.0, 8.0), (NEES, 1 / 3, 0.0)], ids=str
+)
+def test_a_change_of_all_drives_names_all_drives(kind: ComparedKind, factor: float, more: float) -> None:
+    """A covariance that is too large (a small NEES) is as wrong as a covariance that is too small."""
+    tables = nights(20)
+    tables[kind][:, CHANGED_NIGHT:] = tables[kind][:, CHANGED_NIGHT:] * factor + more
+    change = change_of(found(tables), NAMES[kind])
+    assert len(change.drives) > 0.9 * len(DRIVES)
+    assert (change.after > change.before) == (kind is not NEES)
+
+
+def test_drives_without_a_result_are_a_change_and_are_named() -> None:
+    change = change_of(found(nights(20), gone=(15, CHANGED_NIGHT)), "drives without a result, share")
+    assert set(change.drives) == set(DRIVES[:15])
 
 
 def test_slower_calls_need_more_nights_since_nights_differ() -> None:
