@@ -10,8 +10,8 @@ from importlib import import_module
 
 CAMPAIGNS = {
     "check-detection": "check_detection",
-    "drivers": "driver_pairs",
-    "faults": "node_faults",
+    "drivers": "drivers",
+    "faults": "faults",
     "fuzz": "fuzz.command",
     "history-power": "history_power",
     "honest-drives": "honest_drives",
@@ -21,12 +21,16 @@ CAMPAIGNS = {
     "misclosure": "misclosure",
     "random-faults": "random_faults",
     "recordings": "recordings.command",
-    "signals": "signal_runs",
-    "soak": "long_runs",
+    "signals": "signals",
+    "soak": "soak",
     "suite-overhead": "suite_overhead",
     "tolerance-coverage": "tolerance_coverage",
 }
-"""Names and modules; each module has a function `main(arguments)` that returns the exit code."""
+"""Names and modules; each module has a function `main(arguments)` that returns the exit code.
+
+A new campaign is a module, a row here and a row of the table in CONTRIBUTING.md; with a target, also in the Makefile.
+`drivers`, `faults`, `recordings`, `signals` and `soak` start nodes, which requires ROS.
+"""
 
 
 def main(words: list[str]) -> int:

@@ -9,22 +9,22 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(400)]
 
-from campaigns import driver_pairs, node_faults
-from campaigns.driver_pairs import Case
-from campaigns.long_runs import MemoryTrend
-from campaigns.node_faults import Row
+from campaigns import drivers, faults
+from campaigns.drivers import Case
+from campaigns.faults import Row
 from campaigns.node_harness import LOCALISATION, MONITOR, Harness
+from campaigns.soak import MemoryTrend
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("own_domain")
 def test_some_faults_over_dds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(node_faults, "RESTART_LIMIT_S", 60.0)
+    monkeypatch.setattr(faults, "RESTART_LIMIT_S", 60.0)
     row = Row("some", "")
     with Harness(tmp_path, nodes=(LOCALISATION, MONITOR), patience_s=60.0) as harness:
         harness.wait_ready()
         for name in ("kill-localisation", "images-localisation", "messages-monitor"):
-            node_faults.FAULTS[name](harness, row)
+            faults.FAULTS[name](harness, row)
         assert all(process.is_running for process in harness.nodes.values())
     assert row.failures == []
 
@@ -39,7 +39,7 @@ def test_a_slow_growth_is_found(mb_h: float, fails: bool) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("own_domain")
 def test_pairs_of_two_drivers_are_localised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(driver_pairs, "SECONDS", 1.5)
+    monkeypatch.setattr(drivers, "SECONDS", 1.5)
     case = Case("realsense", 10.0, 512, True, "yuv422_yuy2")
-    found = driver_pairs.run_case(case, driver_pairs.make_images(tmp_path, 15, (512,)), tmp_path / "run")
+    found = drivers.run_case(case, drivers.make_images(tmp_path, 15, (512,)), tmp_path / "run")
     assert (found.sent, found.localised, found.problem) == (15, 15, "")

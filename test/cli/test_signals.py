@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.signal_runs import end_at_random
+from campaigns.signals import end_at_random
 from helpers.cli_result import Sfr
 from helpers.made_scene import write_folder
 from helpers.processes import Process, wait_until
