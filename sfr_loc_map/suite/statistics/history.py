@@ -350,9 +350,9 @@ class _DriveShifts:
         return self.present - self.usual
 
     @property
-    def nights(self) -> NDArray[np.intp]:
+    def nights(self) -> FloatArray:
         """Number of reference nights of each drive."""
-        return np.asarray(np.isfinite(self.deviations).sum(axis=1))
+        return np.asarray(np.isfinite(self.deviations).sum(axis=1), np.float64)
 
     def exceeding(self, false_alarm_rate: float) -> NDArray[np.bool_]:
         """Return which drives changed, with the given rate of false alarms over all drives together."""
