@@ -35,8 +35,12 @@ class FrameTree:
         """Return the frame, its ancestors from the nearest on, then all other connected frames; empty if unknown."""
         above = [name for name, _ in self._above(frame)]
         known = {name for child, (parent, _) in self._parents.items() for name in (child, parent)}
-        others = sorted(name for name in known - {*above} if [*self._above(name)][-1][0] == above[-1])
+        others = sorted(name for name in known - {*above} if self._root(name) == above[-1])
         return [*above, *others] if frame in known else []
+
+    def _root(self, frame: str) -> str:
+        """Return the last ancestor of a frame; the frame itself without a parent."""
+        return [*self._above(frame)][-1][0]
 
     def _above(self, frame: str) -> Iterator[tuple[str, Transform]]:
         """Yield the frame and its ancestors, each with the transform `T_ancestor_frame`."""

@@ -18,7 +18,7 @@ class PastPose(NamedTuple):
     stamp_ns: int
     T_world_left: Transform
     was_known: bool  #: Whether the pose before this one was known (tracked or kept, not lost).
-    window: int  #: Number of the window.
+    window_number: int  #: Number of the window.
     in_window: LocatedCovariance  #: Covariance of the pose in its window.
     accumulated: LocatedCovariance  #: Covariance added by all windows so far (`PathErrors.since_map_was_placed`).
     bias: DisparityBias  #: Path integrals up to this pose.

@@ -86,7 +86,7 @@ class PathState:
     errors: PathErrors  #: Components of the covariance of the pose.
     published: PublishedPose  #: The pose published last, at which the next step starts.
     history: History = History()  #: Past poses, to which an external pose can be applied.
-    window: int = 0  #: Number of the present window.
+    window_number: int = 0  #: Number of the present window.
 
 
 class AcceptedPair(NamedTuple):
@@ -148,8 +148,8 @@ def accepted(
     published = _published_at(path, pose, model)
     step = _step_to_new_pose(path, pose, published, landmark_map, calibration, model)
     last = path.last.tracked(pair.stamp_ns, pose.T_world_left, pose.since, was_known=pair.was_known)
-    past = _past_pose(last, errors, path.window, model, was_known=pair.was_known)
-    return PathState(last, path.datum, errors, published, path.history.with_pose(past), path.window), step
+    past = _past_pose(last, errors, path.window_number, model, was_known=pair.was_known)
+    return PathState(last, path.datum, errors, published, path.history.with_pose(past), path.window_number), step
 
 
 def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPose:
@@ -259,9 +259,9 @@ def restarted(
     published, step = _step_to_kept_pose(path, stamp_ns, model)
     published = replace(published, undone_by_next_step=ZERO, unobserved_rb=ZERO)
     last = path.last.restarted(stamp_ns)
-    window = path.window + 1
-    past = _past_pose(last, errors, window, model, was_known=False)
-    return PathState(last, path.datum, errors, published, path.history.with_pose(past), window), step
+    window_number = path.window_number + 1
+    past = _past_pose(last, errors, window_number, model, was_known=False)
+    return PathState(last, path.datum, errors, published, path.history.with_pose(past), window_number), step
 
 
 def lost(path: PathState) -> PathState:
@@ -286,7 +286,9 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
     )
 
 
-def _past_pose(last: LastPose, errors: PathErrors, window: int, model: RoverModel, *, was_known: bool) -> PastPose:
+def _past_pose(
+    last: LastPose, errors: PathErrors, window_number: int, model: RoverModel, *, was_known: bool
+) -> PastPose:
     """Return the last pose for the history; `was_known` is True if the pose before it was tracked or kept, not lost."""
     position = last.T_world_left.translation
     accumulated = errors.since_map_was_placed(position, model.sources.adjustment_inflation)
@@ -294,7 +296,7 @@ def _past_pose(last: LastPose, errors: PathErrors, window: int, model: RoverMode
         stamp_ns=last.tracked_ns,
         T_world_left=last.T_world_left,
         was_known=was_known,
-        window=window,
+        window_number=window_number,
         in_window=LocatedCovariance(position, errors.in_window),
         accumulated=LocatedCovariance(position, accumulated),
         bias=errors.bias,
@@ -390,7 +392,7 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
         pose.covariance + unobserved, R_world_frame=T_ds_world.rotation.T, R_world_left=past.T_world_left.rotation
     )
     position = past.in_window.position
-    if past.window == path.window:
+    if past.window_number == path.window_number:
         origin = Origin(LocatedCovariance(position, covariance), past.in_window, past.bias)
     else:  # add drift and unobserved motions between the past pose and the present window
         before_window = path.errors.before_window
