@@ -455,7 +455,8 @@ MUTATIONS = (
         "0.0 if item.value is None else -item.value,",
     ),
     Mutation(JUDGE, "if score.fatal_findings:", "if score.fatal_findings and score.rules:"),
-    Mutation(JUDGE, "interval[0] <= limit.limit < interval[1]", "interval[0] <= limit.limit"),
+    Mutation(JUDGE, "interval[1] <= limit.limit if", "interval[0] <= limit.limit if"),
+    Mutation(JUDGE, "else limit.limit < interval[0]", "else limit.limit < interval[1]"),
     # methods: input and resource use of calls
     Mutation(
         "methods/child/loop.py",

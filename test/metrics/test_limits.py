@@ -274,9 +274,17 @@ def test_a_verdict_is_certain_where_the_interval_is_on_one_side_of_the_limit() -
         ((0.3, 0.51), 0.4, "pass", False),
         ((0.5, 0.7), 0.6, "fail", False),
         ((0.51, 0.7), 0.6, "fail", True),
+        ((0.51, 0.7), 0.49, "pass", False),  # the interval of a small sample need not contain the value
+        ((0.3, 0.49), 0.51, "fail", False),
     ):
         (verdict,) = judged(with_position(total, interval), parse_limits(LIMIT, "limits")).on_limits
         assert (verdict.state, verdict.certain) == (state, certain), interval
+
+
+def test_an_interval_beyond_the_limit_is_no_certain_pass() -> None:
+    entry = {"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5, "certain": True}
+    (verdict,) = judged(with_position(0.49, (0.51, 0.7)), parse_limits({"trajectory": [entry]}, "limits")).on_limits
+    assert (verdict.state, verdict.certain) == ("not enough data", False)
 
 
 def test_an_absent_answer_leaves_no_pass_beside_absent_calls() -> None:

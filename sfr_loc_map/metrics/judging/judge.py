@@ -16,6 +16,7 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.catalogue import DRIVE, KINDS, LIVE
 from sfr_loc_map.metrics.config import Rebase, VerdictState, worst_of
+from sfr_loc_map.metrics.intervals import Interval
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, incompleteness, text_of
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, needed_part
 from sfr_loc_map.metrics.judging.limited_figure import LimitedFigure, figure_of, truth_error_of
@@ -145,8 +146,7 @@ def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
     verdict = open_verdict(limit, figure)
     if figure.value is None or not is_enough(limit, figure, limits):
         return verdict
-    interval = figure.interval
-    certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
+    certain = is_certain(limit, figure.value, figure.interval)
     verdict = struct_replace(verdict, certain=certain)
     is_counted = limit.section is LimitSection.COMPLETENESS  # a count has no uncertainty
     if verdict.is_within_truth_error:
@@ -155,6 +155,17 @@ def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
         return struct_replace(verdict, state=VerdictState.FAIL)
     is_pass = certain or is_counted or not limit.certain
     return struct_replace(verdict, state=VerdictState.PASS) if is_pass else verdict
+
+
+def is_certain(limit: Limit, value: float, interval: Interval | None) -> bool | None:
+    """Return whether the complete interval is on the side of the limit on which the value is; None without one.
+
+    Only upper limits have an interval. The center of the interval is corrected for bias, so that the value itself can
+    be outside the interval.
+    """
+    if interval is None:
+        return None
+    return interval[1] <= limit.limit if meets(limit, value) else limit.limit < interval[0]
 
 
 def proof_verdict(limit: Limit, proof: Proof, place: int | None, truth_error: float) -> Verdict:
