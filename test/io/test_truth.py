@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,36 @@ def test_times_of_recording_replace_the_stamps_or_are_refused(tmp_path: Path, po
             read_truth(place, config)
     else:
         assert read_truth(place, config).stamps_ns.tolist() == [stamp for _, stamp, _ in entries]
+
+
+@pytest.mark.parametrize("kind", ["pose", "transform", "path", "tf"])
+def test_an_invalid_pose_is_skipped_and_reported(
+    tmp_path: Path, poses: Trajectory, kind: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    quats = poses.quats_xyzw.copy()
+    quats[5] = 0.0
+    recorded: Any = SimpleNamespace(stamps_ns=poses.stamps_ns, positions=poses.positions, quats_xyzw=quats)
+    place = write_messages(tmp_path / "x", messages(kind, recorded))
+    truth = read_truth(place, TruthConfig(source=TOPICS[kind], frame="marker" if kind == "tf" else ""))
+    assert truth.stamps_ns.tolist() == np.delete(STAMPS, 5).tolist()
+    assert f"1 of {COUNT} poses skipped" in caplog.text
+
+
+def test_a_topic_named_as_truth_has_priority_over_a_frame(
+    tmp_path: Path, poses: Trajectory, caplog: pytest.LogCaptureFixture
+) -> None:
+    place = write_messages(tmp_path / "x", messages("pose", poses))
+    truth = read_truth(place, TruthConfig(source=TOPICS["pose"], frame="marker"))
+    assert "/vrpn/pose" in truth.read_from
+    assert "truth.frame=marker ignored" in caplog.text
+
+
+def test_a_frame_on_both_topics_of_transforms_is_moving(tmp_path: Path, poses: Trajectory) -> None:
+    entries = list(messages("tf", poses))
+    _, _, static = entries[-1]
+    place = write_messages(tmp_path / "x", [("/tf_static", int(STAMPS[0]), static), *entries])
+    truth = read_truth(place, TruthConfig(frame="marker"))
+    assert truth.stamps_ns.tolist() == STAMPS.tolist()
 
 
 def test_transforms_of_a_tree_are_joined_and_interpolated(tmp_path: Path) -> None:

@@ -19,13 +19,13 @@ from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.extrinsics import RigInBody, rig_in_body
 from sfr_loc_map.geometry.frame_tree import FrameTree
-from sfr_loc_map.geometry.plausibility import check_extrinsics, plausible_poses
+from sfr_loc_map.geometry.plausibility import check_extrinsics
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Task, parse_json, refusing, serialised_stamp
 from sfr_loc_map.io.bag.encoding import TYPESTORE, readable
 from sfr_loc_map.io.bag.files import is_unfinished, reader_paths
-from sfr_loc_map.io.bag.frames import Frame, FrameSeries, pose_row, trajectory_of
+from sfr_loc_map.io.bag.frames import Frame, FrameSeries, pose_row, trajectory_of, valid_indices
 from sfr_loc_map.io.bag.readers import BagReader, reader_of
 from sfr_loc_map.message_types import (
     CAMERA_INFO,
@@ -126,7 +126,8 @@ class Bag:
     def stream(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, bytes]]:
         """Yield topic, stamp and CDR bytes in the order of recording.
 
-        The stamp, ns, is that of the header for the types in `STAMPED`, and the time of recording for all others.
+        The stamp, ns, is that of the header for the types in `STAMPED`, and the time of recording for all others. In a
+        bag that is read by the times of recording (`stamped_by`), every stamp is the time of recording.
         """
         by_name = {topic.bag_name: topic for topic in topics}
         with self._reading() as readers:
@@ -235,14 +236,11 @@ def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
     for _, _, message in bag.messages([topic]):
         rows.append(pose_row(message, message.pose.pose))
         covariances.append(message.pose.covariance)
-    where, values = f"'{topic.bag_name}' of bag '{bag.path}'", np.array([row for _, row in rows]).reshape(-1, 7)
-    good = np.flatnonzero(plausible_poses(values[:, :3], values[:, 3:]))
-    if 0 < len(good) < len(rows):
-        _log.warning(f"{where}: {len(rows) - len(good)} of {len(rows)} poses skipped: invalid position or quaternion")
-        rows, covariances = [rows[k] for k in good], [covariances[k] for k in good]
+    where = f"'{topic.bag_name}' of bag '{bag.path}'"
+    valid = valid_indices(rows, where)
     with refusing(where, "record it again"):
-        trajectory = trajectory_of(rows)
-    return trajectory, np.array(covariances, np.float64).reshape(-1, 6, 6)
+        trajectory = trajectory_of([rows[k] for k in valid])
+    return trajectory, np.array([covariances[k] for k in valid], np.float64).reshape(-1, 6, 6)
 
 
 def read_frame_tree(bag: Bag) -> FrameTree:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from sfr_loc_map.geometry.plausibility import plausible_poses
 from sfr_loc_map.geometry.rotation import quat_multiply, quat_rotate
 from sfr_loc_map.geometry.stamped_poses import sampled
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -15,6 +17,8 @@ from sfr_loc_map.inputs import stamp_of
 
 MAX_CHAINS = 1000  #: Maximum number of frame chains that are searched at the same time.
 PoseRow = tuple[int, tuple[float, ...]]  #: Stamp, ns, and x, y, z, qx, qy, qz, qw.
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -39,10 +43,17 @@ class FrameSeries:
         self._by_child: dict[str, dict[str, Frame]] = {}
 
     def frame_of(self, item: Any, *, is_static: bool) -> Frame:  # noqa: ANN401 - a TransformStamped of any library
-        """Return the child frame of a transform in the parent of this transform."""
+        """Return the child frame of a transform in the parent of this transform.
+
+        A frame on both /tf_static and /tf is moving; its static pose is discarded.
+        """
         parent = item.header.frame_id.strip("/")
         by_parent = self._by_child.setdefault(item.child_frame_id.strip("/"), {})
-        return by_parent.setdefault(parent, Frame(parent, is_static))
+        frame = by_parent.setdefault(parent, Frame(parent, is_static))
+        if frame.is_static and not is_static:
+            frame.is_static = False
+            frame.rows.clear()
+        return frame
 
     def chosen(self, child: str = "", parent: str = "") -> dict[str, Frame]:
         """Return the frames that have a parent, by name without leading or trailing slashes.
@@ -114,6 +125,19 @@ def pose_row(message: Any, pose: Any) -> PoseRow:  # noqa: ANN401 - messages
     place = getattr(pose, "position", None) or pose.translation
     quat = getattr(pose, "orientation", None) or pose.rotation
     return stamp_of(message), (place.x, place.y, place.z, quat.x, quat.y, quat.z, quat.w)
+
+
+def valid_indices(rows: Sequence[PoseRow], where: str) -> list[int]:
+    """Return the indices of the rows that are poses; a warning reports the number of the others.
+
+    If no row is a pose, all indices are returned, so that `trajectory_of` reports the error.
+    """
+    values = np.array([row for _, row in rows], np.float64).reshape(-1, 7)
+    valid = np.flatnonzero(plausible_poses(values[:, :3], values[:, 3:])).tolist()
+    if not valid or len(valid) == len(rows):
+        return list(range(len(rows)))
+    _log.warning(f"{where}: {len(rows) - len(valid)} of {len(rows)} poses skipped: invalid position or quaternion")
+    return valid
 
 
 def trajectory_of(rows: list[PoseRow]) -> Trajectory:

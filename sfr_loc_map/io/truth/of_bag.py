@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic, read_frames, read_odometry
-from sfr_loc_map.io.bag.frames import chain_above, chain_poses, trajectory_of
+from sfr_loc_map.io.bag.frames import chain_above, chain_poses, trajectory_of, valid_indices
 from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TruePoses
@@ -27,13 +28,16 @@ _log = logging.getLogger(__name__)
 def truth_of_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> Truth:
     """Read the truth of an opened bag; InputError if the bag has no truth.
 
-    `truth.stamps` determines the stamps, even if the images of the bag are read by the times of recording.
+    The topic `truth.source` has priority over the frame `truth.frame`. `truth.stamps` determines the stamps, even if
+    the images of the bag are read by the times of recording.
     """
     uses_record = config.stamps == "record"
-    if config.frame:
+    if config.frame and not config.source:
         if uses_record:
             raise _no_times_of_recording(f"frame {config.frame} on /tf of bag '{bag.path}'")
         return config.applied(_tf_poses(bag, config.frame), None, f"{bag.path}, frame {config.frame} on /tf")
+    if config.frame:
+        _log.warning(f"truth.frame={config.frame} ignored: truth.source={config.source} has priority")
     bag = bag.stamped_by(config.stamps)
     topic = bag.find(config.source.strip("/") or TRUE_POSES, *TRUTH_TYPES)
     if topic is None:
@@ -83,8 +87,10 @@ def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
     if reader.invalid:
         text = f"{reader.invalid} fixes at 0, 0 or with NaN are ignored, {len(rows)} are used"
         _log.warning(f"truth {where}: {text}")
-    poses = trajectory_of([(stamp_ns, pose) for stamp_ns, pose, _ in rows])
-    return poses, np.reshape([variances for _, _, variances in rows], (-1, 6))
+    stamped_poses = [(stamp_ns, pose) for stamp_ns, pose, _ in rows]
+    valid = valid_indices(stamped_poses, f"truth {where}")
+    poses = trajectory_of([stamped_poses[k] for k in valid])
+    return poses, np.reshape([rows[k][2] for k in valid], (-1, 6))
 
 
 def _last_message(bag: Bag, topic: Topic) -> list[Any]:
@@ -108,5 +114,8 @@ def _tf_poses(bag: Bag, frame: str) -> Trajectory:
         raise InputError(f"bag '{bag.path}' has no moving transform '{frame}' on /tf: it has {known}")
     with refusing(f"/tf of bag '{bag.path}'", "record it again"):
         for name in moving:
+            rows = frames[name].rows
+            valid = valid_indices(rows, f"/tf of bag '{bag.path}', '{name}'")
+            frames[name] = replace(frames[name], rows=[rows[k] for k in valid])
             check_order(frames[name].poses.stamps_ns, f"/tf of bag '{bag.path}', '{name}'", strict=False)
         return chain_poses(frames, chain, max(moving, key=lambda name: len(frames[name].rows)))
