@@ -11,7 +11,7 @@ import sqlite3
 import threading
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
@@ -246,6 +246,7 @@ class BagRecorder:
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         self._last_ns = 0
         self._stop = threading.Event()
+        self._sync_error: OSError | None = None
         self._syncing = threading.Thread(target=self._sync, name="sync", daemon=True)
 
     def __enter__(self) -> BagRecorder:
@@ -269,6 +270,7 @@ class BagRecorder:
             except OSError:
                 self._writer.abort()
                 raise
+            self._check_synced()
 
     def add_topic(self, name: str, msgtype: str, definition: str, type_hash: str, offers: Sequence[Qos]) -> Any:  # noqa: ANN401
         """Add a topic and return its handle for `write`; `definition`: type definition as in mcap files, or empty."""
@@ -280,6 +282,7 @@ class BagRecorder:
         """Add a serialised message."""
         self._last_ns = max(self._last_ns, received_ns)  # times do not decrease: the order of files without an index
         with self._reporting():
+            self._check_synced()
             self._writer.write(topic, self._last_ns, raw)
         self.count += 1
 
@@ -289,9 +292,16 @@ class BagRecorder:
             self._writer.storage.flush()
 
     def _sync(self) -> None:
-        with suppress(OSError):  # the next write reports it
+        try:
             while not self._stop.wait(SYNC_S):
                 self._writer.storage.sync()
+        except OSError as error:  # Linux reports a failed synchronisation only once
+            self._sync_error = error
+
+    def _check_synced(self) -> None:
+        """Raise the error of a failed synchronisation."""
+        if self._sync_error is not None:
+            raise self._sync_error
 
     @contextmanager
     def _reporting(self) -> Iterator[None]:

@@ -1,5 +1,7 @@
 """Recordings: what was flushed is read by any reader, whatever comes then."""
 
+import errno
+import os
 import resource
 import signal
 from collections.abc import Iterator
@@ -10,6 +12,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from sfr_loc_map.errors import OutputError
+from sfr_loc_map.io.bag import writer
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.writer import BagRecorder
@@ -55,6 +58,19 @@ def test_what_was_flushed_is_read_by_any_reader_while_the_recording_goes_on(path
     assert read(path) == [raw(n) for n in range(12)]
     with AnyReader([path]) as reader:
         assert reader.message_count == bag.count == 12
+
+
+def test_a_failed_synchronisation_ends_the_recording(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(writer, "SYNC_S", 0.001)
+    monkeypatch.setattr(os, "fdatasync", fail)
+    bag, topic = started(path)
+    bag._syncing.join(10.0)
+    with pytest.raises(OutputError, match="stopped after 0 messages: Input/output error"):
+        bag.write(topic, 0, raw(0))
+    bag.__exit__(OutputError, OutputError(), None)
 
 
 @pytest.fixture
