@@ -29,7 +29,7 @@ from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, parse_yaml, read_text, refusing
 from sfr_loc_map.io.calibration.camera_info import projection, rig_from_projections
-from sfr_loc_map.io.calibration.rectification import RawCamera
+from sfr_loc_map.io.calibration.rectification import RawCamera, common_projection
 from sfr_loc_map.io.calibration.rig_file import read_rig
 from sfr_loc_map.io.calibration.stereo_calibration import CalibratedCamera, Calibration, rectified_cameras
 
@@ -75,7 +75,7 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> Calibration:
     if len(sizes := {left.size, right.size, size or left.size}) > 1:
         shown = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
         raise InputError(f"{where} and the images differ in size, {shown} px: calibrate both cameras at the image size")
-    rig = rig_from_projections(np.array(left.p), np.array(right.p), left.size, where)
+    rig = rig_from_projections(np.array(left.p), common_projection(left, right), left.size, where)
     if rig.baseline_m > LARGEST_BASELINE_M:
         raise InputError(f"{where}: the baseline is {rig.baseline_m:g} m: give it in metres")
     T_rb_sb = reader.extrinsics(opened.file) if reader.extrinsics else None

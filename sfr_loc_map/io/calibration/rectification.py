@@ -206,6 +206,13 @@ def rig_of_rectified(
     return rig, _rectifier((RawCamera.of_rectified(left.size, p_left), remapped), name, before)
 
 
+def common_projection(left: RawCamera, right: RawCamera) -> FloatArray:
+    """Return the P `(12,)` of the right camera with the camera matrix of the left camera; unchanged if P is invalid."""
+    p_left, p_right = np.array(left.p), np.array(right.p)
+    is_valid = np.isfinite([p_left, p_right]).all() and min(p_left[0], p_right[0], p_right[5]) > 0.0
+    return _in_common(p_left, p_right) if is_valid else p_right
+
+
 def _in_common(p_left: FloatArray, p_right: FloatArray) -> FloatArray:
     """Return the P `(12,)` of the right camera with the camera matrix of the left camera and an unchanged baseline."""
     common = p_left.copy()

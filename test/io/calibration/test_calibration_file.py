@@ -292,6 +292,20 @@ def test_what_is_no_calibration_of_a_pair_is_refused_in_one_line(what: str, tmp_
     assert "\n" not in str(caught.value)
 
 
+def test_the_p_of_the_right_camera_may_have_another_principal_point(tmp_path: Path) -> None:
+    """As OpenCV computes P without CALIB_ZERO_DISPARITY, and as messages are accepted."""
+    pair = Pair()
+    lens_values = [value for camera in zip(KS, pair.ds, strict=True) for value in camera]
+    turn, move = pair.T_right_left.rotation, pair.T_right_left.translation
+    matrices = cv2.stereoRectify(*lens_values, SIZE, turn, move, flags=0, alpha=0)[:4]
+    assert abs(matrices[2][0, 2] - matrices[3][0, 2]) > 1.0
+    file = storage(tmp_path / "stereo.yml", lenses(pair) | dict(zip(("R1", "R2", "P1", "P2"), matrices, strict=True)))
+    rig, rectifier = read_calibration(file, SIZE).rig("loc")
+    assert rectifier is not None
+    assert rig.cx == matrices[2][0, 2]
+    assert rig.baseline_m == pytest.approx(np.linalg.norm(move))
+
+
 def test_without_a_size_it_must_be_in_the_file(tmp_path: Path) -> None:
     file = opencv("json")(tmp_path, Pair())
     with pytest.raises(InputError, match="it has no image_width and image_height"):
