@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from typing import Any
 
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import OutputError
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX, BagWriter
 from sfr_loc_map.io.layouts.euroc import EurocWriter
 from sfr_loc_map.io.layouts.folder import FolderWriter
@@ -23,6 +24,8 @@ from sfr_loc_map.io.tables.trajectory_file import format_of_name, save_trajector
 SourceWriter = BagWriter | FolderWriter | KittiWriter | EurocWriter
 Event = tuple[int, bool, Callable[..., None], tuple[Any, ...]]
 """Stamp (ns), whether the event is a pair, and the function that writes the event with its arguments."""
+
+_log = logging.getLogger(__name__)
 
 
 class Layout(StrEnum):
@@ -75,6 +78,7 @@ def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
     In a bag the topic is `ground_truth/odometry`.
     """
     destination = Path(destination)
+    _warn_of_lever_arm(trajectory)
     if format_of_name(destination) is not None:
         save_trajectory(destination, trajectory)
     elif destination.suffix in STORAGE_BY_SUFFIX:
@@ -116,12 +120,22 @@ def _streams(source: Source, writer: SourceWriter) -> list[Iterator[Event]]:
     if (loc := source.loc) is not None:
         writer.write_loc_rig(loc.rig)
         if loc.ground_truth is not None:
+            _warn_of_lever_arm(loc.ground_truth)
             streams.append(_truth_events(loc.ground_truth, writer))
         streams.append((pair.stamp_ns, True, writer.write_loc_pair, (pair,)) for pair in loc.pairs())
     if (nav := source.nav) is not None:
         writer.write_nav_rig(nav.rig)
         streams.append((item.pair.stamp_ns, True, writer.write_nav_pair, (item,)) for item in nav.pairs())
     return streams
+
+
+def _warn_of_lever_arm(truth: Trajectory) -> None:
+    """Warn of positions of another body than RB, because no format has its lever arm."""
+    if isinstance(truth, Truth) and any(truth.lever_arm_m):
+        _log.warning(
+            f"the true positions are those of a body at {list(truth.lever_arm_m)} m in RB, and are written without "
+            "this lever arm: read the output with the same truth.lever_arm_m"
+        )
 
 
 def _truth_events(truth: Trajectory, writer: SourceWriter) -> Iterator[Event]:

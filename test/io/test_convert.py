@@ -18,6 +18,7 @@ from helpers.made_worlds import (
     write_folder,
 )
 from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.convert import ConvertOptions, Layout, convert, convert_trajectory
@@ -126,3 +127,20 @@ def test_without_extrinsics_the_truth_is_left_out(
     assert exported(world, tmp_path, layout).ground_truth is None
     (record,) = caplog.records
     assert "T_rb_locsb" in record.getMessage()
+
+
+def test_the_lever_arm_of_a_truth_without_attitudes_is_reported(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    prism = Truth(np.array([0, 10**9]), np.eye(3)[:2], np.zeros((2, 4)), lever_arm_m=(0.3, 0.0, 1.1))
+    convert_trajectory(prism, tmp_path / "prism.csv")
+    assert "a body at [0.3, 0.0, 1.1] m in RB" in caplog.text
+
+
+def test_kitti_poses_are_omitted_if_the_truth_has_no_attitudes(
+    tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    truth = world.truth
+    positions = Trajectory(truth.stamps_ns, truth.positions, np.zeros((len(truth), 4)))
+    assert exported(replace(world, truth=positions), tmp_path, Layout.KITTI).ground_truth is None
+    assert "poses.txt is omitted: the truth has no attitudes" in caplog.text

@@ -126,6 +126,9 @@ class KittiWriter(TableWriter):
             _log.warning("poses.txt is omitted: the pose of the cameras on the rover (T_rb_locsb) is unknown")
             return
         truth, stamps = self._true_poses, np.array(self._stamps_ns, np.int64)
+        if not truth.has_attitude:
+            _log.warning("poses.txt is omitted: the truth has no attitudes")
+            return
         if not covered(truth.stamps_ns, stamps).all():
             _log.warning("poses.txt is omitted: the truth does not cover every image")
             return

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from sfr_loc_map.atomic import write_text
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_poses, plausible_positions, plausible_rotations
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
@@ -176,7 +176,9 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseC
         numbers = stamps_ns // NS_PER_S if stamp_keys else table.row_numbers
         rows = len(table.lines) + len(table.skipped_lines)
         is_consecutive = not stamp_keys or (len(numbers) > 0 and int(numbers[-1]) + 1 == rows)
-        stamps_ns, stamps_from, by_index = _stamps_of_frames(path, numbers, rows if is_consecutive else None)
+        numbers_of = "frame" if stamp_keys else "line"
+        count = rows if is_consecutive else None
+        stamps_ns, stamps_from, by_index = _stamps_of_frames(path, numbers, numbers_of, count)
     poses = replace(table, stamps_ns=stamps_ns, values=np.concatenate((positions, quats), axis=1))
     covariance = _covariance(values) if columns.has_covariance else None
     return _loaded(
@@ -211,9 +213,10 @@ def _of_matrices(rows: FloatArray, *, is_optical: bool) -> tuple[FloatArray, Flo
     return positions, np.where(good[:, None], quats, np.nan)
 
 
-def _stamps_of_frames(path: Path, numbers: IntArray, count: int | None) -> tuple[IntArray, str, bool]:
+def _stamps_of_frames(path: Path, numbers: IntArray, numbers_of: str, count: int | None) -> tuple[IntArray, str, bool]:
     """Return the stamps of numbered poses from a file of seconds, or 1 s apart if there is no such file.
 
+    `numbers_of` states what is numbered: "line" or "frame".
     `count` is the number of times that the file of seconds must have: that of the lines with poses, including skipped
     lines. It is None if the numbers of the images are not consecutive.
     """
@@ -221,7 +224,7 @@ def _stamps_of_frames(path: Path, numbers: IntArray, count: int | None) -> tuple
     files = (times_beside(path), path.with_name("times.txt"), benchmark)
     times = next((file for file in files if file.is_file() and file != path), None)
     if times is None:
-        return numbers.astype(np.int64) * NS_PER_S, "line numbers, 1 s apart", True
+        return numbers.astype(np.int64) * NS_PER_S, f"{numbers_of} numbers, 1 s apart", True
     stamps_ns = read_times(times, count)
     if len(numbers) and int(numbers.max()) >= len(stamps_ns):
         raise InputError(
@@ -306,10 +309,15 @@ def save_trajectory(path: Path, trajectory: Trajectory, kind: TrajectoryFormat |
     """
     path = Path(path)
     kind = kind or format_of_name(path) or TrajectoryFormat.CSV
+    if kind is TrajectoryFormat.KITTI and not trajectory.has_attitude:
+        raise OutputError(
+            f"cannot write '{path}': the trajectory has no attitudes, which the KITTI format requires; choose a name "
+            "that ends in .csv or .txt"
+        )
+    write_text(trajectory_text(trajectory, kind), path)
     if kind is TrajectoryFormat.KITTI:
         times = "".join(f"{seconds_text(stamp_ns)}\n" for stamp_ns in trajectory.stamps_ns.tolist())
         write_text(times, times_beside(path))
-    write_text(trajectory_text(trajectory, kind), path)
 
 
 def trajectory_text(trajectory: Trajectory, kind: TrajectoryFormat = TrajectoryFormat.CSV) -> str:

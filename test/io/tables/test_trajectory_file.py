@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.made_worlds import assert_same_trajectory
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import (
@@ -99,6 +99,20 @@ def test_kitti_poses_have_optical_axes_in_the_file(tmp_path: Path) -> None:
     last = [float(word) for word in (tmp_path / "t.kitti").read_text().splitlines()[1].split()]
     assert [last[3], last[7], last[11]] == [-0.5, -0.25, 2.0], "x right, y down, z forward"
     assert (tmp_path / "t.times.txt").read_text() == "0.000000000\n1.000000000\n"
+
+
+def test_positions_without_attitude_are_no_kitti_poses(tmp_path: Path) -> None:
+    positions = Trajectory(np.array([0, 10**9]), np.eye(3)[:2], np.zeros((2, 4)))
+    with pytest.raises(OutputError, match=r"t.kitti': the trajectory has no attitudes"):
+        save_trajectory(tmp_path / "t.kitti", positions)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("number", "numbers_of"), [("", "line"), ("7 ", "frame")])
+def test_poses_without_stamps_name_what_is_numbered(tmp_path: Path, number: str, numbers_of: str) -> None:
+    file = tmp_path / "poses.txt"
+    file.write_text(f"{number}1 0 0 0 0 1 0 0 0 0 1 0\n")
+    assert read_trajectory_file(file).stamps == f"{numbers_of} numbers, 1 s apart"
 
 
 def test_stamps_of_kitti_poses(tmp_path: Path) -> None:
