@@ -124,13 +124,18 @@ class Source(Shown):
 
     def pairs(self) -> Iterator[StereoPair | PosedStereoPair]:
         """Yield the pairs of the drive as grey images. Without a drive, yield the mapping pairs with their poses."""
-        found = self.loc if self.loc is not None else self.nav
-        return iter(()) if found is None else found.pairs()
+        sequence = self._sequence
+        return iter(()) if sequence is None else sequence.pairs()
 
     __iter__ = pairs
 
     def __len__(self) -> int:
-        return len(self.loc or self.nav or ())
+        return 0 if self._sequence is None else len(self._sequence)
+
+    @property
+    def _sequence(self) -> LocSequence | NavSequence | None:
+        """The drive, or the mapping pairs without a drive."""
+        return self.nav if self.loc is None else self.loc
 
     def _facts(self) -> dict[str, str]:
         holds = [str(self.format)]

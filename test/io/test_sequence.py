@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +21,16 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.io.source_config import SourceConfig, SyncConfig
+
+
+class EmptySequence:
+    """A drive without pairs."""
+
+    def __len__(self) -> int:
+        return 0
+
+    def pairs(self) -> Iterator[Any]:
+        return iter(())
 
 
 def opened(path: Path, name: str) -> LocSequence:
@@ -81,6 +93,15 @@ def test_the_paths_of_the_truth_are_the_source_its_links_and_the_file_that_is_na
     assert set(open_source(source).truth_paths()) == {source, outside, named}
     changed = faulty(open_source(source), [parse_fault("late:share=1,amount=0.1")])
     assert set(changed.truth_paths()) == {source, outside, named}
+
+
+def test_a_source_with_an_empty_drive_has_no_pairs(tmp_path: Path) -> None:
+    source = open_source(write_folder(tmp_path / "source", 2, 3))
+    empty: Any = EmptySequence()
+    source = replace(source, loc=empty)
+    assert len(source) == len(list(source)) == 0
+    source = replace(source, loc=None)
+    assert len(source) == len(list(source)) == 3
 
 
 def test_the_poses_beside_a_kitti_sequence_are_paths_of_its_truth(tmp_path: Path) -> None:

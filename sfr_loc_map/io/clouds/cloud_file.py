@@ -25,6 +25,7 @@ from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
 from sfr_loc_map.inputs import MAX_CLOUD_BYTES, expansion_limit, read_bytes, refusing
 from sfr_loc_map.io.clouds.array_file import npz_names, parse_npz
 from sfr_loc_map.io.tables.number_text import number_or_nan, parse_count
+from sfr_loc_map.io.tables.stamps import parse_stamp_ns
 
 _log = logging.getLogger(__name__)
 Columns = dict[str, NDArray[Any]]  # values of each field, one per point
@@ -159,10 +160,13 @@ def _stated(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | Non
     if fused not in (None, "true", "false"):
         raise ValueError(f"'sfr {FUSED} {fused[:40]}' must end in true or false")
     words = (stamps or "").split()
-    whole = all(word.isascii() and word.isdecimal() and len(word) < 20 and int(word) < 2**63 for word in words)
-    if len(words) > MAX_PAIR_STAMPS or not whole:
-        raise ValueError(f"'sfr {PAIR_STAMPS}' must list integer nanoseconds")
-    return None if fused is None else fused == "true", None if stamps is None else tuple(map(int, words))
+    if len(words) > MAX_PAIR_STAMPS:
+        raise ValueError(f"'sfr {PAIR_STAMPS}' lists {len(words)} stamps: at most {MAX_PAIR_STAMPS} are allowed")
+    try:
+        stamps_ns = tuple(map(parse_stamp_ns, words))
+    except ValueError as error:
+        raise ValueError(f"'sfr {PAIR_STAMPS}': {error}") from error
+    return None if fused is None else fused == "true", None if stamps is None else stamps_ns
 
 
 def _check_names_differ(names: Sequence[str], where: str) -> None:

@@ -37,7 +37,5 @@ def parse_number(text: str) -> float:
 
 def number_or_nan(text: str) -> float:
     """Return a number, with a decimal point or a decimal comma; NaN if the text is not a number."""
-    try:
-        return float(text.replace(",", "."))
-    except ValueError:
-        return math.nan
+    word = text.strip().replace(",", ".")
+    return float(word) if is_decimal(word) else math.nan

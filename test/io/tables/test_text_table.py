@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from decimal import Decimal
 
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import read_table
+from sfr_loc_map.io.tables.number_text import number_or_nan
 from sfr_loc_map.io.tables.stamps import parse_seconds, parse_stamp_ns, parse_utc, seconds_text
 from sfr_loc_map.io.tables.text_table import parse_table
 
@@ -73,3 +75,8 @@ def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers_in_blocks_o
 def test_the_line_that_is_wrong_is_named(line: str, words: str) -> None:
     with pytest.raises(InputError, match=f"^x line 3: {words}"):
         parse_table([f"#\n1,2\n{line}\n".encode()], "x", "t, x", (0, 1), stamp=parse_stamp_ns, separator=",")
+
+
+@pytest.mark.parametrize("text", ["1_0", "infinity", "\u0661"])
+def test_only_decimal_numbers_are_detected_as_numbers(text: str) -> None:
+    assert math.isnan(number_or_nan(text))
