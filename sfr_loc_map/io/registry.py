@@ -81,7 +81,10 @@ Trajectories, calibrations and clouds are recognised in `tables/pose_columns.py`
 
 
 def open_source(path: Path, config: SourceConfig | None = None) -> Source:
-    """Open a source with a configuration, by default the `sfr.yaml` beside the source; each pass reopens the files."""
+    """Open a source with a configuration, by default the `sfr.yaml` beside the source.
+
+    Each pass over the pairs reopens the files.
+    """
     path = Path(path)
     name = format_of(path)
     config = source_config(path) if config is None else config
@@ -97,7 +100,10 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
 
 
 def format_of(path: Path) -> SourceFormat:
-    """Return the format of a source; InputError if the path does not exist or has no supported format."""
+    """Return the format of the files of a source; InputError if the path does not exist or has no supported format.
+
+    A bag is `BAG`; `Source.format` also states whether its messages are used as recorded.
+    """
     if not path.exists():
         raise InputError(f"there is no '{path}': give a data set folder, a ROS bag, or a sequence of another data set")
     if path.is_file():

@@ -160,7 +160,10 @@ def is_truth_file(path: Path) -> bool:
 
 
 def config_beside(source: Path) -> Path | None:
-    """Return the `sfr.yaml` in the folder of a source or in its parent folder; None if there is no such file."""
+    """Return the `sfr.yaml` in the folder of a source or in its parent folder.
+
+    None if there is no such file, or if the source is not a bag and the file belongs to a bag beside it.
+    """
     places = (source, source.parent) if source.is_dir() else (source.parent,)
     found = next((place / NAME for place in places if (place / NAME).is_file()), None)
     if found is not None and found.parent != source and not is_bag(source) and _is_of_bag(found):

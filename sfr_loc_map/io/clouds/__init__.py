@@ -1,1 +1,1 @@
-"""Point clouds, elevation grids and arrays of numbers as files."""
+"""Point clouds in files and messages, and elevation grids and arrays of numbers in files."""

@@ -28,7 +28,7 @@ MAX_BROKEN = 0.1  #: Largest fraction of invalid lines that are skipped.
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file that are neither empty nor a comment (`#`)."""
+    """Return the lines of a text file that are neither empty nor begin with `#`."""
     lines = read_table_text(path).splitlines()
     return [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
 
