@@ -144,7 +144,7 @@ class SourceConfig:
             if item.name in SECTIONS
         }
         config = cls(path, {topic: name for name, topic in topics.items()}, **parts)
-        if config.truth.source and is_truth_file(file := folder / config.truth.source):
+        if config.truth.source and is_file_or_bag(file := folder / config.truth.source):
             config = replace(config, truth=replace(config.truth, source=str(file)))
         if name := config.calibration.file:
             config = replace(config, calibration=replace(config.calibration, file=str(folder / name)))
@@ -154,8 +154,8 @@ class SourceConfig:
 AS_IT_IS = SourceConfig()  #: A source is read by its own topics and files.
 
 
-def is_truth_file(path: Path) -> bool:
-    """Return whether a path can be a `truth.source`: a file, or a bag, which may be a folder."""
+def is_file_or_bag(path: Path) -> bool:
+    """Return whether a path is a file, or a bag, which may be a folder."""
     return path.is_file() or is_bag(path)
 
 
@@ -192,7 +192,7 @@ def changed_sections(
     """
     changed = {name: dict(section) if isinstance(section, Mapping) else section for name, section in sections.items()}
     given = dict(values)
-    if isinstance(truth := given.get("truth.source"), str) and is_truth_file(Path(truth)):
+    if isinstance(truth := given.get("truth.source"), str) and is_file_or_bag(Path(truth)):
         given["truth.source"] = str(Path(truth).resolve())
     if calibration is not None:
         given["calibration.file"] = str(calibration.resolve())

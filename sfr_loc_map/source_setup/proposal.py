@@ -18,17 +18,17 @@ from sfr_loc_map.io.calibration.calibration_file import CalibrationError
 from sfr_loc_map.io.layouts.bag_source import BagLocSequence, image_name
 from sfr_loc_map.io.registry import format_of, open_source
 from sfr_loc_map.io.sequence import SourceFormat
-from sfr_loc_map.io.source_config import SourceConfig, is_truth_file
+from sfr_loc_map.io.source_config import SourceConfig, is_file_or_bag
 from sfr_loc_map.io.truth.names import is_tracker
 from sfr_loc_map.io.truth.of_bag import could_be_truth
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 from sfr_loc_map.metrics.association import nearest_stamps
+from sfr_loc_map.metrics.config import SPACING_FRAMES
 from sfr_loc_map.source_setup.topic_guess import guess_topics, seen_topics
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, below_half_period
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
 SHORT_M = 12.0  #: Shorter drives, m, have too few sub-trajectories of 5 m, so that 1 m is proposed.
-SPACING = 10  #: Pairs between the starts of sub-trajectories: the default of `sfr score`.
 STEADY = 0.1  #: Largest variation of a constant offset of the right stamps, as a fraction of the period.
 
 
@@ -89,7 +89,7 @@ def propose_config(
     folder = None if path is None else path.parent.resolve()
     for section, name in (("calibration", "file"), ("truth", "source")):
         file = Path(str(proposal.sections.get(section, {}).get(name, "")))
-        if folder is not None and is_truth_file(file) and file.is_relative_to(folder):
+        if folder is not None and is_file_or_bag(file) and file.is_relative_to(folder):
             proposal.sections[section][name] = str(file.relative_to(folder))
     if is_bag:
         bag = Bag(source)
@@ -159,7 +159,8 @@ def _sync(proposal: Proposal, bag: Bag) -> None:
     typical, spread = float(np.median(near)), float(np.percentile(np.abs(near - np.median(near)), 95))
     limit = below_half_period(round(STAMP_TOLERANCE_S * NS_PER_S), [int(period)])
     if abs(typical) + spread > limit and spread < STEADY * period:
-        text = f"right stamps are {typical / NS_PER_S:.4g} s late, within {spread / NS_PER_S:.2g} s, modulo the period"
+        late = f"{abs(typical) / NS_PER_S:.4g} s {'late' if typical > 0.0 else 'early'}"
+        text = f"right stamps are {late}, within {spread / NS_PER_S:.2g} s, modulo the period"
         proposal.set("sync", "right_offset_s", round(-typical / NS_PER_S, 6), text)
     elif abs(typical) + spread > limit and 2 * (abs(typical) + spread) < period:
         tolerance = round(1.5 * (abs(typical) + spread) / NS_PER_S, 4)
@@ -214,11 +215,11 @@ def _mounting_and_truth(proposal: Proposal, *, is_bag: bool) -> None:
 def _conditions(proposal: Proposal, stamps_ns: Sequence[int], truth: Trajectory) -> None:
     """Propose a condition with at least two sub-trajectories in the drive."""
     along_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)))
-    left_m = along_m[-1] - np.interp(stamps_ns, truth.stamps_ns, along_m)[::SPACING]
+    left_m = along_m[-1] - np.interp(stamps_ns, truth.stamps_ns, along_m)[::SPACING_FRAMES]
     metres, pairs = 5 if along_m[-1] >= SHORT_M else 1, len(stamps_ns)
     proposal.reasons["conditions"] = f"the true path is {along_m[-1]:.1f} m long"
     proposal.sections["conditions"] = [f"distance={metres}"]
     if np.sum(left_m >= metres) < 2:
-        proposal.sections["conditions"] = [f"frames={max(1, min(SPACING, pairs - SPACING - 1))}"]
-        if pairs < SPACING + 2:
-            proposal.remarks.append(f"{pairs} pairs are too few for a verdict: {SPACING + 2} are required")
+        proposal.sections["conditions"] = [f"frames={max(1, min(SPACING_FRAMES, pairs - SPACING_FRAMES - 1))}"]
+        if pairs < SPACING_FRAMES + 2:
+            proposal.remarks.append(f"{pairs} pairs are too few for a verdict: {SPACING_FRAMES + 2} are required")

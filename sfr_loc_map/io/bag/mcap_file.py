@@ -30,6 +30,7 @@ from sfr_loc_map.io.bag.mcap_format import (
     CHUNK_INDEX,
     DATA_END,
     FOOTER,
+    FOOTER_BYTES,
     FOOTER_SIZE,
     HEADER,
     MESSAGE,
@@ -226,7 +227,7 @@ def _summary_start(file: BinaryIO, start: int, end: int) -> int:
         raise ReaderError("it is too short for the footer of an MCAP file")
     file.seek(end)
     footer = _exactly(file, FOOTER_SIZE)
-    if RECORD_HEAD.unpack_from(footer) != (FOOTER, 20) or file.read() != MCAP_MAGIC:
+    if RECORD_HEAD.unpack_from(footer) != (FOOTER, FOOTER_BYTES) or file.read() != MCAP_MAGIC:
         raise ReaderError("it does not end with the footer of an MCAP file")
     (summary_start,) = struct.unpack_from("<Q", footer, RECORD_HEAD.size)
     if summary_start and not start <= summary_start <= end:

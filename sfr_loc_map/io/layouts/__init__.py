@@ -1,1 +1,4 @@
-"""Layouts of sources: one module for each, which is read, written or both, and their parts."""
+"""Layouts of sources, with one module for each layout that is read or written.
+
+`head_pose`, `stamp_pairs` and `writer` are parts of these modules.
+"""

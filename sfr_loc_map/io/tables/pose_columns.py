@@ -191,7 +191,7 @@ class PoseColumns:
         """Factors that convert the columns of the position to metres."""
         return [METRES[self.units.get(key, "")] * (-1.0 if key == DOWN else 1.0) for key in self.position_keys]
 
-    def stamp(self) -> Callable[[str], int]:
+    def stamp_parser(self) -> Callable[[str], int]:
         """Return the function that converts the text of a stamp to nanoseconds."""
         unit = self.units.get(STAMP, "s")
         if unit == UTC_UNIT:

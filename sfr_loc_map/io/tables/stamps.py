@@ -139,8 +139,8 @@ def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
     for unit, unit_ns in (("ms", 1_000_000), ("us", 1_000), ("ns", 1)):
         if EARLIEST_CLOCK_S <= magnitude * unit_ns / NS_PER_S <= LATEST_CLOCK_S < magnitude:
             return unit
-    has_decimals = any(len(text.partition(".")[2]) >= NANOSECOND_DIGITS for text in texts)
-    if magnitude <= LATEST_CLOCK_S and (has_decimals or (numbers != np.floor(numbers)).any()):
+    has_nine_decimals = any(len(text.partition(".")[2]) >= NANOSECOND_DIGITS for text in texts)
+    if magnitude <= LATEST_CLOCK_S and (has_nine_decimals or (numbers != np.floor(numbers)).any()):
         return "s"
     steps = np.abs(np.diff(numbers))
     step = float(np.median(steps)) if len(steps) > 1 else 0.0

@@ -156,7 +156,7 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseC
         name,
         columns.name,
         indices,
-        stamp=columns.stamp() if stamp_keys else None,
+        stamp=columns.stamp_parser() if stamp_keys else None,
         separator=columns.separator,
         more=columns.by_header or indices != list(range(columns.width)),
         skip=columns.skip,

@@ -51,7 +51,7 @@ def truth_of_data_set(place: Path, own: Trajectory | None, config: TruthConfig =
 def truth_of_path(place: Path, config: TruthConfig = DEFAULT_TRUTH, remap: Mapping[str, str] | None = None) -> Truth:
     """Return the truth of a bag or a file of poses; InputError if there is no truth.
 
-    `place` may also be another path if the configuration names a file or a bag.
+    If the configuration names a file or a bag, `place` need not contain poses.
     """
     if is_bag(place):
         from sfr_loc_map.io.bag.bag import Bag  # rosbags is imported only for bags
