@@ -54,7 +54,8 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     """Raise the error that corresponds to a score, which has been written.
 
     A failure of the method comes first. If the conventions of estimate and truth contradict each other, no limit is
-    judged. Otherwise missed limits take precedence over limits that could not be judged.
+    judged, and the error states the contradiction, also after a failure of the method. Otherwise missed limits take
+    precedence over limits that could not be judged.
     """
     from sfr_loc_map.metrics.judging.reasons import names_of_incomplete_parts, reasons_not_judged
     from sfr_loc_map.report.verdict_view import VerdictView
@@ -64,6 +65,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
         missed = [f"{view.name}: {view.comparison}" for view in views]
         kinds = ", ".join(item.kind for item in score.fatal_findings)
         reasons = [f"the method failed: {kinds}"] if kinds else []
+        reasons += [] if score.contradiction is None else [f"not judged: {score.contradiction}"]
         reasons += [] if score.incomplete is None else [f"incomplete: {names_of_incomplete_parts(score)}"]
         reasons += [f"{len(missed)} of {len(score.on_limits)} limits missed: {'; '.join(missed)}"] if missed else []
         raise FailedVerdictError("; ".join(reasons))

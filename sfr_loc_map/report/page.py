@@ -28,6 +28,7 @@ from sfr_loc_map.report.summary import (
     data_set_name,
     look_first,
     provenance_texts,
+    restrictions_of,
     run_facts,
 )
 from sfr_loc_map.report.table_formats import to_html
@@ -47,6 +48,7 @@ class Page:
     facts: Sequence[tuple[str, str]] = ()  #: Header of a score: names and texts.
     banner: Banner
     look_first: Sequence[LookFirst] = ()
+    warnings: Sequence[str] = ()  #: What restricts the meaning of the figures.
     first_tables: Sequence[Table] = ()
     sections: Sections = ()
     tables: Sequence[Table] = ()
@@ -77,6 +79,7 @@ def render_page(score: Score, *, plots: bool = True) -> str:
         facts=run_facts(score),
         banner=banner_of(score),
         look_first=look_first(score),
+        warnings=restrictions_of(score),
         first_tables=first,
         sections=score_plots(score) if plots else (),
         tables=others,

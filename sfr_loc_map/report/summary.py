@@ -1,4 +1,4 @@
-"""Summary of a score: the verdict over all limits, the facts of the header, and what to look at first.
+"""Summary of a score: the verdict over all limits, facts of the header, restrictions, and what to look at first.
 
 Pages, the test report, the live page and the last lines of a command show these texts.
 """
@@ -13,7 +13,9 @@ from pathlib import PurePath
 from typing import Any, NamedTuple
 
 from sfr_loc_map.config import flatten
+from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.catalogue import Subject
+from sfr_loc_map.metrics.caveats import caveats_of
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState, label_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
@@ -61,16 +63,17 @@ def banner_of(score: Score) -> Banner:
 
 
 def _banner_text(score: Score) -> str:
-    if score.contradiction is not None and not score.fatal_findings:
-        return f"Not judged: {score.contradiction}"
     sentences = []
     if score.fatal_findings:
         sentences.append(f"The method under test failed: {', '.join(item.kind for item in score.fatal_findings)}.")
+    if score.contradiction is not None:
+        sentences.append(f"Not judged: {score.contradiction}.")
     if score.incomplete is not None:
         sentences.append(f"Incomplete: {score.incomplete}.")
-    if score.on_limits:
+    if score.on_limits and score.contradiction is None:  # otherwise no limit is judged
         sentences.append(f"{counts_of(score.on_limits).text}.")
-    if certain := [item.certain for item in score.on_limits if item.certain is not None]:
+    certain = [item.certain for item in score.on_limits if item.certain is not None]
+    if certain and score.contradiction is None:
         sentences.append(
             f"For {sum(certain)} of {len(certain)} limits with a 95 % interval, the interval does not span the limit."
         )
@@ -171,6 +174,15 @@ def _texts(values: Mapping[str, Any]) -> dict[str, str]:
         items = value if isinstance(value, list) else [value]
         texts[name] = ", ".join(UNKNOWN if item is None else str(item) for item in items)
     return texts
+
+
+# ---- what restricts the score
+
+
+def restrictions_of(score: Score) -> tuple[str, ...]:
+    """Return the warnings and caveats of a score without the contradiction, which the banner states."""
+    texts = dict.fromkeys((*score.warnings, *caveats_of(score)))
+    return tuple(printable(text) for text in texts if text != score.contradiction)
 
 
 # ---- what to look at first

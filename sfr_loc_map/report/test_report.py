@@ -16,6 +16,7 @@ import msgspec
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.catalogue import CLAUSES, OF_SUB_TRAJECTORIES, STANDARD_DEVIATION
 from sfr_loc_map.metrics.caveats import caveats_of
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
 from sfr_loc_map.metrics.records import TargetRecord
 from sfr_loc_map.metrics.score import Score
@@ -225,9 +226,14 @@ def _anomalies(score: Score) -> Iterator[str]:
 
 
 def _open_points(score: Score) -> Iterator[str]:
+    """Yield the limits that are neither met nor missed, the verdicts that may change, and unknown facts."""
     for view in verdict_views(score):
         if view.reason:
             yield f"{view.title}: not enough data ({view.reason})."
+        elif view.item.state is VerdictState.NOT_JUDGED:
+            yield f"{view.title}: not judged, because estimate and truth contradict each other."
+        elif view.item.state is VerdictState.INCOMPLETE:
+            yield f"{view.title}: the data is incomplete."
         elif view.item.certain is False:
             yield f"{view.title}: the 95 % interval spans the limit; more data may change the verdict."
     if score.provenance is None or score.provenance.commit is None:

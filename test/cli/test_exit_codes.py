@@ -10,10 +10,14 @@ import pytest
 
 from helpers import ROOT
 from helpers.cli_result import Sfr
-from sfr_loc_map.errors import ExitCode
+from sfr_loc_map.cli.verdict import conclude
+from sfr_loc_map.errors import ExitCode, FailedVerdictError
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.records import FindingKind, FindingRecord
+from sfr_loc_map.metrics.score import Score
 
 SECOND_NS = 1_000_000_000
 CODES = ROOT / "docs" / "operating.md"
@@ -148,6 +152,13 @@ def test_a_convention_mismatch_judges_nothing_and_is_a_finding_of_the_doctor(
     assert found.code == ExitCode.FAILED
     assert "estimate and truth use different conventions" in found.err
     assert "the estimate looks wrong" in found.out
+
+
+def test_the_error_of_a_failed_method_states_a_contradiction_too() -> None:
+    crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")
+    score = judged(Score(contradiction="its quaternions are conjugated", findings=(crash,)), None)
+    with pytest.raises(FailedVerdictError, match="the method failed: crashed; not judged: its quaternions are conj"):
+        conclude(score, (), lenient=False)
 
 
 def test_the_table_is_in_the_help_and_in_the_docs(sfr: Sfr) -> None:

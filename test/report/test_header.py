@@ -6,10 +6,13 @@ from msgspec.structs import replace
 
 from helpers.made_scores import whole_score
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.records import InputFile, MethodKind, MethodRecord, Provenance
+from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.records import FindingKind, FindingRecord, InputFile, MethodKind, MethodRecord, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.verdict import Verdict
-from sfr_loc_map.report.summary import look_first
+from sfr_loc_map.report.page import render_page
+from sfr_loc_map.report.summary import banner_of, look_first, restrictions_of
 
 FAIL, PASS = VerdictState.FAIL, VerdictState.PASS
 
@@ -47,3 +50,23 @@ def test_missed_limits_come_first_the_worst_before_the_others() -> None:
     assert shown[0].what == "position error over 5 m, mean"
     (item,) = look_first(Score(verdicts=(verdict(0.4, 0.8, FAIL, "coverage_min"),)))
     assert item.why == "The limit is missed: 40 %, limit ≥ 80 %."
+
+
+def test_the_banner_states_a_contradiction_beside_a_failed_method() -> None:
+    limits = parse_limits({"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 1.0}]}, "test")
+    crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")
+    score = judged(replace(whole_score(), contradiction="its quaternions are conjugated"), limits)
+    assert banner_of(score).text == "Not judged: its quaternions are conjugated."
+    failed = banner_of(judged(replace(score, findings=(crash,)), limits))
+    assert failed.state == "fail"
+    assert failed.text == "The method under test failed: crashed. Not judged: its quaternions are conjugated."
+
+
+def test_the_page_states_each_warning_once_and_a_contradiction_in_the_banner_alone() -> None:
+    wrong, warning = "its quaternions are conjugated", "the truth is <noisy>"
+    score = replace(whole_score(), contradiction=wrong, warnings=(wrong, warning), caveats=(warning,))
+    assert restrictions_of(score) == (warning,)
+    page = render_page(score, plots=False)
+    assert page.count("<li>the truth is &lt;noisy&gt;</li>") == 1
+    assert page.count(wrong) == 1
+    assert 'id="warnings"' not in render_page(replace(score, warnings=(), caveats=()), plots=False)

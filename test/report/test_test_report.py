@@ -1,5 +1,6 @@
 """The test report and JUnit: figures are those of the JSON, links lead somewhere, a pipeline reads every state."""
 
+import html
 import json
 import re
 import xml.etree.ElementTree as ET
@@ -193,6 +194,20 @@ def test_the_reason_of_an_open_bound_is_what_it_needs() -> None:
     assert item.row == place
     assert 'data-key="verdicts.0.independent"' in text
     assert "58 more drives" in junit({"score 1": score})
+
+
+def test_each_limit_that_is_neither_met_nor_missed_is_an_open_point() -> None:
+    whole, _, part = scores()
+    other = judged_again(replace(whole, contradiction="the quaternions are conjugated"))
+    open_states = (VerdictState.NOT_ENOUGH_DATA, VerdictState.INCOMPLETE, VerdictState.NOT_JUDGED)
+    found = set()
+    for score in (whole, part, other):
+        _, _, listed = render_test_report([score]).partition("Open points</h2>")
+        for item in score.verdicts:
+            if item.state in open_states:
+                assert html.escape(f"{VerdictView.of(item).title}: ") in listed, item.name
+                found.add(item.state)
+    assert found == set(open_states)
 
 
 def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
