@@ -1,6 +1,7 @@
 """The formats of a table: terminal, HTML, Markdown and CSV.
 
-All formats but CSV have the same texts. The icon of a verdict has a colour on the terminal. CSV has the exact values.
+All formats but CSV have the same texts. Markdown and HTML have an icon before a verdict. The terminal has the colour of
+the verdict instead. CSV has the exact values.
 """
 
 from __future__ import annotations
@@ -82,14 +83,14 @@ def _html_cell(cell: Cell, column: Column, *, lean: bool) -> str:
     if cell.kind is CellKind.VERDICT:
         css = VERDICTS.get(cell.text, OPEN).css
         return f'<td class="verdict {css}"><span class="icon" aria-hidden="true">{cell.icon}</span> {text}</td>'
-    attributes = WORDS * column.words
+    classes = " ".join(filter(None, ("words" if column.words else "", cell.mark)))
+    attributes = f' class="{classes}"' if classes else ""
     if cell.key and not lean:
         attributes += f' data-key="{escape(cell.key)}"'
     if cell.mark:
-        attributes += f' class="{cell.mark}"'
         text = f'<span title="{cell.mark} of the column">{cell.sign}</span> {text}'
     if isinstance(cell.value, (int, float)) and not lean:
-        attributes += f' data-value="{cell.value}" title="{escape(cell.key)} = {cell.value}"'
+        attributes += f' data-value="{cell.value}" title="{f"{escape(cell.key)} = " if cell.key else ""}{cell.value}"'
     return f"<td{attributes}>{text}</td>"
 
 
@@ -124,7 +125,7 @@ def to_csv(tables: Iterable[Table]) -> str:
                 found: list[tuple[str, str]] = []
                 if cell.kind is CellKind.VERDICT:
                     found = [("", cell.text)]
-                elif isinstance(cell.value, tuple):
+                elif isinstance(cell.value, tuple) and cell.key:
                     found = [(f"{cell.key}.{end}", repr(bound)) for end, bound in zip(ENDS, cell.value, strict=True)]
                 elif cell.key:
                     found = [(cell.key, "" if cell.value is None else repr(cell.value))]

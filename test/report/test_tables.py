@@ -1,6 +1,8 @@
 """One table, four renderers: exact values kept, every text shown as it is."""
 
 import io
+import re
+from dataclasses import replace
 
 from rich.console import Console
 
@@ -44,6 +46,15 @@ def test_markdown() -> None:
     )
     assert lines[7] == "| none | unknown | - | ? open |"
     assert lines[9] == "A \\* note."
+
+
+def test_a_cell_without_a_key_names_no_key_and_a_marked_cell_of_words_has_one_class() -> None:
+    marked = replace(Cell.number(0.5), mark="best")
+    cells = (Cell.head("none"), marked, Cell.interval((1.0, 2.5)))
+    table = Table("t", "T", (Column("a"), Column("b", words=True), Column("c")), (cells,))
+    (row,) = re.findall("<td.*?</td>", to_html(table).partition("<tbody>")[2])[:1]
+    assert row.startswith('<td class="words best" data-value="0.5" title="0.5">')
+    assert to_csv([table]).splitlines() == ["table,row,column,key,value"]
 
 
 def terminal(table: Table) -> str:
