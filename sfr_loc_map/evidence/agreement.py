@@ -17,20 +17,20 @@ from scipy.special import gammaincc
 
 from sfr_loc_map.evidence.check_result import CheckResult
 from sfr_loc_map.evidence.item_rows import items_with
-from sfr_loc_map.evidence.paired_runs import SPACING, RunAtPairs, Span, paired, spans_of, without_common_frame
+from sfr_loc_map.evidence.paired_runs import SPACING, RunAtPairs, paired, spans_of
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.config import Condition, label_of
-from sfr_loc_map.metrics.consistency import normalised_square, relative_errors
+from sfr_loc_map.metrics.consistency import Span, normalised_square, relative_errors, without_overlap
 from sfr_loc_map.metrics.intervals import chi2_interval95
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.trajectory_errors import select
 from sfr_loc_map.report.tables import METRE, Cell, Column, Table, fitting
 
 SIGNIFICANCE = 0.05  #: Probability of a false finding over all comparisons of a recording.
-MIN_SUB_TRAJECTORIES = 3  #: Minimum number of sub-trajectories that share no frame.
+MIN_SUB_TRAJECTORIES = 3  #: Minimum number of sub-trajectories that do not overlap.
 DEGREES = 6  #: Degrees of freedom of a pose error.
 PLACES = "revisited places"  #: Label of a comparison without a condition.
 
@@ -40,9 +40,9 @@ class Differences(NamedTuple):
 
     position_m: FloatArray  #: `(n, 3)`
     attitude_deg: FloatArray  #: `(n,)`
-    squares: FloatArray  #: `(m,)` of sub-trajectories that share no frame.
+    squares: FloatArray  #: `(m,)` of sub-trajectories that do not overlap.
     lengths_m: FloatArray  #: `(n, 2)` straight-line distances of both runs.
-    independent: int  #: Number of sub-trajectories that share no frame.
+    independent: int  #: Number of sub-trajectories that do not overlap.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +71,7 @@ def compare(first: Run, other: Run, condition: Condition) -> Agreement:
         attitude_deg=np.degrees(np.linalg.norm(errors[:, 3:], axis=1)),
         squares=squares,
         lengths_m=np.stack([np.linalg.norm(move, axis=1) for move in moves], axis=1),
-        independent=len(list(without_common_frame(spans_of(starts, ends)))),
+        independent=len(list(without_overlap(spans_of(starts, ends)))),
     )
     return Agreement(
         name=f"{first.name} - {other.name}",
@@ -82,7 +82,7 @@ def compare(first: Run, other: Run, condition: Condition) -> Agreement:
 
 
 def squares_of(ours: RunAtPairs, theirs: RunAtPairs, starts: IntArray, ends: IntArray) -> list[float]:
-    """Return the normalised squares of the differences over sub-trajectories that share no frame.
+    """Return the normalised squares of the differences over sub-trajectories that do not overlap.
 
     Sub-trajectories with a lost pose or an unknown covariance are skipped.
     """
@@ -102,7 +102,7 @@ def squares_of(ours: RunAtPairs, theirs: RunAtPairs, starts: IntArray, ends: Int
             turn = np.kron(np.eye(2), turns[start])  # from the axes of the other run to those of our run
             covariances[start, end] = our_covariance + turn @ their_covariance @ turn.T
     squares = []
-    for start, end in without_common_frame(covariances):
+    for start, end in without_overlap(covariances):
         (difference,) = relative_errors(ours.poses, theirs.poses, np.array([start]), np.array([end]))
         squares.append(normalised_square(difference, covariances[start, end]))
     return squares

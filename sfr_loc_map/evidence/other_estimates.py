@@ -18,7 +18,7 @@ from sfr_loc_map.report.tables import METRE, PERCENT, Cell, Column, Table, fitti
 def scale_row(agreement: Agreement) -> Figure:
     """Return the relative excess length of the first run over the other run, with its 95 % interval.
 
-    The interval assumes that sub-trajectories without a common frame are independent. If the other run is wheel
+    The interval assumes that sub-trajectories that do not overlap are independent. If the other run is wheel
     odometry without slip, the scale error is that of the ratio of baseline and focal length.
     """
     lengths_m = agreement.differences.lengths_m

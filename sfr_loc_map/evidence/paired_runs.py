@@ -6,7 +6,6 @@ the frames in the same direction.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +17,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.metrics.association import StampedPoses, associate
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.consistency import StepSums, relative_covariance, sums_of_steps
+from sfr_loc_map.metrics.consistency import Span, StepSums, relative_covariance, sums_of_steps
 
 SPACING = 5  #: Frames between starts. Half of the spacing of a score, for short recordings.
-Span = tuple[int, int]  #: First and last frame of a sub-trajectory.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,12 +93,3 @@ def random_covariance(start: StepSums, end: StepSums, position: FloatArray) -> F
 def spans_of(starts: IntArray, ends: IntArray) -> list[Span]:
     """Return sub-trajectories as pairs of frames."""
     return list(zip(starts.tolist(), ends.tolist(), strict=True))
-
-
-def without_common_frame(spans: Iterable[Span]) -> Iterator[Span]:
-    """Yield the sub-trajectories that share no frame but an end, selected greedily from the first."""
-    free_from = 0
-    for start, end in spans:
-        if start >= free_from:
-            yield start, end
-            free_from = end

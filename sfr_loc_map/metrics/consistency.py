@@ -9,14 +9,15 @@ both propagated to the origin of DS, and W is `F N F^T`. Then
     Q(i, j) = F(p_j) (C_j - C_i + W_i + W_j + (G_j - G_i) (G_j - G_i)^T) F(p_j)^T
 
 If the steps are unknown, Q is the growth of the published covariance, `P_end - F P_start F^T`. Q is not usable if the
-covariance shrank, for example because a calibration was estimated. Only sub-trajectories that share no frame are used,
-because they are independent. The noise s of the truth at both ends is added: `2 s^2` for positions, `s^2` for the
-attitude at the end, and `F s^2 F^T` for the attitude at the start, which rotates the displacement.
+covariance shrank, for example because a calibration was estimated. Only sub-trajectories that do not overlap are used,
+because they share no step. Two of them may have a common end. Its noise enters both errors, and this correlation is
+neglected. The noise s of the truth at both ends is added: `2 s^2` for positions, `s^2` for the attitude at the end, and
+`F s^2 F^T` for the attitude at the start, which rotates the displacement.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ STEP_SIZE: Final = 48
 """Numbers of a step: upper triangle of its covariance, systematic errors, upper triangle of the noise of its pose."""
 WITHOUT_NOISE: Final = 27  #: Numbers of a step without the noise of its pose.
 SYSTEMATIC: Final = slice(21, 27)
+Span = tuple[int, int]  #: First and last frame of a sub-trajectory.
 
 
 class StepSums(NamedTuple):
@@ -97,7 +99,7 @@ def nees_rows(
     ends: IntArray,
     truth_sigmas: tuple[float, float] = (0.0, 0.0),
 ) -> Iterator[Figure]:
-    """Yield the mean NEES of sub-trajectories that share no frame; nothing if no covariance is known.
+    """Yield the mean NEES of sub-trajectories that do not overlap; nothing if no covariance is known.
 
     `truth_sigmas` are the standard deviations of the truth in position (m) and attitude (deg) along each axis. The
     mean NEES of a consistent covariance lies between `low95` and `high95` with a probability of 95 %. `value` is the
@@ -138,17 +140,21 @@ def nees_rows(
 
 
 def independent_pairs(covariance: FloatArray, frames: Frames, starts: IntArray, ends: IntArray) -> IntArray:
-    """Return starts and ends `(M, 2)` of sub-trajectories that share no frame and whose covariances are known."""
+    """Return starts and ends `(M, 2)` of sub-trajectories that do not overlap and whose covariances are known."""
     is_finite = np.isfinite(covariance).all(axis=1)
     is_known = np.asarray(is_finite & (covariance[:, DIAGONAL] < LOST_VARIANCE).all(axis=1))
     has_both = is_known[frames.estimate_rows[starts]] & is_known[frames.estimate_rows[ends]]
-    chosen = []
+    spans = zip(starts[has_both].tolist(), ends[has_both].tolist(), strict=True)
+    return np.array(list(without_overlap(spans)), np.intp).reshape(-1, 2)
+
+
+def without_overlap(spans: Iterable[Span]) -> Iterator[Span]:
+    """Yield the sub-trajectories that do not overlap, selected greedily from the first; two may have a common end."""
     free_from = 0
-    for start, end in zip(starts[has_both].tolist(), ends[has_both].tolist(), strict=True):
+    for start, end in spans:
         if start >= free_from:
-            chosen.append((start, end))
+            yield start, end
             free_from = end
-    return np.array(chosen, np.intp).reshape(-1, 2)
 
 
 def published_growth(before: FloatArray, after: FloatArray, move: FloatArray) -> FloatArray:
