@@ -50,7 +50,7 @@ class LimitCounts(NamedTuple):
 
 
 class Verdict(Record, frozen=True, kw_only=True):
-    """The verdict on one limit."""
+    """The verdict on one limit of the limits file, or on failed calls or incomplete results, which have no figure."""
 
     id: str | None = None  #: Identifier of the requirement in the limits file.
     text: str | None = None  #: Text of the requirement in the limits file.

@@ -74,7 +74,11 @@ def _marked(cells: list[Cell], *, larger_is_better: bool) -> list[Cell]:
 
 
 def _methods(named: Named) -> Table:
-    """Return a table with a row per method; its columns are the compared figures of the catalogue, first condition."""
+    """Return a table with a row per method.
+
+    The columns are the verdict, the kind, the compared statistics of the figures whose mean + 3 sigma is compared (over
+    the first condition), frames, coverage, times, memory and findings.
+    """
     shown = [
         MethodColumn(Column("verdict", words=True), _verdict, is_marked=False),
         MethodColumn(Column("kind", words=True), _kind, is_marked=False),

@@ -130,7 +130,7 @@ def verdict_views(score: Score) -> Iterator[VerdictView]:
 
 def name_of(item: Verdict) -> str:
     """Return the name of a limited number: `position error over 5 m, mean + 3 sigma`."""
-    if item.figure is None:  # a verdict without a limit: failed calls, incomplete results
+    if item.figure is None:  # a verdict that is on no limit of the limits file: failed calls, incomplete results
         return item.name.removesuffix("_min").replace("_", " ")
     return limited_name(item.figure, item.part, item.condition, item.statistic)
 
@@ -157,7 +157,7 @@ def sign_of(item: Verdict) -> str:
 
 def unit_of(item: Verdict) -> Unit:
     """Return the display unit of a limit, its figure and its interval; fractions are in per cent."""
-    if item.figure is None:  # a verdict without a limit: the judged fraction, or a count
+    if item.figure is None:  # a verdict that is on no limit of the limits file: the judged fraction, or a count
         return PERCENT if item.is_lower_bound else Unit()
     kind = KINDS[item.figure]
     if kind.unit == "1":
