@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from functools import partial
@@ -11,6 +12,7 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.inputs import Task, stamp_of
@@ -24,7 +26,7 @@ from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.topics import CLOUD, DIAGNOSTICS, ESTIMATE, call_topic
 
 QUEUE_DEPTH = 1000
-QUIET_S = 5.0  #: Time for which a replay at a rate waits for further results after the last one, s.
+QUIET_S = 5.0  #: Time for which the end of a replay waits for further results after the last one, s.
 
 
 class ResultCollector:
@@ -94,12 +96,13 @@ class ResultCollector:
     def finish(self) -> None:
         """Wait for the missing results, finish a map in progress, and wait for the last map.
 
-        Each wait ends if no result has arrived for `QUIET_S`, so that lost pairs do not fail a replay at a rate.
+        Each wait for results ends if none has arrived for `QUIET_S`, so that lost pairs do not fail a replay at a rate.
+        The wait for the answer of our mapper is longer, because nothing arrives during a fusion.
         """
         results = self.results
         self._wait_while_results_arrive(lambda: all(self._has_results(*pair) for pair in results.sent_pairs))
-        maps = self._finish_map()
-        self._wait_while_results_arrive(lambda: results.map_count >= maps)
+        if results.external_task is not Task.MAPPING and results.sent_stamps(Task.MAPPING.rig):
+            self._finish_map()
         self._check_nodes()
 
     def close(self) -> None:
@@ -122,15 +125,24 @@ class ResultCollector:
         external = self._external_of(rig)
         return self.results.has_pair(rig, stamp_ns) if external is None else external.is_settled(stamp_ns)
 
-    def _finish_map(self) -> int:
-        """Let our mapper finish a map in progress; return the number of expected maps of the pairs that it received."""
-        if self.results.external_task is Task.MAPPING:
-            return 0
+    def _finish_map(self) -> None:
+        """Let our mapper finish a map in progress, and wait for the maps of the pairs that it received.
+
+        The mapper answers after the pairs and fusions that it received before. The answer is a failure if no map is in
+        progress, so that only a missing map of left pairs is an error.
+        """
+        problem = f"{Task.MAPPING.node} did not finish its map"
+        answer = self._peer.request(Trigger, f"{Task.MAPPING.node}/finish", Trigger.Request(), problem)
+        self._wait_while_results_arrive(self._has_all_maps)
         maps, left = divmod(len(self.results.mapped_stamps), self._pairs_per_map)
-        if not left:
-            return maps
-        self._peer.call_trigger(f"{Task.MAPPING.node}/finish", f"{Task.MAPPING.node} did not finish its map")
-        return maps + 1
+        if left and self.results.map_count <= maps and not answer.success:
+            raise NodeError(f"{problem}: {answer.message}")
+
+    def _has_all_maps(self) -> bool:
+        """Return whether our mapper has published the results of all its pairs and their maps."""
+        pairs = len(self.results.sent_stamps(Task.MAPPING.rig))
+        maps = math.ceil(pairs / self._pairs_per_map)
+        return len(self.results.mapped_stamps) == pairs and self.results.map_count >= maps
 
     def _wait_while_results_arrive(self, is_complete: Callable[[], bool]) -> None:
         """Wait until a condition holds, or until no result has arrived for `QUIET_S`."""

@@ -1,5 +1,6 @@
 """A replay fails with what one of its nodes reports, and ignores what other nodes report."""
 
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -72,3 +73,49 @@ def test_a_lost_pair_does_not_fail_the_map_of_a_shortened_replay(monkeypatch: py
         add_call(MappingState.MAPPED)
         collected.finish()
     assert (results.mapped_stamps, results.map_count) == ([1], 1)
+
+
+@pytest.mark.parametrize("is_lock_step", [True, False])
+def test_a_fusion_that_takes_longer_than_the_quiet_time_keeps_its_map(
+    monkeypatch: pytest.MonkeyPatch, is_lock_step: bool
+) -> None:
+    """The mapper answers after the fusion, although no map is in progress then."""
+    monkeypatch.setattr(module, "QUIET_S", 0.2)
+    supervisor = SimpleNamespace(processes={}, check=lambda: None)
+    results = ReceivedResults()
+
+    def add_call(state: MappingState) -> None:
+        results.add_call(Task.MAPPING, CallRecord(1, 0.1, state, task=Task.MAPPING))
+
+    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        time.sleep(0.6)
+        add_call(MappingState.MAPPED_SET)
+        results.add_cloud(1, PointCloud.from_structured(np.zeros(2, PointCloud.dtype())))
+        response.message = "a map is fused from 1 to 3 pairs: got 0"
+        return response
+
+    with ReplayPeer(supervisor) as peer:
+        peer.ros_node.create_service(Trigger, "mapping_node/finish", answer)
+        collected = ResultCollector(peer, results, None, pairs_per_map=1, is_lock_step=is_lock_step)
+        add_call(MappingState.MAPPED)
+        results.add_sent("nav", 1)
+        collected.finish()
+    assert results.map_count == 1
+
+
+def test_a_map_of_left_pairs_that_cannot_be_finished_fails_the_replay(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "QUIET_S", 0.2)
+    supervisor = SimpleNamespace(processes={}, check=lambda: None)
+    results = ReceivedResults()
+
+    def refuse(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = "the pairs are of other cameras"
+        return response
+
+    with ReplayPeer(supervisor) as peer:
+        peer.ros_node.create_service(Trigger, "mapping_node/finish", refuse)
+        collected = ResultCollector(peer, results, None, pairs_per_map=3, is_lock_step=True)
+        results.add_call(Task.MAPPING, CallRecord(1, 0.1, MappingState.MAPPED, task=Task.MAPPING))
+        results.add_sent("nav", 1)
+        with pytest.raises(NodeError, match=r"^mapping_node did not finish its map: the pairs are of other cameras$"):
+            collected.finish()
