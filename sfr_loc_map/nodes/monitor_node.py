@@ -109,7 +109,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     """Receives estimates, ground truth, clouds and calls, and publishes the score.
 
     State of the node, and what becomes of the state at a new run of any source and at `~/reset`. An activation keeps
-    all state but the waiting messages. A configuration and a clean-up create all state again (`reset_state`).
+    all state but the waiting messages and whether the ground truth was received, because the type of the ground truth
+    may have changed. A configuration and a clean-up create all state again (`reset_state`).
 
     | state | new run | `~/reset` |
     |---|---|---|
@@ -118,6 +119,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     | clouds, true points and `nav/pose` of maps | kept, because a map may be in progress | kept |
     | calibration, configurations of the nodes | kept | kept |
     | whether an estimate and the ground truth were received | kept | kept |
+    | type and origin of the ground truth (`TopicTruthInput`) | kept | kept |
 
     Ground truth from /tf also has runs of its own (`TruthFrame`).
     """
@@ -145,6 +147,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def subscribe(self) -> None:
         """Subscribe and offer services."""
         config = self.config
+        self._has_truth = False
         deep, shallow = QoSProfile(depth=config.input.queue_depth), QoSProfile(depth=10)
         of_rover, info = (profile(config.input.reliability, depth) for depth in (config.input.queue_depth, 10))
         self._receive(Odometry, ESTIMATE, self._on_estimate, deep)

@@ -294,6 +294,27 @@ def test_the_truth_may_have_each_type_that_is_scored_of_files(ros: None, capfd: 
         assert score["truth"]["attitude"] is (kind not in (PointStamped, NavSatFix))
 
 
+def test_a_truth_of_another_type_is_received_after_another_activation_with_the_same_origin(
+    ros: None, capfd: Capture
+) -> None:
+    positions, quats = turning_drive(2)
+    with ExitStack() as stack:
+        peer = stack.enter_context(Manager("monitor_node"))
+        node = stack.enter_context(LocalNode(peer, capfd, MonitorNode)).node
+        truth = stack.enter_context(tracker(NavSatFix))
+        peer.until(lambda: node.count_publishers("/ground_truth/odometry"), "the publisher")
+        node.report_periodically()
+        for k in range(2):
+            if k:
+                assert peer.change(Transition.TRANSITION_DEACTIVATE) == (True, "inactive")
+                peer.until(lambda: not truth.get_subscription_count(), "the end of the subscription")
+                assert peer.change(Transition.TRANSITION_ACTIVATE) == (True, "active")
+            peer.until(truth.get_subscription_count, "the subscription")
+            truth.publish(truth_message(NavSatFix, START_NS + k * 10**8, positions[k], quats[k]))
+            peer.until(lambda count=k + 1: len(node._score._truth) == count, "the true pose")
+        assert np.linalg.norm(node._score._truth.all()["position"][-1]) > 1.0
+
+
 def test_figures_that_cannot_be_computed_are_not_reported_as_published(
     ros: None, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

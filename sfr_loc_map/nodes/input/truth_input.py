@@ -29,11 +29,11 @@ MAX_WAITING = 1000  #: Transforms per frame that wait for those of other frames;
 class TruthTopic:
     """Subscribes to true poses with the published type, because a process can use only one type per topic."""
 
-    def __init__(self, subscribe: Callable[[str], Callable[[], object]]) -> None:
-        """Begin with odometry; `subscribe` subscribes with a type and returns the function that unsubscribes."""
-        self.msgtype = ODOMETRY
+    def __init__(self, subscribe: Callable[[str], Callable[[], object]], msgtype: str = ODOMETRY) -> None:
+        """Begin with a type; `subscribe` subscribes with a type and returns the function that unsubscribes."""
+        self.msgtype = msgtype
         self._subscribe = subscribe
-        self._unsubscribe = subscribe(ODOMETRY)
+        self._unsubscribe = subscribe(msgtype)
 
     def follow(self, published: Sequence[str]) -> bool:
         """Change to a published type of true poses if the present type is not published; return whether it changed."""
@@ -151,15 +151,19 @@ class TopicTruthInput(TruthInput):
     def __init__(self, node: Node, reliability: Reliability) -> None:
         """Receive nothing yet."""
         self._node, self._reliability = node, reliability
+        self._msgtype = ODOMETRY
+        self._reader = TruePoses(ODOMETRY)
 
     def subscribe(self, add_subscription: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
-        """Receive true poses of the published type."""
+        """Receive true poses of the published type, at another activation first of the last type."""
 
         def subscribe_to(msgtype: str) -> Callable[[], object]:
-            reader = TruePoses(msgtype)
+            if msgtype != self._msgtype:
+                self._msgtype, self._reader = msgtype, TruePoses(msgtype)
+            reader = self._reader
             return add_subscription(message_type(msgtype), TRUE_POSES, lambda message: add(reader.rows(message)), qos)
 
-        self._topic = TruthTopic(subscribe_to)
+        self._topic = TruthTopic(subscribe_to, self._msgtype)
 
     def reason_for_silence(self) -> str:
         """Subscribe with the published type if it has changed; otherwise return why no true pose was received."""
