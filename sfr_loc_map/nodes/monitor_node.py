@@ -136,8 +136,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def setup(self) -> None:
         """Read the limits, keep the report of an earlier run, and create publishers."""
         config = self.config
-        limits = load_limits(Path(config.limits_file)) if config.limits_file else None
-        self._score = MonitorScore(config.score, limits, config.truth)
+        if config.limits_file:
+            self._score = MonitorScore(config.score, load_limits(Path(config.limits_file)), config.truth)
         if self._report_file is not None:
             self._report_file.check()
             if config.save_period_s:
@@ -170,6 +170,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def reset_state(self) -> None:
         """Create the state of the node, without input and results."""
         config = self.config
+        self._score = MonitorScore(config.score, None, config.truth)  # `setup` reads the limits
         self._report_file = ReportFile(Path(config.save_file)) if config.save_file else None
         self._lost_in_transport = 0  # messages
         self._camera_infos = CameraInfoPair()

@@ -315,6 +315,17 @@ def test_a_truth_of_another_type_is_received_after_another_activation_with_the_s
         assert np.linalg.norm(node._score._truth.all()["position"][-1]) > 1.0
 
 
+def test_a_clean_up_discards_the_score(ros: None, capfd: Capture) -> None:
+    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode) as local:
+        node = local.node
+        peer.publish(Odometry, "localisation/odometry", raw(bag_messages.odometry(START_NS, np.zeros(3), NO_TURN)))
+        peer.until(lambda: len(node._score._estimates) == 1, "the estimate")
+        assert peer.change(Transition.TRANSITION_DEACTIVATE) == (True, "inactive")
+        assert len(node._score._estimates) == 1
+        assert peer.change(Transition.TRANSITION_CLEANUP) == (True, "unconfigured")
+        assert not len(node._score._estimates)
+
+
 def test_figures_that_cannot_be_computed_are_not_reported_as_published(
     ros: None, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
