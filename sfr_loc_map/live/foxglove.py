@@ -103,9 +103,9 @@ class FoxgloveServer:
     def _send_figures(self) -> None:
         """Send the state as JSON, and both paths."""
         with self._state.lock:
-            rows = list(self._state.path.rows)
+            rows, newest = list(self._state.path.rows), self._state.path.newest
         self._channels[FIGURES].log(json.dumps(self._state.to_plain(time.time()), allow_nan=False).encode())
-        stamp = _stamp(rows[-1].stamp_ns if rows else 0)
+        stamp = _stamp(0 if newest is None else newest.stamp_ns)
         estimate, truth = [row.position_m for row in rows], [row.truth_m for row in rows if row.truth_m]
         for topic, places in ((ESTIMATE, estimate), (TRUTH, truth)):
             poses = [_pose(place) for place in places]

@@ -68,6 +68,7 @@ class LivePath:
         self.version += 1
         self.before_m = 0.0  # distance travelled before the first received pose
         self.rows: list[PathRow] = []
+        self.newest: PathRow | None = None  # the last pose, also if thinning drops it from `rows`
         self._last_ns: dict[Track, int] = {}  # last stamp of each track
         self._count = 0
         self._every = 1
@@ -134,6 +135,7 @@ class LivePath:
             distance_m=distance_m,
         )
         self._count += 1
+        self.newest = row
         if row.n % self._every == 0 or row.lost:
             self.rows.append(row)
             if len(self.rows) > MAX_ROWS:

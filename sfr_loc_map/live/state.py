@@ -143,7 +143,7 @@ class LiveState:
         """Return the `live` part of `state.json` as JSON values, without events and the content of the report."""
         with self.lock:
             silent = self._silent_nodes(now_s)
-            report, rows = self.report, self.path.rows
+            report, newest = self.report, self.path.newest
             age_s = self._age_of_verdict_s(now_s)
             topics = {
                 name: topic.to_plain(now_s, self.lost.get(name, 0)) for name, topic in sorted(self.topics.items())
@@ -173,7 +173,7 @@ class LiveState:
                 "topics": topics,
                 "localisation": self._localisation_to_plain(now_s),
                 "last_call": {item.call.node: item.to_plain() for item in self._last_calls()},
-                "poses": rows[-1].n + 1 if rows else 0,
+                "poses": 0 if newest is None else newest.n + 1,
                 "problems": list(self.problems),
                 "image_problems": {topic: text for topic, text in self.image_problems.items() if text},
             }
@@ -197,9 +197,9 @@ class LiveState:
 
         `stale` states whether a newer pose is overdue, or the node has become silent.
         """
-        if not self.path.rows:
+        row, node = self.path.newest, self.nodes.get(LOCALISATION_NODE)
+        if row is None:
             return None
-        row, node = self.path.rows[-1], self.nodes.get(LOCALISATION_NODE)
         topic = self.topics.get(ESTIMATE)
         plain = dict(zip(ROW_FIELDS, row.to_plain(), strict=True))
         plain |= asdict(state_of_pose(None if node is None else node.call, covariance_is_lost=row.lost))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.live.path import LivePath
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.live.path import MAX_ROWS, LivePath
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PoseSample, Report, Track
 from sfr_loc_map.metrics.records import Association
@@ -109,3 +109,18 @@ def test_late_poses_begin_no_run_on_the_page_because_they_begin_none_in_the_moni
     shown = [row.stamp_ns for row in state.path.rows]
     assert shown == [(number + 1) * NS_PER_S // 10 for number in range(44) if number not in late]
     assert not [event for event in state.events_to_plain() if event["kind"] == "clock"]
+
+
+def test_the_last_pose_is_shown_also_if_the_path_is_thinned() -> None:
+    """A long path keeps every second pose and each lost one; the pose that is displayed is the last received one."""
+    state = LiveState()
+    for number in range(MAX_ROWS + 2):
+        state.put(pose(Track.ESTIMATE, number, drive(number)))
+    lost, found = MAX_ROWS + 2, MAX_ROWS + 3
+    state.put(pose(Track.ESTIMATE, lost, drive(lost), LOST_VARIANCE))
+    state.put(pose(Track.ESTIMATE, found, drive(found)))
+    live = state.live_to_plain(found)
+    assert live["localisation"]["position_m"] == pytest.approx(drive(found).translation.tolist())
+    assert not live["localisation"]["lost"]
+    assert live["poses"] == found + 1
+    assert state.path.rows[-1].lost, "the last pose is not kept"
