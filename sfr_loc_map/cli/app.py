@@ -48,11 +48,14 @@ class CommandRun:
     """Data of a running command for its last line and its exit code."""
 
     next_line: str = ""  #: Proposed next command; empty if there is none.
+    prints_json: bool = False  #: Whether JSON is printed to standard output.
     failed_outputs: list[str] = field(default_factory=list)  #: Failures of secondary outputs.
 
     def last_line(self, code: int) -> str:
         """Return the last line of a command that ended with an exit code; empty if there is none."""
-        is_shown = os.environ.get(HINTS, "1") != "0" and code in (ExitCode.OK, ExitCode.FAILED, ExitCode.NOT_JUDGED)
+        if self.prints_json or os.environ.get(HINTS, "1") == "0":
+            return ""
+        is_shown = code in (ExitCode.OK, ExitCode.FAILED, ExitCode.NOT_JUDGED)
         return f"next: {self.next_line}" if self.next_line and is_shown else ""
 
 
@@ -76,14 +79,14 @@ def current_run() -> CommandRun:
 
 
 def propose(*words: str | Path, why: str = "") -> None:
-    """Set the last line of the command: a command line, quoted unless it is one word. An empty word removes the line.
+    """Set the last line of the command: a command line, quoted unless it is one word.
 
     A first word `...` stands for the command line of the user.
     """
     line = str(words[0]) if len(words) == 1 else shlex.join(map(str, words))
     if line.startswith("..."):
         line = shlex.join(["sfr", *sys.argv[1:]]) + line[3:]
-    current_run().next_line = f"{line}    # {why}" if line and why else line
+    current_run().next_line = f"{line}    # {why}" if why else line
 
 
 # ---- the application

@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sfr_loc_map.atomic import atomic_path, check_output, exchange, output_target, write_text
-from sfr_loc_map.cli.app import current_run, propose
+from sfr_loc_map.cli.app import current_run
 from sfr_loc_map.errors import OutputError, SfrError
 from sfr_loc_map.inputs import one_line, printable
 
@@ -136,7 +136,7 @@ def show(content: object, place: str | None, tables: Iterable[Table]) -> None:
     from sfr_loc_map.report.table_formats import print_tables
 
     if place == STANDARD_OUTPUT:
-        propose("")
+        current_run().prints_json = True
         typer.echo(json_line(content), nl=False)
         return
     if place is not None:

@@ -328,11 +328,9 @@ def _write_secondary(
 
 
 def _propose_next(result: Score, json_path: str | None, html: Path | None) -> None:
-    """Propose the next command after a score, unless JSON is printed."""
+    """Propose the next command after a score."""
     from sfr_loc_map.metrics.judging.incomplete import is_lifted_by_partial
 
-    if json_path == STANDARD_OUTPUT:
-        return
     if result.incomplete is not None and is_lifted_by_partial(result):
         propose("... --partial", why="judges the part that the estimate covers")
     elif result.contradiction is not None:

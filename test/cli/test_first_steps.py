@@ -8,11 +8,13 @@ from pathlib import Path
 import pytest
 
 from helpers.cli_result import Sfr
+from helpers.made_scores import whole_score
 from sfr_loc_map.config import parameters, read_config
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.limits import PLACES, LimitSection
+from sfr_loc_map.metrics.score_json import to_json
 
 TUM = "".join(f"{k} {k} 0 0 0 0 0 1\n" for k in range(60))
 
@@ -68,3 +70,10 @@ def test_the_next_step_repeats_the_options_that_were_given(hints: Sfr, trajector
     steps.append(hints(*given, "--limits", trajectory.with_name("none.yaml")).err)
     assert steps[0] == f"next: sfr {' '.join(map(str, given))} --limits limits.yaml --html report.html"
     assert "next:" not in steps[1]
+
+
+def test_no_next_step_is_printed_beside_json(hints: Sfr, tmp_path: Path) -> None:
+    (score := tmp_path / "score.json").write_text(to_json(whole_score()))
+    report = ("report", score, "-o", tmp_path / "page.html")
+    assert hints(*report).err.splitlines()[-1].startswith("next: open ")
+    assert "next:" not in hints(*report, "--overwrite", "--json", "-").err
