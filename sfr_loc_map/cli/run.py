@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
@@ -57,7 +56,7 @@ def run(
     require_ros("run")
     propose("sfr doctor", why="checks the inputs of the running nodes")
     from sfr_loc_map.nodes.launch.processes import node_names, run_nodes
-    from sfr_loc_map.nodes.launch.run_arguments import run_arguments
+    from sfr_loc_map.nodes.launch.run_arguments import run_arguments, topic_rules
 
     given = list(names or ())
     cut = given.index(ROS_ARGS) if ROS_ARGS in given else len(given)
@@ -72,9 +71,9 @@ def run(
     with TemporaryDirectory(prefix="sfr-run-") as scratch:
         if config is not None:
             arguments[1:1] = run_arguments(config, Path(scratch) / "parameters.yaml")
-        topics = [rule for word, rule in pairwise([*arguments, *more]) if word == "-r" and not rule.startswith("__")]
-        with live_page(live, live_port, namespace, topics):
-            run_nodes(nodes, [*arguments, *more], lambda text: say(f"sfr run: {text}", err=True), respawn=respawn)
+        arguments += more
+        with live_page(live, live_port, namespace, topic_rules(arguments)):
+            run_nodes(nodes, arguments, lambda text: say(f"sfr run: {text}", err=True), respawn=respawn)
 
 
 @app.command(

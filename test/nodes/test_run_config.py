@@ -12,7 +12,7 @@ from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.nodes.launch.run_arguments import run_arguments
+from sfr_loc_map.nodes.launch.run_arguments import run_arguments, topic_rules
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig
@@ -81,3 +81,16 @@ def test_compressed_topics_of_a_recording_reach_the_nodes(tmp_path: Path) -> Non
         nodes = yaml.safe_load((tmp_path / "parameters.yaml").read_text())
         (values,) = (node["ros__parameters"] for name, node in nodes.items() if name.endswith("localisation_node"))
         assert values["input.rectify"] is True
+
+
+def test_the_page_takes_the_rules_of_topics_in_all_forms_of_ros() -> None:
+    """Both words of ROS, and rules of one node, which the page as another node would not apply."""
+    taken = {
+        "a:=/b": "a:=/b",
+        "localisation_node:loc/left:=/eye": "loc/left:=/eye",
+        "rostopic://a:=b": "rostopic://a:=b",
+    }
+    other = ["__ns:=/rover1", "monitor_node:__node:=judge"]
+    words = [word for rule in (*taken, *other) for option in ("-r", "--remap") for word in (option, rule)]
+    rules = topic_rules(["--ros-args", "--log-level", "info", *words, "-p", "mapping_node:max_range_m:=8.0"])
+    assert rules == [rule for rule in taken.values() for _ in range(2)]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import yaml
@@ -15,6 +17,8 @@ from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.topics import COMPRESSED_END
+
+NODE_OF_RULE = re.compile(r"\w+:(?!=|//)")  #: Node to which a remapping rule is limited: `NODE:` in `NODE:FROM:=TO`.
 
 
 def run_arguments(config: Path, written: Path) -> list[str]:
@@ -72,3 +76,10 @@ def remaps_of(how: SourceConfig) -> list[str]:
         is_compressed = topic.endswith(COMPRESSED_END) and not name.endswith(COMPRESSED_END)
         rules.append(f"{name}{COMPRESSED_END if is_compressed else ''}:={topic}")
     return rules
+
+
+def topic_rules(arguments: Sequence[str]) -> list[str]:
+    """Return the remapping rules of topics, `FROM:=TO`, in the arguments of nodes; rules of one node lose its name."""
+    given = [rule for word, rule in pairwise(arguments) if word in {"-r", "--remap"}]
+    rules = [rule[found.end() :] if (found := NODE_OF_RULE.match(rule)) else rule for rule in given]
+    return [rule for rule in rules if not rule.startswith("__")]
