@@ -107,7 +107,7 @@ def _show_on_terminal(state: LiveState, namespace: str, remaps: list[str]) -> No
         try:
             Terminal(state, namespace).show()
         except KeyboardInterrupt:
-            raise InterruptedRunError("interrupted: the live page was closed; the nodes continue to run") from None
+            raise InterruptedRunError("interrupted: the display was closed; the nodes continue to run") from None
 
 
 def _foxglove_server() -> type[FoxgloveServer]:

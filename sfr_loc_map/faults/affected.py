@@ -24,7 +24,7 @@ class Affected:
     following_ns: int | None  #: Stamp of the next pair of the source, with faults of the clock; None after the last.
     rig: StereoRig  #: The true rig.
     index: int  #: Index of the pair in the source.
-    progress: float  #: Elapsed fraction of the burst, 0 to 1.
+    progress: float  #: Elapsed fraction of the burst, 0 to 1; exceeds 1 for kinds without bursts.
     spot: FloatArray  #: `(2,)` random point, as fractions of width and height.
     pair_rng: np.random.Generator  #: Random generator of the pair.
     drive_rng: np.random.Generator  #: Random generator with the same seed for all pairs of a drive.

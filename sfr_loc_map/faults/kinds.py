@@ -4,6 +4,7 @@
 kind that changes a pair. Some kinds are implemented in a further place:
 
 - dropped pairs: `FaultInjector.__init__`
+- the first pairs of a drive (`start`): `injector.burst_starts`
 - faults of the calibration (`focal`, `baseline`): `FaultInjector.rig`
 - faults of the stamps (`late`, `clock`): `images.stamp_with_fault` and `images.following_stamp`
 - repeated images (`repeated`, `frozen`): `injector.REPEATING`
@@ -152,7 +153,7 @@ class Fault:
 
     kind: FaultKind  #: Effect of the fault.
     amount: float  #: Strength, in the unit of the kind.
-    share: float  #: Fraction of the pairs that is affected; 1 if the kind affects all pairs.
+    share: float  #: Fraction of the pairs that is affected; 1 if the kind has no such option.
     burst: int  #: Number of consecutive pairs that are affected.
     start: int  #: First pair that may be affected.
     camera: str = "both"  #: `both`, `left` or `right`, for faults of images.

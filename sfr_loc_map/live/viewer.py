@@ -1,4 +1,4 @@
-"""Send the state to an open page: all figures in order, and only the newest image and map of each topic.
+"""Send the state to an open page: all poses and calls in order, of all else only the newest.
 
 New data are sent when the network accepts them. Data are not queued per page; only the state stores them. A page that
 does not read is disconnected.

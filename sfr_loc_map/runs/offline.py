@@ -205,7 +205,7 @@ class MapRun:
 
     maps: Sequence[PairMap]
     fused: FusedMap
-    records: list[CallRecord]  # one per pair, one for the fusion, one for the set; the last only if a method maps sets
+    records: list[CallRecord]  # each pair, the fusion if it is a call, the set; only the set if a method maps sets
     method: MethodRecord  # method that made the map
 
     @property
@@ -272,7 +272,10 @@ def map_pairs_with(
     progress: Progress = lambda done: None,
     ended: Callable[[], bool] = lambda: False,
 ) -> MapRun:
-    """Map the pairs of a source by a method under test; `ended` is as in `map_pairs`."""
+    """Map the pairs of a source by a method under test.
+
+    `ended` is as in `map_pairs`, but a method that maps sets is not stopped.
+    """
     check_count(sequence)
     maps: list[PairMap] = []
     records: list[CallRecord] = []
