@@ -96,6 +96,8 @@ class PairNode(ManagedNode[P], ABC):
     |---|---|---|---|
     | pairs that wait for the worker | cleared | cleared | processed first |
     | waiting images, last stamp | cleared | cleared | stamps: kept; clock: cleared |
+    | sequence number of the last image (`TransportGaps`) | cleared | kept | kept |
+    | counts of what was dropped | kept | kept | kept |
     | calibration, bit depth | cleared | kept | kept |
     | extrinsics from /tf_static, `motion_prior` | kept | kept | kept |
     | localiser | kept | starts at the identity | starts at its first pose |

@@ -168,6 +168,7 @@ class StereoInput:
             add_subscription(CameraInfo, f"{stem}/camera_info", partial(self._add_camera_info, side), qos)
             for name, kind in self._images.items():
                 gaps = self._gaps.setdefault(f"{stem}/{name}", TransportGaps())
+                gaps.begin_subscription()
                 remove = add_subscription(kind, f"{stem}/{name}", partial(self._receive_image, side, gaps), qos)
                 if kind is CompressedImage:
                     self._remove_compressed[side] = remove

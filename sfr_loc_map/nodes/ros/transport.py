@@ -48,6 +48,10 @@ class TransportGaps:
         self.count = self.lost = self._last = 0
         self._several = False
 
+    def begin_subscription(self) -> None:
+        """Begin another subscription: messages published before its first message are not missing."""
+        self._last = 0
+
     def add(self, info: dict[str, Any]) -> int:
         """Add the message info of a message; return the number of messages missing before that message."""
         number, last = int(info.get("publication_sequence_number") or 0), self._last

@@ -185,6 +185,7 @@ class RosFeed(Peer):
     ) -> Subscription:
         """Subscribe with a callback that receives serialised messages and their publication times, s."""
         gaps = self._gaps.setdefault(topic, TransportGaps())
+        gaps.begin_subscription()
 
         def received(raw: bytes, info: dict[str, Any]) -> None:
             gaps.add(info)

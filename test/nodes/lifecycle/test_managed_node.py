@@ -31,6 +31,14 @@ CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEA
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE
 
 
+def publish_unheard(peer: Manager) -> None:
+    """Publish images to which nobody listens."""
+    for topic, publisher in peer._publishers.items():
+        if topic.endswith("image_rect"):
+            for _ in range(5):
+                publisher.publish(Image())
+
+
 def test_a_node_goes_through_its_states_and_receives_only_when_active(ros: None, capfd: Capture) -> None:
     waits = params("autostart:=false")
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *waits) as node:
@@ -61,9 +69,11 @@ def test_a_node_goes_through_its_states_and_receives_only_when_active(ros: None,
         assert peer.change(DEACTIVATE) == (True, "inactive")
         ends(1)
         assert not peer.call("localisation_node/reset").success
+        publish_unheard(peer)
         assert peer.change(ACTIVATE) == (True, "active")
         send_infos(peer, "loc", LOC_RIG)
         peer.play(2)  # goes on where it was: no start at the origin
+        assert peer.last_values()["dropped_in_transport"] == "0"
         assert peer.positions() == localised([0, 1, 2])
         assert peer.change(DEACTIVATE) == (True, "inactive")
         assert peer.change(CLEANUP) == (True, "unconfigured")

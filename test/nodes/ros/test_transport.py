@@ -25,3 +25,12 @@ def test_of_several_publishers_no_gap_is_counted() -> None:
     gaps = TransportGaps()
     gaps.set_several(True)
     assert sum(gaps.add({"publication_sequence_number": number}) for number in (1, 9, 2, 10, 3, 11)) == 0
+
+
+def test_what_is_published_between_two_subscriptions_is_not_lost() -> None:
+    gaps = TransportGaps()
+    found = [gaps.add({"publication_sequence_number": number}) for number in (1, 3)]
+    gaps.begin_subscription()
+    found += [gaps.add({"publication_sequence_number": number}) for number in (50, 52)]
+    assert found == [0, 1, 0, 1]
+    assert gaps.lost == 2
