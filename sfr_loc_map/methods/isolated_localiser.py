@@ -43,8 +43,6 @@ class IsolatedLocaliser(IsolatedMethod):
 
     def localise(self, pair: StereoPair, since_start_s: float = 0.0) -> tuple[PoseEstimate, MethodCall]:
         """Localise one pair; return the estimate and the call. If the result is invalid, the state is lost."""
-        if self._is_given_up:
-            return self._lost(pair, MethodCall(reason="not started again"))
         call = MethodCall()
         about = OrderedPair(stamp_ns=pair.stamp_ns, index=0, T_lm_navsb=None)
         try:

@@ -121,8 +121,6 @@ class IsolatedMapper(IsolatedMethod):
         self, kind: str, pairs: Sequence[StereoPair], about: Sequence[OrderedPair]
     ) -> tuple[MethodCall, Answer]:
         """Return the call and its answer; the arrays of the previous call are removed."""
-        if self._is_given_up:
-            raise MethodFailureError(FindingKind.CRASHED, "not started again")
         process = self._running_process()
         for what in ("cloud", "disparity"):
             self._file(what).unlink(missing_ok=True)

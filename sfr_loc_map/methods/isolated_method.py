@@ -10,7 +10,7 @@ from typing import Self
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.methods.child.loop import Answer
-from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, MethodProcess
+from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, MethodProcess, NotStartedAgainError
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.records import FindingKind, MethodRecord
 
@@ -62,6 +62,8 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
 
     def _running_process(self) -> MethodProcess:
         """Return the process, which is started if there is none; after a loss, it starts at the last known pose."""
+        if self._is_given_up:
+            raise NotStartedAgainError
         if self._process is None:
             self._starts += 1
             self._process = MethodProcess(
@@ -76,7 +78,12 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         return self._process
 
     def _failed(self, error: MethodFailureError) -> MethodCall:
-        """Return a call with the finding of an error; drop the process if it has ended."""
+        """Return a call with the finding of an error; drop the process if it has ended.
+
+        A call that was not made has no finding.
+        """
+        if isinstance(error, NotStartedAgainError):
+            return MethodCall(reason=str(error))
         if error.ended:
             self._process = None
         again = f"; not started again after {self._starts} starts" if error.ended and self._is_given_up else ""

@@ -84,6 +84,13 @@ class MethodFailureError(MethodError):
         self.kind, self.ended = kind, ended
 
 
+class NotStartedAgainError(MethodFailureError):
+    """A call was not made, because the method was started too often; the earlier failures are the findings."""
+
+    def __init__(self) -> None:
+        super().__init__(FindingKind.CRASHED, "not started again")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodCall:
     """Resource use, result and findings of one call of a method under test."""
@@ -175,7 +182,7 @@ class MethodProcess:
         except BaseException as error:
             self.close()
             if isinstance(error, MethodFailureError):
-                raise MethodFailureError(FindingKind.CRASHED, f"method {method.name} {error}", ended=True) from error
+                raise MethodFailureError(error.kind, f"method {method.name} {error}", ended=True) from error
             raise
         self.version, self.isolation = hello["version"], str(supervisor["isolation"])
         self.fuses, self.maps_sets = hello["fuses"], hello["maps_sets"]

@@ -43,7 +43,7 @@ class Plan:
         if not (config.drive.enabled or config.panorama.enabled):
             raise ConfigError("neither drive nor panorama is enabled: enable at least one")
         if not config.drive.segments:
-            raise ConfigError("drive.segments is empty: give a segment ('stop 1') or set drive.enabled=false")
+            raise ConfigError("drive.segments is empty: give a segment ('stop 1')")
         terrain = Terrain.make(config.seed, config.terrain, config.ground)
         rng = np.random.default_rng([config.seed, Stream.DRIVE])
         states = states_of(config.drive, legs_of(config.drive), rng)

@@ -21,7 +21,7 @@ BAND_RAYS = 1 << 17  #: Rays that are traced together: few enough for the proces
 LIFT_M = 2e-4  #: Shadow rays start this far above the surface, m, so that a triangle does not shade itself.
 LIFT_PER_RANGE = 1e-4  #: Additional height per metre of range, because float32 coordinates are coarser at range.
 NUDGE = 1e-5  #: Change of direction with which a ray is traced again if it passed between two tiles.
-LEVEL_RAY = -0.05  #: Rays whose z component is below this value must hit the ground.
+LEVEL_RAY = -0.05  #: Rays whose z component is below this value are expected to hit the ground.
 SKY_RANGE_M = 1e9  #: Range of a ray that hits no surface, m: beyond all haze.
 Float32s = NDArray[np.float32]
 

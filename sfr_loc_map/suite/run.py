@@ -119,7 +119,7 @@ def planned_jobs(specification: SuiteSpecification, store: Store) -> tuple[list[
 
 
 def open_jobs(planned: Sequence[Job], store: Store, settings: SuiteSettings, *, retry_failed: bool) -> list[Job]:
-    """Return the jobs to run, in the order in which a sequential test uses their drives."""
+    """Return the jobs to run in the order of the plan; a sequential test requires an order by drive."""
     wanted = ("waiting", "failed") if retry_failed else ("waiting",)
     jobs = [job for job in planned if store.state(job.key) in wanted]
     if settings.stop_when_decided:

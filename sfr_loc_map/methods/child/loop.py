@@ -22,7 +22,7 @@ import json
 import os
 import sys
 import time
-from typing import Any, TypedDict
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 
@@ -101,7 +101,7 @@ class Reply(TypedDict, total=False):
 
     seconds: float
     result: Answer
-    fault: str
+    fault: Literal["raised", "invalid result"]
     text: str
 
 

@@ -294,7 +294,7 @@ def comparison_tables(result: SuiteComparison) -> list[Table]:
         f"Corrected for {len(result.figures)} comparisons (Holm). Not in both: {result.left_out[0]} and "
         f"{result.left_out[1]}."
     )
-    title = f"{result.names[1]} over {result.names[0]}, {result.common} drives in both"
+    title = f"{result.names[1]} over {result.names[0]}, {result.common} results in both"
     return [_table("comparison", title, COMPARISON, rows, note)]
 
 

@@ -32,7 +32,7 @@ from sfr_loc_map.suite.running.specification import SuiteSettings
 if TYPE_CHECKING:
     from distributed import Client, Future, WorkerPlugin
 
-TRIES = 3  #: Maximum number of attempts for a job that raises an error or kills its worker.
+TRIES = 3  #: Maximum number of errors of a job, and of worker processes that a job may kill.
 JOINED = "sfr-joined"  #: Topic of the event by which a worker reports its code.
 OVER_TIME = "sfr-over-time"  #: Topic of the event by which a task reports that it exceeds its time limit.
 OVER_MEMORY = "worker-restart-memory"  #: Topic of the event by which the Dask nanny reports an exceeded memory limit.
@@ -177,7 +177,7 @@ class SuiteWorkers:
         self._slots = 0
 
     def count(self, outcome: JobOutcome) -> None:
-        """Count a finished job of a worker."""
+        """Count a job of a worker if the job has a result."""
         if outcome.worker:
             self._record(outcome.worker).done += outcome.cause is None
 

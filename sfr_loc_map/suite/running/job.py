@@ -43,7 +43,7 @@ class SourceKind(StrEnum):
 class JobSource:
     """The data that a job reads."""
 
-    name: str  #: Short name, unique in the suite.
+    name: str  #: Short name, unique in the suite; the variants of an error budget share the name of their simulation.
     kind: SourceKind  #: Origin of the data.
     path: str  #: Path of the source (before the plan, its URL), of the scenario, or of the estimate.
     truth: str = ""  #: Truth of an estimate; otherwise empty.
@@ -77,7 +77,10 @@ class Job:
 
     @property
     def key(self) -> str:
-        """Name of the result: a hash of all inputs of the result, without names and paths of files."""
+        """Name of the result: a hash of all inputs of the result, without names and paths of sources.
+
+        The path of a method from a file is a parameter and therefore part of the key.
+        """
         faults = [self.faults, self.fault_seed if self.faults else 0]
         how = [self.parameters, self.start, self.scoring, self.kept_errors, self.repeat, self.threads]
         return digest([self.kind, [self.source.kind, self.source.sha256], *faults, *how, self.code])
@@ -165,7 +168,7 @@ class WorkerRecord:
     version: str = ""  #: Version of sfr_loc_map.
     python: str = ""
     code: str = ""  #: Fingerprint of the code of the worker.
-    done: int = 0  #: Number of finished jobs.
+    done: int = 0  #: Number of jobs with a result.
     set_aside: str = ""  #: Difference of the code that excludes the worker from jobs; empty if there is none.
 
 

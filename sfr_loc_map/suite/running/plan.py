@@ -65,7 +65,7 @@ def make_plan(
 def with_unique_names(sources: Sequence[JobSource]) -> list[JobSource]:
     """Return the sources; files of equal name are named by the end of their path, or by the path if the ends are equal.
 
-    Simulations have names of their scenario and seed.
+    Simulations already have distinct names (`with_distinct_simulations`), which the variants of a budget share.
     """
     counts = Counter(source.name for source in sources)
     renamed = []

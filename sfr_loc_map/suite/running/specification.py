@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -105,12 +105,14 @@ def load_specification(path: Path) -> SuiteSpecification:
     refusals: list[Refusal] = []
     for number, entry in enumerate(lists["sources"], 1):
         try:
-            found = list(_sources(entry, path.absolute().parent, f"{path}: source {number}"))
-            sources += _budget_sources(found, budget, path) if budget else found
+            sources += list(_sources(entry, path.absolute().parent, f"{path}: source {number}"))
         except InputError as error:
             refusals.append(Refusal(str(entry), str(error)))
     if not sources:
         raise InputError(refusals[0].reason)
+    sources = with_distinct_simulations(sources)
+    if budget:
+        sources = list(_budget_sources(sources, budget, path))
     if budget and (limits or lists["perturb"] or lists["tasks"] not in ([], ["localise"])):
         raise ConfigError(
             f"{path}: 'budget' cannot be combined with 'limits' or 'perturb', and requires 'tasks: [localise]'"
@@ -200,6 +202,40 @@ def simulated_source(scenario: Path, settings: Mapping[str, object], seed: int, 
     )
 
 
+def with_distinct_simulations(sources: Sequence[JobSource]) -> list[JobSource]:
+    """Return the sources; simulations with equal names and different settings get distinct names.
+
+    If the scenarios differ, their folder is part of the name. If the names are still equal, the settings that differ
+    are part of the name.
+    """
+    return _renamed(_renamed(sources, _name_with_folder), _name_with_settings)
+
+
+def _renamed(sources: Sequence[JobSource], name_of: Callable[[JobSource, Sequence[JobSource]], str]) -> list[JobSource]:
+    """Return the sources; simulations that share a name, but not the settings, are named by `name_of`."""
+    of_name: dict[str, list[JobSource]] = {}
+    for source in sources:
+        if source.kind is SourceKind.SIMULATED:
+            of_name.setdefault(source.name, []).append(source)
+    renamed = []
+    for source in sources:
+        equal = of_name.get(source.name, []) if source.kind is SourceKind.SIMULATED else []
+        is_shared = len({other.sha256 for other in equal}) > 1
+        renamed.append(replace(source, name=name_of(source, equal)) if is_shared else source)
+    return renamed
+
+
+def _name_with_folder(source: JobSource, equal: Sequence[JobSource]) -> str:
+    has_one_scenario = len({other.path for other in equal}) == 1
+    return source.name if has_one_scenario else f"{Path(source.path).parent.name}/{source.name}"
+
+
+def _name_with_settings(source: JobSource, equal: Sequence[JobSource]) -> str:
+    names = dict.fromkeys(name for other in equal for name in other.settings)
+    differing = [name for name in names if len({str(other.settings.get(name)) for other in equal}) > 1]
+    return f"{source.name} ({', '.join(f'{name}={source.settings.get(name)}' for name in differing)})"
+
+
 def _budget_sources(sources: Sequence[JobSource], budget: Sequence[ErrorSource], path: Path) -> Iterator[JobSource]:
     """Yield each simulation with each combination of the sources of error that the budget requires."""
     for source in sources:
@@ -210,7 +246,7 @@ def _budget_sources(sources: Sequence[JobSource], budget: Sequence[ErrorSource],
         for variant in variants_of(budget):
             settings = variant.settings(source.settings)
             made = simulated_source(Path(source.path), settings, source.seed, f"{path}: 'budget'")
-            yield replace(made, variant=variant.name, faults=variant.faults(source.seed))
+            yield replace(made, name=source.name, variant=variant.name, faults=variant.faults(source.seed))
 
 
 def _limits(value: object, path: Path) -> Mapping[str, Any]:

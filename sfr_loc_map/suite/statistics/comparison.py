@@ -61,7 +61,7 @@ class FigureComparison:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SuiteComparison:
-    """Two suites: names, number of common drives, number of drives in only one suite, and the compared figures."""
+    """Two suites: names, number of common results, number of results in only one suite, and the compared figures."""
 
     names: tuple[str, str]
     common: int

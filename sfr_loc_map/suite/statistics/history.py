@@ -177,7 +177,10 @@ class History:
 
 
 def find_changes(nights: Sequence[Night]) -> History:
-    """Return the changes over nights in chronological order; raise a MetricsError for fewer than two nights."""
+    """Return the changes over nights in chronological order.
+
+    Raise a MetricsError for fewer than two nights, and an InputError if there is no result.
+    """
     if len(nights) < 2:
         raise MetricsError(f"a history requires at least two suites, found {len(nights)}: give several folders")
     if all(len({key.partition(" ")[2] for key in night.labels}) < 2 for night in nights):  # names may change

@@ -9,9 +9,10 @@ import pytest
 import yaml
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.suite.running.job import Job, JobKind, SourceKind
+from sfr_loc_map.suite.running.job import FailureCause, Job, JobKind, JobOutcome, SourceKind
 from sfr_loc_map.suite.running.plan import Refusal, SourceFacts, make_plan
 from sfr_loc_map.suite.running.specification import load_specification
+from sfr_loc_map.suite.running.store import Store
 
 
 def facts(path: Path) -> SourceFacts:
@@ -54,6 +55,47 @@ def test_simulations_by_seed_and_settings(tmp_path: Path) -> None:
     assert first.key != second.key
     other = plan_of(tmp_path, sources=[{"simulate": "flat.yaml", "seeds": [1]}])[0][0]
     assert other.key != first.key
+
+
+def test_simulations_with_equal_names_are_named_by_the_settings_that_differ(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "flat.yaml").write_text(
+            f"drive: {{pairs: {7 + (folder == 'b')}}}\npanorama: {{enabled: false}}\n"
+        )
+    alone = {"simulate": "a/flat.yaml", "seeds": [1, 2], "set": {"drive.pairs": 3}}
+    longer = {"simulate": "a/flat.yaml", "seeds": [1], "set": {"drive.pairs": 4}}
+    elsewhere = {"simulate": "b/flat.yaml", "seeds": [1]}
+
+    def names(*sources: object, **content: object) -> list[str]:
+        return [job.source.name for job in plan_of(tmp_path, sources=list(sources), **content)[0]]
+
+    assert names(alone, alone) == ["flat-1", "flat-2"], "equal simulations are one source"
+    assert names(alone, longer) == ["flat-1 (drive.pairs=3)", "flat-2", "flat-1 (drive.pairs=4)"]
+    assert names(alone, elsewhere) == ["a/flat-1", "flat-2", "b/flat-1"]
+    assert names(alone, longer, elsewhere) == [
+        "a/flat-1 (drive.pairs=3)",
+        "flat-2",
+        "a/flat-1 (drive.pairs=4)",
+        "b/flat-1",
+    ]
+    budget = {"image noise": {"without": {"sensor.full_well": 0}}, "yaw": {"fault": "yaw", "sigma": 0.02}}
+    variants = names(alone, longer, budget=budget, tasks=["localise"])
+    assert set(variants) == set(names(alone, longer)), "the variants of a simulation have its name"
+    assert len(variants) > 3
+
+
+def test_a_simulation_with_changed_settings_cannot_be_removed_from_a_suite(tmp_path: Path) -> None:
+    (tmp_path / "flat.yaml").write_text("panorama: {enabled: false}\n")
+    good, bad = ({"simulate": "flat.yaml", "set": {"drive.pairs": count}} for count in (3, 4))
+    jobs = plan_of(tmp_path, sources=[good, bad])[0]
+    store = Store(tmp_path / "out")
+    for job in jobs:
+        store.save(job, JobOutcome(cause=FailureCause.DIED, message="crashed"))
+    store.save_plan(jobs)
+    assert not store.refusals
+    store.save_plan(plan_of(tmp_path, sources=[good])[0])
+    assert [item.path for item in store.refusals] == ["flat-0 (drive.pairs=4)"]
 
 
 def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None:
