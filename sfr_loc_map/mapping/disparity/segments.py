@@ -18,7 +18,9 @@ from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage, IntArray, Mas
 from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
-STEPS_PER_PX = F(16.0)  #: Disparities of neighbours are compared in steps of 1/16 pixel, the resolution of the matcher.
+STEPS_PER_PX = F(16.0)
+"""Refined disparities of neighbours are compared in steps of 1/16 pixel, which is the resolution of the matcher except
+in wide images."""
 MAX_SMALL_SEGMENT_PIXELS = 40
 """Segments of up to this many pixels are invalid, because no surrounding pixel agrees with them. With a limit of 30,
 0.06 % more pixels of a KITTI pair are wrong (measurements/mapper_trials.md)."""
@@ -93,7 +95,7 @@ def _find_segments(steps: NDArray[np.int32], max_difference: np.int32) -> Segmen
                 root = np.int32(i if row[x] >= 0 else -1)
             parent[i] = root
             over = y > 0 and _same_segment(row[x], above[x], max_difference)
-            # Already joined if the previous pixel joined the same segment above.
+            # The pixel is already joined if the previous pixel joined the same segment above.
             if over and not (beside and joined_above and _same_segment(above[x], above[x - 1], max_difference)):
                 other = _root(parent, i - cols)
                 first = min(root, other)

@@ -33,10 +33,20 @@ class PoseAgreement(NamedTuple):
     #: Robust ratio of grey level differences to those at an offset of `SHIFT_PX`; NaN if there is too little texture.
     grey_ratio: float
 
-    @property
-    def poses_disagree(self) -> bool:
-        """Whether the poses disagree."""
-        return self.range_ratio > MAX_RANGE_RATIO or self.grey_ratio > MAX_GREY_RATIO
+
+def disagreement_of(range_ratio: float, grey_ratio: float) -> str:
+    """Return a clause for each ratio that exceeds its limit (`PoseAgreement`); empty if the poses agree.
+
+    A ratio that is NaN was not measured and is no disagreement.
+    """
+    clauses = []
+    if range_ratio > MAX_RANGE_RATIO:
+        clauses.append(f"range differences are {range_ratio:.1f} times the expected differences")
+    if grey_ratio > MAX_GREY_RATIO:
+        clauses.append(
+            f"grey level differences are {grey_ratio:.2f} times the differences at an offset of {SHIFT_PX} pixels"
+        )
+    return ", and ".join(clauses)
 
 
 def agreement_findings(i: int, j: int, views: Sequence[PairView], observed: Observations) -> Findings:
@@ -56,12 +66,12 @@ def agreement_findings(i: int, j: int, views: Sequence[PairView], observed: Obse
         f"difference_over_sigma_{i}_{j}": agreement.range_ratio,
         f"grey_difference_over_beside_{i}_{j}": agreement.grey_ratio,
     }
-    if i > j or common < MIN_OVERLAP or not agreement.poses_disagree:
+    disagreement = disagreement_of(agreement.range_ratio, agreement.grey_ratio)
+    if i > j or common < MIN_OVERLAP or not disagreement:
         return Findings(statistics)
     warning = (
-        f"pairs {i} and {j} disagree where they overlap: range differences are {agreement.range_ratio:.1f} times the "
-        f"expected differences, and grey level differences are {agreement.grey_ratio:.2f} times the differences at an "
-        f"offset of {SHIFT_PX} pixels; check the baseline and their poses, or register them (refine_poses)"
+        f"pairs {i} and {j} disagree where they overlap: {disagreement}; check the baseline and their poses, or "
+        "register them (refine_poses)"
     )
     return Findings(statistics, (warning,))
 

@@ -36,11 +36,7 @@ def point_weights(view: PairView) -> FloatArray32:
 
 
 class Observations(NamedTuple):
-    """Observations by a view of M of the N points of another view, `(M,)` each.
-
-    The fusion requires the first five values and the sample distance, and the agreement of poses the grey levels
-    (`pose_agreement`).
-    """
+    """Observations by a view of M of the N points of another view, `(M,)` each."""
 
     indices: NDArray[np.intp]  #: Indices of the observed points among the N points.
     difference: FloatArray32  #: Observed range minus the range of the point, along the ray of this view, metres.

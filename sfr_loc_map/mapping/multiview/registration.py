@@ -41,15 +41,16 @@ MAX_ROTATION_DEG = 2.0
 """Maximum rotation of a registered pose, deg. A larger rotation is reported and not applied, because registration
 should not hide a faulty pose. Chosen by hand."""
 MAX_TRANSLATION_M = 0.1  #: Maximum translation, metres; a larger one is reported and not applied. Chosen by hand.
-PRIOR_SIGMAS = np.array([np.deg2rad(MAX_ROTATION_DEG / 4.0)] * 3 + [MAX_TRANSLATION_M / 5.0] * 3)
+PRIOR_SIGMAS = np.array([np.deg2rad(0.5)] * 3 + [0.02] * 3)
 """Standard deviations of the error of a given pose, rad and m: 0.5 deg and 0.02 m, a quarter and a fifth of the maximum
 motions. If a rotation and a translation explain the residuals equally well, the ratio of their standard deviations
 decides between them. Chosen by hand."""
 POSE_HALF_WEIGHT_SIGMAS = 3.0
 """Residuals of this many standard deviations have half the weight (`cauchy_weight`). The value exceeds 2.385, which has
 an efficiency of 95 %, because the residuals of a wrong pose are large."""
-MIN_NORMALISED_SIGMA = 1e-6  #: Added to the standard deviation of residuals, which is a divisor and typically about 1.
-
+MIN_RESIDUAL_SIGMA = 1e-6
+"""Added to the standard deviation of residuals, which is a divisor: about 1 for range differences over their sigma, and
+a few grey levels for grey level differences."""
 MIN_COVERAGE = F(1e-3)  #: Lower bound of the fraction of a window with points, which is a divisor and must not be 0.
 
 
@@ -95,7 +96,10 @@ def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews
 def _findings_of_motion(index: int, motion: Transform | None) -> Findings:
     """Return the size of the motion of a pair, and a warning if its pose is not changed."""
     if motion is None:
-        warning = f"pair {index} overlaps the earlier pairs too little to be registered: its pose is left as given"
+        warning = (
+            f"pair {index} has too few points in common with the earlier pairs to be registered: its pose is left as "
+            "given"
+        )
         return Findings(warnings=(warning,))
     size = MotionSize.of(motion)
     statistics = {f"pose_turned_deg_{index}": size.rotation_deg, f"pose_moved_m_{index}": size.translation_m}
@@ -113,7 +117,7 @@ def _estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig)
     """Return the motion of a view, in its left optical frame, that aligns the view best with the fixed views.
 
     The points of the fixed views are projected into the moved view, where ranges and grey levels are compared. None is
-    returned if the views overlap too little.
+    returned if the views have too few common points, at the given pose or at one of the steps.
     """
     overlapping: list[ViewPoints] = []
     for view in fixed:
@@ -167,7 +171,7 @@ def _gauss_newton_step(
     """
 
     def residuals(parameters: FloatArray) -> FloatArray:
-        """Return normalised range differences and grey level differences `(2, N)`; NaN where unobserved."""
+        """Return range differences over their sigma, and grey level differences `(2, N)`; NaN where unobserved."""
         observed = project_into_view(points.xyz, pose @ _motion(parameters), images, rig)
         indices = observed.indices
         out = np.full((2, points.size), np.nan)
@@ -192,7 +196,7 @@ def _gauss_newton_step(
             return None
         r = residual[known]
         j = derivative[known]
-        sigma = mad_sigma(r) + MIN_NORMALISED_SIGMA
+        sigma = mad_sigma(r) + MIN_RESIDUAL_SIGMA
         weighted = j * (cauchy_weight(r, POSE_HALF_WEIGHT_SIGMAS * sigma) / sigma**2)[:, None]
         normal = normal + weighted.T @ j
         rhs = rhs - weighted.T @ r

@@ -1,5 +1,6 @@
 """Fusion: the inverse-variance mean of planes, independent of order; agreement, conflict, duplicates."""
 
+from dataclasses import replace
 from itertools import permutations
 from typing import Any
 
@@ -137,3 +138,24 @@ def test_a_pose_one_degree_off_is_named(two_views: Any, axis: int, degrees: floa
     error = matrix_from_rotvec(np.deg2rad(degrees) * np.eye(3)[axis])
     wrong = second.with_pose(second.T_lm_left @ Transform(error, np.zeros(3)))
     assert any("their poses" in line for line in fuse_views([first, wrong], two_views.rig).findings.warnings)
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "aside_m", "noise_grey", "ranges", "greys"),
+    [
+        (4.0, 0.0, 1.0, False, False),
+        (4.5, 0.0, 1e6, True, False),  # no texture above the noise: the grey levels are not compared
+        (4.0, 1.0, 1.0, False, True),
+        (4.5, 1.0, 1.0, True, True),
+    ],
+)
+def test_the_warning_names_only_the_differences_that_exceed_their_limit(
+    depth_m: float, aside_m: float, noise_grey: float, ranges: bool, greys: bool
+) -> None:
+    first, second = plane_view(4.0, 0.01), plane_view(depth_m, 0.01, (aside_m, 0.0))
+    found = fuse_views([first, replace(second, noise_grey=noise_grey)], RIG).findings
+    warning = " ".join(found.warnings)
+    assert ("range differences" in warning) == ranges
+    assert ("grey level differences" in warning) == greys
+    assert "nan" not in warning
+    assert np.isnan(found.statistics["grey_difference_over_beside_0_1"]) == (noise_grey > 1.0)
