@@ -2,8 +2,9 @@
 
 The configured residual distortion (`CalibrationPrior.distortion_px`) sets the thresholds of vertical disparity:
 
-- A yaw above `SIGNIFICANT_SIGMAS` standard deviations is reported and increases sigma. The standard deviation includes
-  the yaw whose saddle of vertical disparity equals the distortion in the corners (`_yaw_threshold_rad`).
+- A yaw above `SIGNIFICANT_SIGMAS` standard deviations is reported and increases sigma. Distortion of this size could
+  look like a yaw, namely the yaw whose vertical disparity in the corners equals the distortion. This yaw is part of the
+  standard deviation (`_yaw_threshold_rad`).
 - A vertical offset above the distortion and above `MIN_ROTATION_PX` increases sigma like a pitch
   (`_pitch_threshold_px`).
 - Vertical disparity above a multiple of the distortion causes a warning (`pair_findings.vertical_warning_px`).
@@ -42,57 +43,59 @@ class CalibrationSigma(NamedTuple):
     distortion_rad: float = 0.0  #: Residual distortion along rows, as an angle.
 
 
-def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, configured: CalibrationPrior) -> bool:
+def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior) -> bool:
     """Return whether the measured yaw exceeds what noise and the configured uncertainty of the calibration explain."""
-    return abs(rotation.yaw_rad) > _yaw_threshold_rad(rotation, rig, configured)
+    return abs(rotation.yaw_rad) > _yaw_threshold_rad(rotation, rig, prior)
 
 
-def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, configured: CalibrationPrior) -> float:
+def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior) -> float:
     """Return the largest yaw that is not significant, rad.
 
     Residual distortion can cause a saddle like that of a yaw. The accuracy of the yaw is therefore limited to the yaw
     whose saddle equals the configured distortion in the corners.
     """
     corner_saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)  # x y in the corner, normalised coordinates
-    distortion_rad = configured.distortion_px / (rig.fy * corner_saddle)
-    sigma_rad = math.hypot(rotation.yaw_sigma_rad, distortion_rad, math.radians(configured.yaw_deg))
+    distortion_rad = prior.distortion_px / (rig.fy * corner_saddle)
+    sigma_rad = math.hypot(rotation.yaw_sigma_rad, distortion_rad, math.radians(prior.yaw_deg))
     return max(SIGNIFICANT_SIGMAS * sigma_rad, math.radians(MIN_SIGNIFICANT_YAW_DEG))
 
 
-def _pitch_threshold_px(configured: CalibrationPrior) -> float:
+def _pitch_threshold_px(prior: CalibrationPrior) -> float:
     """Return the largest vertical offset that residual distortion explains, pixels; a larger offset may be a pitch."""
-    return max(configured.distortion_px, MIN_ROTATION_PX)
+    return max(prior.distortion_px, MIN_ROTATION_PX)
 
 
-def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, configured: CalibrationPrior) -> CalibrationSigma:
+def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior) -> CalibrationSigma:
     """Return the uncertainty of the calibration given the rotation of the right camera that is measured in a pair.
 
     A significant yaw is added to the configured uncertainty in quadrature and is not compensated. A vertical offset
     above `_pitch_threshold_px` is added as a pitch and is not reported. Roll is compensated (`without_roll`).
 
-    Residual distortion causes an error along rows that is about as large as the vertical disparity. The distortion is
-    the larger of the configured value and the vertical disparity without offset and roll (`distortion_rms_px`). If the
-    rotation was measured, the distortion is limited to the total vertical disparity (`vertical_rms_px`), which may be
-    less than the configured value. Without a measurement, the total is unknown. A configured value of 0 means no
-    distortion.
+    Residual distortion causes an error along rows that is about as large as the vertical disparity:
+
+        distortion_px = min(max(prior.distortion_px, distortion_rms_px), vertical_rms_px)
+
+    A measured vertical disparity below the prior shows that the cameras are better than stated, because it contains all
+    distortion. If the rotation was not measured, only a part of the vertical disparity is known, and the minimum is
+    omitted. A prior of 0 means no distortion.
     """
-    yaw_rad = math.radians(configured.yaw_deg)
-    if is_yaw_significant(rotation, rig, configured):
+    yaw_rad = math.radians(prior.yaw_deg)
+    if is_yaw_significant(rotation, rig, prior):
         yaw_rad = math.hypot(yaw_rad, rotation.yaw_rad)
-    pitch_rad = math.radians(configured.pitch_deg)
-    if abs(rotation.pitch_rad) * rig.fy > _pitch_threshold_px(configured):
+    pitch_rad = math.radians(prior.pitch_deg)
+    if abs(rotation.pitch_rad) * rig.fy > _pitch_threshold_px(prior):
         pitch_rad = math.hypot(pitch_rad, rotation.pitch_rad)
     distortion_px = 0.0
-    if configured.distortion_px > 0.0:
-        distortion_px = max(configured.distortion_px, rotation.distortion_rms_px)
+    if prior.distortion_px > 0.0:
+        distortion_px = max(prior.distortion_px, rotation.distortion_rms_px)
         if rotation.is_measured:
             distortion_px = min(distortion_px, rotation.vertical_rms_px)
     return CalibrationSigma(
         yaw_rad=yaw_rad,
         pitch_rad=pitch_rad,
-        roll_rad=math.radians(configured.roll_deg),
-        focal_fraction=configured.focal_share,
-        baseline_fraction=configured.baseline_share,
+        roll_rad=math.radians(prior.roll_deg),
+        focal_fraction=prior.focal_share,
+        baseline_fraction=prior.baseline_share,
         distortion_rad=distortion_px / rig.fx,
     )
 

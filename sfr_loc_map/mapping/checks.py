@@ -21,7 +21,7 @@ MIN_MEASURED_FRACTION = 0.3
 four data sets (rendered ground, KITTI, Middlebury, Mars) the fraction is 0.07 or less for swapped images, 0.01 or less
 if one image is upside down, and 0.64 or more for correct images (measurements/mapper_trials.md)."""
 COARSE_FACTOR = 2
-"""Images are downsampled by this factor to find the cause of a mismatch, so that an error is reported soon."""
+"""Images are downsampled by this factor to find the cause of a mismatch quickly."""
 SWAPPED_FACTOR = 1.5
 """Images are probably swapped if exchanging them multiplies the number of matched pixels by more than this factor.
 Chosen by hand."""

@@ -71,7 +71,10 @@ class TerrainConfig:
 
 @dataclass(frozen=True, slots=True)
 class MappingConfig:
-    """Parameters of the mapper; ROS parameters and configuration files have the same names."""
+    """Parameters of the mapper and of the grids that are computed from its cloud.
+
+    ROS parameters and configuration files have the same names.
+    """
 
     min_range_m: float = param(
         0.9, unit="m", doc="Minimum depth of the search; nearer surfaces may be found, too.", low=0.05, high=1000.0

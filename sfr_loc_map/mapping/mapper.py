@@ -40,8 +40,8 @@ To add
 
 - a validity test of the pixels of one pair: the docstring of `disparity/validity` lists the steps.
 - another filter or correction of the disparities of one pair: a function that takes and returns a `DisparityMap`, and
-  its call in `Mapper.process` between `fill_holes` and `view_of_pair`. The statistics and the fusion then use its
-  result.
+  its call in `Mapper.process` between `fill_holes` and `without_roll`. Its disparities still fit the right image, and
+  `within_range` tests them. Later stages use its result; the fraction of measured pixels is computed before.
 - a contribution to sigma: the docstring of `point_sigma` lists the steps.
 - a test of points across pairs: a flag of `Comparison` (`multiview/fusion`), which drops points, or a stage of
   `Mapper.fuse` that takes and returns views, like `without_fixed_content`.
@@ -110,7 +110,7 @@ class Mapper:
         mapper.fuse([pair_map, pair_map])
 
     def map(self, pairs: Sequence[PosedStereoPair]) -> FusedMap:
-        """Return one cloud from one to three pairs: the mapping call of the specification [1.3].
+        """Return one cloud from one to three pairs: the mapping call of the specification [1.3], for users of Python.
 
         The result has the warnings of the pairs and of the fusion, but only the statistics of the fusion. Call
         `process` and `fuse` to obtain the statistics of the pairs, too.
@@ -137,17 +137,17 @@ class Mapper:
         check_matches(pair, estimated, self._search.count)
         rotation = measure_right_rotation(estimated, self._rig)
         filled = fill_holes(estimated)
-        unrolled = without_roll(filled, rotation, self._rig)
-        in_range = within_range(unrolled, self._search.min_disparity_px)
-        view = view_of_pair(in_range, self._rig, T_lm_navsb @ self._rig.T_sb_left)
+        levelled = without_roll(filled, rotation, self._rig)
+        final = within_range(levelled, self._search.min_disparity_px)
+        view = view_of_pair(final, self._rig, T_lm_navsb @ self._rig.T_sb_left)
         calibration = sigma_of_calibration(rotation, self._rig, self._config.calibration)
-        sigma = sigma_of_view(view, in_range.saturation, calibration, self._rig)
-        findings = findings_of_pair(in_range, rotation, self._rig, self._config.calibration)
+        sigma = sigma_of_view(view, calibration, self._rig)
+        findings = findings_of_pair(final, rotation, self._rig, self._config.calibration)
         return MappedPair.of(
             stamp_ns=pair.stamp_ns,
             index=index,
             rig=self._rig,
-            disparity_map=in_range,
+            disparity_map=final,
             view=view,
             sigma=sigma,
             calibration=calibration,
@@ -173,23 +173,14 @@ class Mapper:
             views = registered.views
             findings += registered.findings
         fused = fuse_views(views, self._rig)
-        poses_lm_left = tuple(view.T_lm_left for view in views)
-        saturations = [item.saturation for item in inputs]
         largest_calibration = largest_of(item.calibration for item in inputs)
-        sigma = sigma_of_points(
-            fused.points,
-            fused.pair,
-            poses_lm_left=poses_lm_left,
-            saturations=saturations,
-            calibration=largest_calibration,
-            rig=self._rig,
-        )
-        cloud = fused.points.to_cloud(sigma.total, fused.pair, fused=len(maps) > 1)
+        sigma = sigma_of_points(fused.points, fused.view_index, views, largest_calibration, self._rig)
+        stamps_ns = tuple(item.stamp_ns for item in maps)
         findings += fused.findings
         return FusedMap(
-            cloud=replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps)),
+            cloud=fused.points.to_cloud(sigma.total, fused.view_index, fused=len(maps) > 1, pair_stamps_ns=stamps_ns),
             random_sigma=sigma.random,
-            poses_lm_left=poses_lm_left,
+            poses_lm_left=tuple(view.T_lm_left for view in views),
             statistics=findings.statistics,
             warnings=findings.warnings,
         )

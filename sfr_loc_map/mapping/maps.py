@@ -16,7 +16,6 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.pixel_status import StatusImage
-from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.pair_view import PairView
 from sfr_loc_map.mapping.point_sigma import PointSigma
@@ -28,7 +27,8 @@ class PairMap:
 
     stamp_ns: int  #: Stamp of the pair.
     cloud: PointCloud  #: Points in LM with the total sigma; their `pair` is the index that was given to `process`.
-    #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation.
+    #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation. For
+    #: other methods it may be the complete sigma.
     random_sigma: FloatArray32
     T_lm_left: Transform  #: Pose of the left camera in LM.
     disparity_px: FloatImage  #: Disparities of the left image `(H, W)` float32, pixels; NaN where invalid.
@@ -39,7 +39,8 @@ class PairMap:
 class ViewValues(NamedTuple):
     """The values of a `PairMap` that follow from its view.
 
-    The fusion uses the view and would ignore values that were replaced later. `fusion_input_of` refuses such a map.
+    The fusion uses the view. A caller who filters the cloud with `dataclasses.replace` and then fuses the map would
+    otherwise obtain the points of the unfiltered cloud. `fusion_input_of` therefore refuses such a map.
     """
 
     cloud: PointCloud
@@ -58,10 +59,9 @@ class FusionInput:
     """Data of one pair that the fusion uses."""
 
     rig: StereoRig  #: Rig of the pair.
-    view: PairView  #: Points with their fusion sigma, disparities and pose.
-    saturation: Saturation  #: Saturated pixels, which increase the sigma of fused points.
+    view: PairView  #: Points with their fusion sigma, disparities, pose and saturation.
     calibration: CalibrationSigma  #: Uncertainty of the calibration given the measurements in this pair.
-    given_values: ViewValues  #: The values of the map as `Mapper.process` returned them.
+    as_made: ViewValues  #: The values of the map as `Mapper.process` returned them.
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -94,9 +94,7 @@ class MappedPair(PairMap):
         pair = np.full(view.points.size, index, np.uint8)
         cloud = view.points.to_cloud(sigma.total, pair, fused=False)
         values = ViewValues(cloud, sigma.random, view.T_lm_left, read_only(view.images.disparity))
-        fusion_input = FusionInput(
-            rig=rig, view=view, saturation=disparity_map.saturation, calibration=calibration, given_values=values
-        )
+        fusion_input = FusionInput(rig=rig, view=view, calibration=calibration, as_made=values)
         return cls(
             stamp_ns=stamp_ns,
             **values._asdict(),
@@ -123,8 +121,8 @@ def fusion_input_of(pair_map: PairMap, rig: StereoRig) -> FusionInput:
             f"the map of stamp {pair_map.stamp_ns} is from other cameras than those of this mapper: fuse maps of "
             "one rig"
         )
-    values = zip(ViewValues.of(pair_map), found.given_values, strict=True)
-    if any(value is not given for value, given in values):
+    values = zip(ViewValues.of(pair_map), found.as_made, strict=True)
+    if any(value is not made for value, made in values):
         raise MappingError(
             f"the cloud, sigma, pose or disparities of the map of stamp {pair_map.stamp_ns} were replaced after "
             "`Mapper.process`: fuse maps as they were made, and select or move points afterwards"

@@ -32,7 +32,7 @@ density by about this fraction. Chosen by hand."""
 
 
 def findings_of_pair(
-    disparity_map: DisparityMap, rotation: CameraRotation, rig: StereoRig, configured: CalibrationPrior
+    disparity_map: DisparityMap, rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior
 ) -> Findings:
     """Return the findings of a pair's map after all stages, given the configured uncertainty of the calibration."""
     correction = disparity_map.correction
@@ -55,16 +55,16 @@ def findings_of_pair(
         "right_roll_deg": math.degrees(rotation.roll_rad),
         "saturated_share": disparity_map.saturation.fraction,
     }
-    warnings = _warnings_of_images(disparity_map, configured) + _warnings_of_rotation(rotation, rig, configured)
+    warnings = _warnings_of_images(disparity_map, prior) + _warnings_of_rotation(rotation, rig, prior)
     return Findings(statistics, warnings)
 
 
-def vertical_warning_px(configured: CalibrationPrior) -> float:
+def vertical_warning_px(prior: CalibrationPrior) -> float:
     """Return the vertical disparity above which a warning is issued, pixels."""
-    return max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * configured.distortion_px)
+    return max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * prior.distortion_px)
 
 
-def _warnings_of_images(disparity_map: DisparityMap, configured: CalibrationPrior) -> tuple[str, ...]:
+def _warnings_of_images(disparity_map: DisparityMap, prior: CalibrationPrior) -> tuple[str, ...]:
     """Return warnings about matches, rectification, exposure and saturation."""
     fraction = disparity_map.measured_textured_fraction
     correction = disparity_map.correction
@@ -75,7 +75,7 @@ def _warnings_of_images(disparity_map: DisparityMap, configured: CalibrationPrio
     if fraction < LOW_MEASURED_FRACTION:
         warnings.append(f"only {100 * fraction:.0f} % of the textured pixels are measured")
     vertical_px = correction.vertical_largest_px
-    if vertical_px > vertical_warning_px(configured):
+    if vertical_px > vertical_warning_px(prior):
         warnings.append(
             f"vertical disparity of up to {vertical_px:.2f} px between left and right (compensated): "
             "check the rectification"
@@ -91,9 +91,9 @@ def _warnings_of_images(disparity_map: DisparityMap, configured: CalibrationPrio
     return tuple(warnings)
 
 
-def _warnings_of_rotation(rotation: CameraRotation, rig: StereoRig, configured: CalibrationPrior) -> tuple[str, ...]:
+def _warnings_of_rotation(rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior) -> tuple[str, ...]:
     """Return a warning if the right camera has a significant yaw relative to its calibration."""
-    if not is_yaw_significant(rotation, rig, configured):
+    if not is_yaw_significant(rotation, rig, prior):
         return ()
     yaw_deg = math.degrees(rotation.yaw_rad)
     side = "right" if yaw_deg > 0 else "left"

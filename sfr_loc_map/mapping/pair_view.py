@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, Mask, read_only
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.disparity.saturation import Saturation
 
 
 def read_only_pose(pose: Transform) -> Transform:
@@ -51,7 +52,14 @@ class ViewPoints(NamedTuple):
         """Return the points of all parts."""
         return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
-    def to_cloud(self, sigma: FloatArray32, pair: NDArray[np.uint8], *, fused: bool) -> PointCloud:
+    def to_cloud(
+        self,
+        sigma: FloatArray32,
+        pair: NDArray[np.uint8],
+        *,
+        fused: bool,
+        pair_stamps_ns: tuple[int, ...] | None = None,
+    ) -> PointCloud:
         """Return the points as a cloud with the standard deviation and the pair index of each point `(N,)`.
 
         The arrays of the cloud are read-only views of the arrays of the points.
@@ -64,6 +72,7 @@ class ViewPoints(NamedTuple):
             v=read_only(self.v),
             pair=read_only(pair),
             fused=fused,
+            pair_stamps_ns=pair_stamps_ns,
         )
 
 
@@ -77,21 +86,30 @@ class ViewImages(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairView:
-    """Data of one stereo pair for registration and fusion."""
+    """Data of one stereo pair for registration and fusion: points, images, pose, noise and saturation."""
 
     points: ViewPoints
     images: ViewImages  #: The disparities, and the sigmas and grey levels of the points at their pixels.
     T_lm_left: Transform  #: Transforms points from the left optical frame to LM. Its arrays are read-only.
     noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
+    saturation: Saturation  #: Saturated pixels, which increase the sigma of points.
 
     @classmethod
-    def of(cls, points: ViewPoints, disparity_px: FloatImage, T_lm_left: Transform, noise_grey: float) -> PairView:
+    def of(
+        cls,
+        points: ViewPoints,
+        disparity_px: FloatImage,
+        T_lm_left: Transform,
+        noise_grey: float,
+        saturation: Saturation,
+    ) -> PairView:
         """Return the view of points and of their disparity image `(H, W)`, NaN where invalid."""
         fusion_sigma = np.full(disparity_px.shape, np.inf, F)
         fusion_sigma[points.v, points.u] = points.fusion_sigma
         grey = np.full(disparity_px.shape, np.nan, F)
         grey[points.v, points.u] = points.intensity
-        return cls(points, ViewImages(disparity_px, fusion_sigma, grey), read_only_pose(T_lm_left), noise_grey)
+        images = ViewImages(disparity_px, fusion_sigma, grey)
+        return cls(points, images, read_only_pose(T_lm_left), noise_grey, saturation)
 
     def with_pose(self, T_lm_left: Transform) -> PairView:
         """Return the view with its points moved to another pose."""

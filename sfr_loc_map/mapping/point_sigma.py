@@ -2,37 +2,32 @@
 
 A point has three standard deviations along its ray:
 
-- The `fusion_sigma` (`ViewPoints`) is the result of the table's rows up to the fusion, including the fusion of fused
-  points. Views are compared and weighted by it.
-- The random sigma (`PointSigma.random`) is the `fusion_sigma` increased by saturation.
-- The total sigma (`PointSigma.total`, `PointCloud.sigma`) also includes the calibration.
+- The `fusion_sigma` (`ViewPoints`) is the result of rows 1 to 5, or 1 to 6 for fused points. Views are compared and
+  weighted by it.
+- The random sigma (`PointSigma.random`) also includes row 7.
+- The total sigma (`PointSigma.total`, `PointCloud.sigma`) also includes row 8.
 
 The table lists all contributions in the order of the calls. Standard deviations of disparities are in pixels, and
 standard deviations of points are in metres:
 
-=====================================  =================================================================================
-where                                  formula
-=====================================  =================================================================================
-image_noise.noise_variance             variance of a residual, which divides the information: at least the square of
-                                       `rounding_noise`; DEFAULT_VARIANCE if too few residuals are available
-variational_refinement.linearise       information / max(1, mean chi2 / mean weight, variance ratio of blocks), with
-                                       means over WINDOW_CELLS (`image_noise.block_variance_ratio`)
-uncertainty.disparity_sigma            variance 1 / (8 sqrt(h s)) + (SMOOTHING_BIAS curvature)^2 s / h +
-                                       (CREASE_BIAS crease)^2. The information h is reduced by NOISE_INFORMATION and at
-                                       least MIN_INFORMATION, s is the smoothness weight, the curvature is at most
-                                       MAX_CURVATURE_MEDIANS medians, and the crease is at most MAX_CREASE_PX. Means
-                                       are over WINDOW_CELLS, for the crease over CREASE_CELLS. Sigma is at most
-                                       MAX_SIGMA_PX
-hole_filling.fill_holes                max(sigma, MIN_FILLED_SIGMA_PX) at filled pixels
-reprojection.points_from_disparity     abs(ray) Z^2 / (fx baseline) sigma, from pixels to metres
-multiview.fusion (only fused points)   variance c sigma^2 + (1 - c) sum w_i^2 s_i^2 / (sum w_i)^2, with the weights
-                                       w_i = feather / s_i^2 and c = COMMON_VARIANCE
-point_sigma.random_sigma               (1 + SIGMA_GROWTH f) sigma, with the saturated fraction f of a square of side
-                                       NEARBY_SIDE_PX (`saturation`)
-point_sigma.total_sigma                variance sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2). The docstring of
-                                       `total_sigma` has the angle a as a function of `CalibrationSigma`, and
-                                       `disparity/right_camera` the geometry from which it follows
-=====================================  =================================================================================
+=  ====================================  ===============================================================================
+   where                                 formula
+=  ====================================  ===============================================================================
+1  image_noise.noise_variance            image noise: variance of a residual; information = sum w g^2 / variance, with
+                                         the slopes g of the grey levels and the weights w
+2  variational_refinement.linearise      information / max(1, mean chi2 / mean weight, variance ratio of blocks)
+3  uncertainty.disparity_sigma           variance 1 / (8 sqrt(h s)) + (SMOOTHING_BIAS curvature)^2 s / h +
+                                         (CREASE_BIAS crease)^2, with the information h and the smoothness weight s
+4  hole_filling.fill_holes               max(sigma, MIN_FILLED_SIGMA_PX) at filled pixels
+5  reprojection.points_from_disparity    abs(ray) Z^2 / (fx baseline) sigma, from pixels to metres
+6  multiview.fusion (fused points only)  variance c sigma^2 + (1 - c) sum w_i^2 s_i^2 / (sum w_i)^2, with the weights
+                                         w_i = feather / s_i^2 and c = COMMON_VARIANCE
+7  point_sigma.random_sigma              (1 + SIGMA_GROWTH f) sigma, with the saturated fraction f of a square of side
+                                         NEARBY_SIDE_PX (`saturation`)
+8  point_sigma.total_sigma               variance sigma^2 + the variance of the calibration error
+=  ====================================  ===============================================================================
+
+The functions have the bounds and windows of the formulas in their docstrings.
 
 The error of the calibration is common to all points. A constant disparity error, for example due to a yaw of the right
 camera, causes a depth error of `Z^2 / (fx baseline)` per pixel of disparity. Within a pair this error cannot be
@@ -90,75 +85,76 @@ class PointSigma(NamedTuple):
 
 def sigma_of_points(
     points: ViewPoints,
-    pair: NDArray[np.uint8],
-    poses_lm_left: Sequence[Transform],
-    saturations: Sequence[Saturation],
+    view_index: NDArray[np.uint8],
+    views: Sequence[PairView],
     calibration: CalibrationSigma,
     rig: StereoRig,
 ) -> PointSigma:
-    """Return the standard deviations of points of several pairs.
-
-    `pair` `(N,)` is the index of each point's pose and saturation. The poses transform from the left optical frame to
-    LM.
-    """
-    random = random_sigma(points, pair, saturations)
-    total = total_sigma(points, random, pair, poses_lm_left, calibration, rig)
+    """Return the standard deviations of points; `view_index` `(N,)` is the index of each point's view in `views`."""
+    random = random_sigma(points, view_index, [view.saturation for view in views])
+    total = total_sigma(points, random, view_index, [view.T_lm_left for view in views], calibration, rig)
     return PointSigma(read_only(random), read_only(total))
 
 
-def sigma_of_view(view: PairView, saturation: Saturation, calibration: CalibrationSigma, rig: StereoRig) -> PointSigma:
-    """Return the standard deviations of the points of one pair."""
-    pair = np.zeros(view.points.size, np.uint8)
-    return sigma_of_points(view.points, pair, [view.T_lm_left], [saturation], calibration, rig)
+def sigma_of_view(view: PairView, calibration: CalibrationSigma, rig: StereoRig) -> PointSigma:
+    """Return the standard deviations of the points of one view."""
+    view_index = np.zeros(view.points.size, np.uint8)
+    return sigma_of_points(view.points, view_index, [view], calibration, rig)
 
 
-def random_sigma(points: ViewPoints, pair: NDArray[np.uint8], saturations: Sequence[Saturation]) -> FloatArray32:
+def random_sigma(points: ViewPoints, view_index: NDArray[np.uint8], saturations: Sequence[Saturation]) -> FloatArray32:
     """Return the random standard deviation along the ray of each point `(N,)`, metres, larger beside saturated pixels.
 
-    `pair` `(N,)` is the index of each point's saturation.
+    `view_index` `(N,)` is the index of each point's saturation.
     """
     if not any(item.fraction > 0.0 for item in saturations):
         return points.fusion_sigma.copy()
     nearby_fractions_255 = np.stack([item.nearby_fraction_255 for item in saturations])
-    return _random_sigma(points.fusion_sigma, pair, points.v, points.u, nearby_fractions_255)
+    return _random_sigma(points.fusion_sigma, view_index, points.v, points.u, nearby_fractions_255)
 
 
 @jit_rows
 def _random_sigma(
     sigma: FloatArray32,
-    pair: NDArray[np.uint8],
+    view_index: NDArray[np.uint8],
     v: NDArray[np.uint16],
     u: NDArray[np.uint16],
     nearby_fractions_255: NDArray[np.uint8],
 ) -> FloatArray32:
-    """Return the standard deviations `(N,)` times the factors for the nearby saturated fractions `(pairs, H, W)`."""
+    """Return the standard deviations `(N,)` times the factors for the nearby saturated fractions `(views, H, W)`."""
     out = np.empty_like(sigma)
     for n in prange(len(sigma)):
-        out[n] = sigma[n] * SIGMA_FACTORS[nearby_fractions_255[pair[n], v[n], u[n]]]
+        out[n] = sigma[n] * SIGMA_FACTORS[nearby_fractions_255[view_index[n], v[n], u[n]]]
     return out
 
 
 def total_sigma(
     points: ViewPoints,
     random: FloatArray32,
-    pair: NDArray[np.uint8],
+    view_index: NDArray[np.uint8],
     poses_lm_left: Sequence[Transform],
     calibration: CalibrationSigma,
     rig: StereoRig,
 ) -> FloatArray32:
     """Return the total standard deviation along the ray of each point `(N,)`, metres.
 
-    The last row of the module's table gives the variance, with the random part sigma, the range r and the disparity d.
-    With the normalised coordinates (x, y) of the left pixel and (xr, y) of the right pixel, the angle a is given by
+    With the random sigma, the range r, the disparity d, the depth Z = fx baseline_m / d, and the normalised coordinates
+    (x, y) of the left pixel and (xr, y) of the right pixel:
 
-        a^2 = (yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2 + distortion^2
+        a^2     = (yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2 + distortion^2
+        c^2     = a^2 (Z / baseline_m)^2 + focal^2 + baseline^2
+        total^2 = sigma^2 + (r c)^2
+
+    The angle a is the error of the angle between both rays (`disparity/right_camera` has the geometry), and c is the
+    relative error of the range. `view_index` `(N,)` is the index of each point's pose, and the poses transform from
+    the left optical frame to LM.
     """
     return _total_sigma(
         xyz=points.xyz,
         sigma=random,
         us=points.u,
         vs=points.v,
-        pairs=pair,
+        view_index=view_index,
         axes=np.stack([pose.rotation[:, 2] for pose in poses_lm_left]),
         centres=np.stack([pose.translation for pose in poses_lm_left]),
         camera=rig.camera,
@@ -172,23 +168,23 @@ def _total_sigma(
     sigma: FloatArray32,
     us: NDArray[np.uint16],
     vs: NDArray[np.uint16],
-    pairs: NDArray[np.uint8],
+    view_index: NDArray[np.uint8],
     axes: FloatArray,
     centres: FloatArray,
     camera: StereoCamera,
     calibration: CalibrationSigma,
 ) -> FloatArray32:
-    """Return the total standard deviations `(N,)`; axes and centres `(pairs, 3)` of the left cameras are in LM."""
+    """Return the total standard deviations `(N,)`; axes and centres `(views, 3)` of the left cameras are in LM."""
     total = np.empty(len(sigma), F)
     distortion_variance = calibration.distortion_rad * calibration.distortion_rad
     focal = calibration.focal_fraction
     baseline = calibration.baseline_fraction
     length_variance = focal * focal + baseline * baseline
     for n in prange(len(total)):
-        pair = pairs[n]
+        view = view_index[n]
         depth = 0.0
         for k in range(3):
-            depth += axes[pair, k] * (np.float64(xyz[n, k]) - centres[pair, k])
+            depth += axes[view, k] * (np.float64(xyz[n, k]) - centres[view, k])
         x = (us[n] - camera.cx) / camera.fx
         y = (vs[n] - camera.cy) / camera.fy
         right_x = x - camera.baseline_m / depth

@@ -15,10 +15,10 @@ from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 
 def view_of_pair(disparity_map: DisparityMap, rig: StereoRig, T_lm_left: Transform) -> PairView:
-    """Return the view of the valid disparities: their points, images and pose."""
+    """Return the view of the valid disparities."""
     valid_px = np.where(disparity_map.valid, disparity_map.px, F(np.nan))
     points = points_from_disparity(valid_px, disparity_map.sigma_px, disparity_map.left, rig, T_lm_left)
-    return PairView.of(points, valid_px, T_lm_left, disparity_map.noise_grey)
+    return PairView.of(points, valid_px, T_lm_left, disparity_map.noise_grey, disparity_map.saturation)
 
 
 def points_from_disparity(

@@ -158,7 +158,7 @@ def test_same_input_gives_same_bits_on_any_number_of_threads() -> None:
 def arrays_of(pair_map: PairMap) -> list[bytes]:
     assert isinstance(pair_map, MappedPair)
     cloud, given = pair_map.cloud, pair_map.fusion_input
-    saturation = given.saturation
+    saturation = given.view.saturation
     arrays = (cloud.to_structured(), *given.view.points, pair_map.random_sigma, pair_map.disparity_px)
     return [array.tobytes() for array in (*arrays, saturation.square_saturated, saturation.nearby_fraction_255)]
 

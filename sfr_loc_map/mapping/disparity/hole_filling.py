@@ -104,15 +104,15 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`. The map is returned unchanged if
     fewer than `MIN_SAMPLES` samples are available for the maximum cost.
     """
-    measured = disparity_map.valid
+    was_valid = disparity_map.valid
     unsaturated = ~disparity_map.saturation.square_saturated
-    cost_limit = _cost_limit(_scene(disparity_map, disparity_map.px, measured, unsaturated))
+    cost_limit = _cost_limit(_scene(disparity_map, disparity_map.px, was_valid, unsaturated))
     if cost_limit is None:
         return disparity_map
     min_margin = F(MARGIN_SIGMAS * disparity_map.noise_grey)
     px = disparity_map.px
-    valid = measured
-    newly_valid = measured
+    valid = was_valid
+    newly_valid = was_valid
     for _ in range(PASSES):
         has_new_hypotheses = dilated(newly_valid, REACH)
         scene = _scene(disparity_map, px, valid, unsaturated & has_new_hypotheses)
@@ -122,7 +122,7 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
         newly_valid = filled.accepted
     # Depths are compared after all passes. A rejected pixel may therefore have provided a hypothesis in a later pass.
     has_similar_depth = depth_ratio(np.where(valid, px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
-    is_filled = valid & ~measured & has_similar_depth
+    is_filled = valid & ~was_valid & has_similar_depth
     return replace(
         disparity_map,
         px=np.where(is_filled, px, disparity_map.px),
@@ -204,7 +204,7 @@ def _best_hypothesis(
         if possible[k] and cost[k] < lowest:
             best = k
             lowest = cost[k]
-    if best < 0:
+    if best < 0:  # no possible hypothesis has a cost, which condition 4 requires
         return F(np.nan)
     disparity: np.float32 = planes.disparity[best]
     lowest_other = NO_COST

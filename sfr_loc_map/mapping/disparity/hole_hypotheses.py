@@ -23,7 +23,7 @@ DIRECTION_COUNT = len(DIRECTIONS)
 class HoleScene(NamedTuple):
     """Input of a pass, `(H, W)` each."""
 
-    left: FloatImage  #: Integer grey levels.
+    left: FloatImage  #: Grey levels, float32 with integer values.
     right: FloatImage  #: Corrected grey levels.
     disparity: FloatImage  #: Pixels.
     valid: Mask  #: Pixels with a valid disparity, measured or filled in an earlier pass.

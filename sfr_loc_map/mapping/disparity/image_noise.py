@@ -7,8 +7,8 @@ the noise of both images, and of the rounding of their grey levels. The function
 function                  what                                          used for
 ========================  ============================================  ===============================================
 `noise_of_image`          standard deviation of one image's noise       the threshold of texture (`texture`)
-`rounding_noise`          standard deviation of a residual that         the lower bound of the following two
-                          rounding alone causes
+`rounding_noise`          standard deviation of a residual that         the lower bound of `overall_noise` and
+                          rounding alone causes                         `noise_variance`
 `overall_noise`           standard deviation of all residuals,          clipping residuals for the brightness offset
                           including their brightness offset             and the template (`linearise`)
 `noise_variance`          variance of a residual without its            the data term and its information, and thereby
@@ -17,9 +17,9 @@ function                  what                                          used for
                           the noise is correlated between pixels        information (`linearise`)
 ========================  ============================================  ===============================================
 
-`variational_refinement.linearise` calls the last three functions in each iteration. The noise of a pair, `noise_grey`
-(`RefinedDisparity`), is the median standard deviation by `noise_variance` of the last iteration. Thresholds of
-`validity`, `hole_filling` and `multiview` are multiples of `noise_grey`.
+`variational_refinement.linearise` calls `overall_noise`, `noise_variance` and `block_variance_ratio` in each iteration.
+The noise of a pair, `noise_grey` (`RefinedDisparity`), is the median standard deviation by `noise_variance` of the last
+iteration. Thresholds of `validity`, `hole_filling` and `multiview` are multiples of `noise_grey`.
 """
 
 from __future__ import annotations
@@ -84,6 +84,9 @@ def noise_variance(
 
     The noise of a camera has a constant part and a part that grows with the light (photon noise). The line is fitted by
     weighted least squares to robust variances in ranges of the grey level, and clipped to their minimum and maximum.
+    Variances are at least the square of `min_noise` (`rounding_noise`). The variance is `DEFAULT_VARIANCE` if too few
+    residuals are available.
+
     The weights are inverse squared variances, because the standard deviation of a variance is proportional to the
     variance.
 

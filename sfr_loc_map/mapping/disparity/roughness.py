@@ -26,13 +26,13 @@ distributed second differences do not reach it."""
 LOCAL_MAGNITUDE_WINDOW = 9
 """Side of the window over which the second differences of the roughness are averaged, in units of their spacing, which
 is 4 cells. The mean of the roots of 81 independent values has a relative standard deviation of 5 %."""
+ROUGHNESS_WINDOW = 5
+"""Side of the window over which the local roughness is then averaged, in the same units. The optimum is flat
+(measurements/mapper_trials.md)."""
 MIN_ROUGHNESS = 0.1
 """Minimum ratio of the local roughness to the median of the image, so that flat regions can still bend. With half or
 twice the value the mean error of five pairs changes by less than 1 % (measurements/mapper_trials.md)."""
 MIN_TYPICAL_PX = 1e-3  #: Lower bound of the median of the second differences, pixels; it must not be 0.
-ROUGHNESS_WINDOW = 5
-"""Side of the window over which the local roughness is then averaged, in the same units. The optimum is flat
-(measurements/mapper_trials.md)."""
 GRID_FACTOR = 2.8
 """Growth of the typical second difference per doubling of the spacing, `2^1.5`: between fractal ground (2 or less) and
 a surface of constant curvature (4). With 2 or 4 and the same scale on the finest grid, the errors of rendered pairs are

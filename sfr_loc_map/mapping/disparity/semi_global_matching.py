@@ -39,9 +39,8 @@ def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> Float
 
     Semi-global matching (Hirschmueller 2008, OpenCV's three paths) has steps of 1/16 pixel. In wide images pairs of
     columns are averaged first, and the steps are 1/8 pixel. If the exposures differ, the right image is equalised. The
-    search range is at least 0 to `count - 1`; in wide images, whose candidates are two pixels apart, it may be 0 to
-    `count - 2`. Both images are padded on the left, so that columns are matched even if a
-    part of the search range is outside the right image.
+    search range is at least 0 to `count - 1`, or `count - 2` in wide images (`SearchRange.count`). Both images are
+    padded on the left, so that columns are matched even if a part of the search range is outside the right image.
     """
     reduction = 2 if left.shape[1] >= WIDE_COLUMNS else 1
     searched = DISPARITY_STEP * math.ceil(count / (DISPARITY_STEP * reduction))

@@ -78,6 +78,9 @@ def _write_differences(
 ) -> None:
     """Write the weighted second differences of row i of a grid, `(w + 2,)` each, except their border.
 
+    Element k of an output belongs to column k - 1 of the grid. Differences along x exist at columns 1 to w - 2,
+    differences along y at all columns, and mixed differences, of columns j and j + 1, at columns 0 to w - 2.
+
     The field `(n, w)` consists of rows of the grid, and row i of the grid is row `i_in_field` of the field.
     """
     cols = field.shape[1]
@@ -106,7 +109,16 @@ def write_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, fi
     """Write rows `(m, w)` of `A' W A field` to `out`, starting at row `first` of the grid.
 
     The field `(n, w)` begins at row `top` of the grid. It contains the rows to write and, within the grid, two more
-    rows on either side.
+    rows on either side. The weighted differences have one border row on either side, which is 0 outside the grid, and
+    one border column on either side, which is 0:
+
+        rows of the grid   first - 2 | first - 1 | first ... first + m - 1 | first + m | first + m + 1
+        field                  x           x                  x                  x             x
+        differences                      n = 0             1 ... m             m + 1
+        out                                              0 ... m - 1
+
+    Element k of a row of differences belongs to column k - 1. In the second loop, element j of the shifted rows is
+    therefore column j - 1 (no shift), j (`[1:]`) or j + 1 (`[2:]`).
     """
     rows, cols = weights.mixed.shape
     size = (len(out) + 2, cols + 2)

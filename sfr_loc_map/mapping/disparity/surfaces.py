@@ -1,4 +1,15 @@
-"""Surfaces of a disparity image: jumps between them, their slopes, and their visibility in the right image."""
+"""Surfaces of a disparity image: jumps between them, their slopes, and their visibility in the right image.
+
+Three functions compare a pixel with the surfaces at the corresponding pixel of the right image:
+
+=============================  =========================================================================================
+function                       result
+=============================  =========================================================================================
+surfaces.occlusion_mask        whether that pixel is outside the right image or belongs to a nearer surface
+hole_filling._is_contradicted  the same for a hypothesis, which is also contradicted by a farther surface
+wrong_surface._occluder        how much nearer the nearest surface at that column is, pixels: a feature of the network
+=============================  =========================================================================================
+"""
 
 from __future__ import annotations
 
@@ -14,7 +25,9 @@ from sfr_loc_map.mapping.filters import square_element
 
 SURFACE_JUMP_PX = F(1.0)
 """Neighbouring disparities that differ by more than this belong to two surfaces, pixels: the disparity of ground
-changes by less from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera."""
+changes by less from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera. A difference of
+exactly this value is neither evidence for one surface (`<`) nor for two (`>`), except in `segments` (one surface) and
+in `wrong_surface` (two surfaces)."""
 MIN_DIVISOR_DISPARITY_PX = F(0.3)
 """Lower bound of disparities for ratios of depths, pixels. Chosen by hand: the error of a smaller disparity may be as
 large as the disparity."""

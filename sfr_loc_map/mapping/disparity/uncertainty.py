@@ -27,8 +27,7 @@ SMOOTHING_BIAS = F(0.34)
 several kinds, with several illuminations and cameras (measurements/mapper_trials.md)."""
 MAX_CURVATURE_MEDIANS = 10.0
 """For the smoothing bias, second differences are clipped to this multiple of their median. Larger second differences
-are creases, which have a separate term. Chosen by hand, like `roughness.EDGE_FACTOR`: normally distributed
-second differences do not reach it."""
+are creases, which have a separate term. Chosen like `roughness.EDGE_FACTOR`."""
 CREASE_BIAS = F(1.2)
 """Error in pixels at a second difference of 1 pixel above the median. Chosen like `SMOOTHING_BIAS`: beside edges and
 creases the error is about as large as the second difference."""
@@ -51,6 +50,14 @@ def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
     columns; the weight of the mixed second difference is not used. Smoothing adds a bias proportional to the remaining
     curvature and to the square of the smoothing radius, `(s / h)^(1/4)` cells. Creases add an error proportional to
     their curvature. The curvature is the sum of the magnitudes of the second differences along rows and along columns.
+    The variance is the sum
+
+        1 / (8 sqrt(h s)) + (SMOOTHING_BIAS curvature)^2 s / h + (CREASE_BIAS crease)^2
+
+    The information, the weights and the curvature are means over `WINDOW_CELLS`, and the crease is a mean over
+    `CREASE_CELLS`. The information is reduced by `NOISE_INFORMATION` and is at least `MIN_INFORMATION`. The curvature
+    is at most `MAX_CURVATURE_MEDIANS` medians, and the crease is the curvature above the median, from 0 to
+    `MAX_CREASE_PX`. Sigma is at most `MAX_SIGMA_PX`.
     """
     information = np.maximum(box_mean(refined.information, WINDOW_CELLS) - NOISE_INFORMATION, MIN_INFORMATION)
     weight_x = box_mean(refined.weights.along_x, WINDOW_CELLS)

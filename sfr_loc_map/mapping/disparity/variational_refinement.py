@@ -79,7 +79,7 @@ class RefinedDisparity:
     disparity_px: FloatImage  #: `(H, W)` float32, pixels, defined everywhere.
     cells_px: FloatImage  #: `(h, w)` float32, pixels, the field on the cells of the padded image.
     information: FloatImage  #: `(h, w)` float32, 1 / px^2 per cell, at the field.
-    weights: SmoothnessWeights  #: Weights of the second differences of the field before its last step.
+    weights: SmoothnessWeights  #: Weights of the second differences, from the field one step before `cells_px`.
     #: `(H, W)` float32, residual over its standard deviation; NaN outside the right image.
     normalised_residual: FloatImage
     noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
@@ -108,7 +108,7 @@ class SolvedField(NamedTuple):
     """Result of one linearised solve."""
 
     cells: FloatImage  #: `(h, w)`, the field, pixels.
-    weights: SmoothnessWeights  #: Smoothness weights of the finest grid, from the field before the step on this grid.
+    weights: SmoothnessWeights  #: Smoothness weights of the finest grid, from the field one step before `cells`.
 
 
 def refine_disparity(left: FloatImage, right: FloatImage, initial_cells: FloatImage) -> RefinedDisparity:
@@ -156,8 +156,8 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
     """Return the data term at a field.
 
     The steps are the residual, its brightness offset and variance, the slope along the row in the mean of both images,
-    and the normal equations. For the information, the variance is inflated where residuals exceed it, and everywhere if
-    the residuals are correlated between pixels.
+    and the normal equations. For the information, the variance is inflated where residuals exceed it (means over
+    `WINDOW_CELLS`), and everywhere if the residuals are correlated between pixels (`block_variance_ratio`).
     """
     residual = photometric_residual(left.image, right, pixels_from_cells(cells))
     noise = overall_noise(residual, left.min_noise)

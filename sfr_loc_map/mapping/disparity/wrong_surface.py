@@ -2,11 +2,15 @@
 
 A network with one hidden layer classifies a pixel by thirteen features, such as the matching costs at the disparity of
 the pixel and at the disparity of the other surface. The weights were trained on rendered ground with known disparity
-(`tools/train_jump_network.py`). They are valid only for the features of the training, so that a change of one of the
-following requires a new training:
+(`tools/train_jump_network.py`). They are valid only for the features of the training. A change of one of the following
+requires a new training:
 
 - The constants below and in `matching_cost` that are stored with the weights. A test compares them with the code.
-- The pixels that are classified: those that pass `validity.status_before_wrong_surface`.
+- The pixels that are classified: those that pass `validity.status_before_wrong_surface`. Its thresholds and the
+  refinement change these pixels, too. No test compares them.
+
+The following properties of the features must not be corrected without a new training:
+
 - `close_cost` is 0 if a part of the window is inside the right image, but none of its 3 x 3 pixels.
 - `same_surface` counts only valid pixels, and `nearer_surface` counts valid and invalid pixels.
 - `occluder_px` compares right columns with a tolerance and counts valid and invalid disparities.
@@ -71,7 +75,7 @@ WINDOW_MARGIN_SCALE = 2.0  #: Factor of the window margin, which varies less tha
 class JumpScene(NamedTuple):
     """Input of the classification, `(H, W)` each; `HoleScene` is the input of the filling of holes."""
 
-    left: FloatImage  #: Integer grey levels.
+    left: FloatImage  #: Grey levels, float32 with integer values.
     right: FloatImage  #: Corrected grey levels.
     disparity: FloatImage  #: Pixels.
     has_initial: Mask  #: Pixels that the semi-global matching has matched.

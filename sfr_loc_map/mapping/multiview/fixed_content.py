@@ -89,8 +89,8 @@ def _fixed_region(fixed_disparity: Mask, first_grey: FloatImage, second_grey: Fl
 def _fixed_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
     """Return the mask of the samples `(h, w)` with the same disparity in both images where ground would have moved."""
     disparity = first.images.disparity[::STRIDE, ::STRIDE]
-    fixed: Mask = np.abs(disparity - second.images.disparity[::STRIDE, ::STRIDE]) < SURFACE_JUMP_PX
-    row, column = np.nonzero(fixed)
+    same_disparity: Mask = np.abs(disparity - second.images.disparity[::STRIDE, ::STRIDE]) < SURFACE_JUMP_PX
+    row, column = np.nonzero(same_disparity)
     x, y = rig.camera.normalised(np.column_stack((column, row)).astype(np.float64) * STRIDE).T
     inverse_depth = disparity[row, column].astype(np.float64) / (rig.fx * rig.baseline_m)
     T_second_first = second.T_lm_left.inverse() @ first.T_lm_left
@@ -99,8 +99,9 @@ def _fixed_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
     with np.errstate(divide="ignore", invalid="ignore"):
         motion_px = np.hypot(rig.fx * (moved[0] / moved[2] - x), rig.fy * (moved[1] / moved[2] - y))
     is_behind = ~(moved[2] > 0.0)
-    fixed[row, column] = is_behind | (motion_px > MIN_MOTION_PX)
-    return fixed
+    is_fixed = np.zeros_like(same_disparity)
+    is_fixed[row, column] = is_behind | (motion_px > MIN_MOTION_PX)
+    return is_fixed
 
 
 def _similarity(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
@@ -130,4 +131,4 @@ def _without(view: PairView, region: Mask) -> PairView:
     rows, columns = view.images.disparity.shape
     removed = region.repeat(STRIDE, axis=0).repeat(STRIDE, axis=1)[:rows, :columns]
     disparity_px = np.where(removed, F(np.nan), view.images.disparity)
-    return PairView.of(view.points.select(kept), disparity_px, view.T_lm_left, view.noise_grey)
+    return PairView.of(view.points.select(kept), disparity_px, view.T_lm_left, view.noise_grey, view.saturation)

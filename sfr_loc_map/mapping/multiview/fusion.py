@@ -8,8 +8,8 @@ agreement with a third pair, because a missing point is preferred to a wrong poi
 `1 / sigma^2`, reduced near the image border. If both weights are equal, the earlier pair is preferred.
 
 The remaining points are kept, each on the ray of its own pixel. At grazing angles, the rows of one image are
-centimetres apart on the ground, and the rows of another pair are between them. If two points sample the same spot, the
-point with the larger weight is kept.
+centimetres apart on the ground, and the rows of another pair are between them, so that keeping all points increases
+the density there. If two points sample the same spot, the point with the larger weight is kept.
 
 A pair that observes a point from much farther away than the point's own pair (`MAX_RANGE_FACTOR`) is ignored at that
 point. Its surface is smoothed over a larger part of the ground, for example over the edges of rocks, and its sigma is
@@ -54,11 +54,11 @@ class FusedViews(NamedTuple):
     """Result of the fusion."""
 
     points: ViewPoints  #: N points of all views.
-    pair: NDArray[np.uint8]  #: `(N,)`, index of the view of each point.
+    view_index: NDArray[np.uint8]  #: `(N,)`, index of the view of each point.
     findings: Findings
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Comparison:
     """The N points of a view, compared with the other views that were included; `include` changes the arrays.
 
@@ -67,7 +67,6 @@ class Comparison:
     """
 
     own_sigma: FloatArray32  #: `(N,)`, the `fusion_sigma` of the point, metres.
-
     own_range: FloatArray32  #: `(N,)`, range of the point from its own camera, metres.
     own_weight: FloatArray32  #: `(N,)`, weight of the point, 1 / m^2.
     total_weight: FloatArray32  #: `(N,)`, sum of the weights of the point and of the agreeing views, 1 / m^2.
@@ -133,6 +132,7 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
                 continue
             observed = project_into_view(view.points.xyz, other.T_lm_left, other.images, rig)
             comparison.include(observed, is_earlier=other_index < index)
+            # Only statistics and warnings, which need the same observations.
             agreement += agreement_findings(index, other_index, views, observed)
         parts.append(_fused_points(view, comparison))
         agreeing_count += int(comparison.agrees.sum())
@@ -146,8 +146,8 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
         "pairs": float(len(views)),
         "fused": float(len(views) > 1),
     }
-    pair = np.repeat(np.arange(len(views), dtype=np.uint8), [part.size for part in parts])
-    return FusedViews(points, pair, Findings(statistics) + agreement)
+    view_index = np.repeat(np.arange(len(views), dtype=np.uint8), [part.size for part in parts])
+    return FusedViews(points, view_index, Findings(statistics) + agreement)
 
 
 def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:

@@ -28,13 +28,6 @@ then accurate to 7 %."""
 MIN_DEPTH_M = 1e-3  #: Minimum depth of a projected point, metres: points behind the camera are ignored.
 
 
-def point_weights(view: PairView) -> FloatArray32:
-    """Return the weight of each point of a view in the fusion `(N,)`, 1 / m^2."""
-    rows, columns = view.images.disparity.shape
-    points = view.points
-    return _point_weights(points.fusion_sigma, points.u, points.v, rows, columns)
-
-
 class Observations(NamedTuple):
     """Observations by a view of M of the N points of another view, `(M,)` each."""
 
@@ -63,6 +56,13 @@ def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImage
     """Return the observations of points `(N, 3)` in LM by a view whose left camera has the pose `T_lm_left`."""
     of_all_points = _observe(xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
     return of_all_points.select(np.flatnonzero(np.isfinite(of_all_points.difference)))
+
+
+def point_weights(view: PairView) -> FloatArray32:
+    """Return the weight of each point of a view in the fusion `(N,)`, 1 / m^2."""
+    rows, columns = view.images.disparity.shape
+    points = view.points
+    return _point_weights(points.fusion_sigma, points.u, points.v, rows, columns)
 
 
 @jit_rows_inline

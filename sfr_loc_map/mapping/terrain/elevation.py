@@ -28,7 +28,8 @@ sigma of 0."""
 class ElevationModel:
     """Heights over a grid whose rows are along y and columns along x of LM."""
 
-    height_m: FloatArray32  #: `(R, C)` float32, z of LM; NaN where unknown, at least in cells without a point.
+    #: `(R, C)` float32, z of LM; NaN where `count` is 0, and in a `TerrainGrid` where it is below `MIN_POINTS`.
+    height_m: FloatArray32
     sigma_m: FloatArray32  #: `(R, C)` float32, standard deviation of the height; NaN where the height is unknown.
     count: NDArray[np.int32]  #: `(R, C)` int32, points in the cell.
     cells: CellGrid  #: Number, position and size of the cells.
@@ -53,7 +54,8 @@ def elevation_model(
 ) -> ElevationModel:
     """Return the elevation model of a cloud over cells; raises MappingError if no cell contains a point.
 
-    `cell_of_point` `(N,)` is the cell of each point, -1 outside (`CellGrid.cell_of`). The `pair` of a point is the
+    `cell_of_point` `(N,)` is the cell of each point, -1 outside (`CellGrid.cell_of`); it is an argument to be computed
+    only once. The `pair` of a point is the
     index of its left camera's pose; without poses, the sigma of heights is overestimated. `random_sigma` `(N,)` is the
     part of the points' sigma that differs from point to point; None if this is the whole sigma.
 
