@@ -32,6 +32,8 @@ from sfr_loc_map.topics import Role, names
 
 Say = Callable[[str], None]
 Progress = Callable[[str], None]
+DELIVERY_S = 0.5
+"""Time for the last results to reach the monitor, which receives them by other subscriptions than the collector, s."""
 
 
 class Participants(NamedTuple):
@@ -56,6 +58,7 @@ def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, 
             signals.hold()  # the played part is still scored
         if options.page is not None:
             problem = f"{MONITOR_NODE} did not publish its figures"
+            time.sleep(DELIVERY_S)
             participants.peer.call_trigger(f"{MONITOR_NODE}/finish", problem)
             options.page.run_is_over(missing=_missing_poses(source, results))
         return was_interrupted
