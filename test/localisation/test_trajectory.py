@@ -65,6 +65,21 @@ def begun(rig: StereoRig = IN_CAMERA) -> PathState:
     return trajectory.restarted(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
 
 
+def pair_at(number: int, to: Transform | np.ndarray, inflation: Inflation = Inflation.NONE) -> AcceptedPair:
+    """Return the pair of a number that was tracked at a pose, or a position."""
+    pose = Pose(to.rotation, to.translation) if isinstance(to, Transform) else Pose(np.eye(3), to)
+    tracks = SimpleNamespace(pose=pose, information=1e18 * np.eye(6), landmarks=SimpleNamespace(median_depth=DEPTH_M))
+    return AcceptedPair(
+        number * PERIOD_NS,
+        tracks,  # type: ignore[arg-type]
+        chi_median=1.0,
+        was_known=True,
+        shear_chi2=0.0,
+        inflation=inflation,
+        other_distance=MotionSize(0.0, 0.0),
+    )
+
+
 def move(
     path: PathState,
     number: int,
@@ -74,31 +89,16 @@ def move(
     inflation: Inflation = Inflation.NONE,
 ) -> PathState:
     """Return the path after the pair of a number was tracked at a pose, or a position."""
-    return tracked(path, number, to, known, rig, inflation)[0]
-
-
-def tracked(
-    path: PathState,
-    number: int,
-    to: Transform | np.ndarray,
-    known: OnlineCalibration | None = None,
-    rig: StereoRig = IN_CAMERA,
-    inflation: Inflation = Inflation.NONE,
-) -> tuple[PathState, StepEstimate]:
-    """Return the path and the step after the pair of a number was tracked at a pose, or a position."""
-    pose = Pose(to.rotation, to.translation) if isinstance(to, Transform) else Pose(np.eye(3), to)
-    tracks = SimpleNamespace(pose=pose, information=1e18 * np.eye(6), landmarks=SimpleNamespace(median_depth=DEPTH_M))
-    pair = AcceptedPair(
-        number * PERIOD_NS,
-        tracks,  # type: ignore[arg-type]
-        chi_median=1.0,
-        was_known=True,
-        shear_chi2=0.0,
-        inflation=inflation,
-        other_distance=MotionSize(0.0, 0.0),
-    )
+    pair = pair_at(number, to, inflation)
     calibration = known or OnlineCalibration(RIG.camera, 7)
-    return trajectory.accepted(path, pair, map_of(NOTHING), calibration, model_of(rig))  # type: ignore[arg-type]
+    return trajectory.accepted(path, pair, map_of(NOTHING), calibration, model_of(rig))[0]  # type: ignore[arg-type]
+
+
+def step_to(path: PathState, number: int, to: np.ndarray) -> StepEstimate:
+    """Return the step to the pair of a number that is tracked at a position."""
+    calibration = OnlineCalibration(RIG.camera, 7)
+    model = model_of(IN_CAMERA)
+    return trajectory.accepted(path, pair_at(number, to), map_of(NOTHING), calibration, model)[1]  # type: ignore[arg-type]
 
 
 def of_path(path: PathState, known: OnlineCalibration | None = None) -> np.ndarray:
@@ -204,15 +204,15 @@ def test_a_step_from_the_first_pair_of_a_window_does_not_contain_the_motion_befo
     model = model_of(IN_CAMERA)
     path = trajectory.lost(move(begun(), 1, STEP, inflation=inflation))
     path, gap = trajectory.restarted(path, 51 * PERIOD_NS, map_of(NOTHING), model)  # type: ignore[arg-type]
-    step = tracked(path, 52, 1.1 * STEP)[1]
-    of_first_step = tracked(begun(), 1, 0.1 * STEP)[1]
+    step = step_to(path, 52, 1.1 * STEP)
+    of_first_step = step_to(begun(), 1, 0.1 * STEP)
     assert np.sqrt(gap.covariance[0, 0]) == pytest.approx(5.0 * LENGTH / 0.1)  # 5 s at the last speed
     np.testing.assert_allclose(step.covariance, of_first_step.covariance, atol=1e-9)
 
 
 def test_a_step_from_a_kept_pose_contains_the_motion_while_the_pose_was_kept() -> None:
     kept, gap = trajectory.kept(move(begun(), 1, STEP), 2 * PERIOD_NS, model_of(IN_CAMERA))
-    step = tracked(kept, 3, 3.0 * STEP)[1]
+    step = step_to(kept, 3, 3.0 * STEP)
     assert np.linalg.eigvalsh(step.covariance - gap.covariance)[0] > -1e-9
 
 
