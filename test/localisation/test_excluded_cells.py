@@ -24,12 +24,12 @@ def after(
     excluded: ExcludedCells,
     *,
     fixed: Mask = NOTHING,
-    moving: Mask | None = None,
+    dynamic: Mask | None = None,
     stationary: Mask = NOTHING,
     has_excluded: bool = False,
 ) -> ExcludedCells:
     """Return the excluded cells after a pair."""
-    return excluded.after_selection(fixed, moving, stationary, SHAPE, has_excluded=has_excluded)
+    return excluded.after_selection(fixed, dynamic, stationary, SHAPE, has_excluded=has_excluded)
 
 
 def test_cells_age_also_in_pairs_in_which_no_landmark_is_excluded() -> None:
@@ -54,7 +54,7 @@ def test_cells_that_are_fixed_do_not_age_while_their_texture_stays() -> None:
 
 @pytest.mark.parametrize(("is_fixed", "life"), [(True, FIXED_LIFE), (False, DYNAMIC_LIFE)])
 def test_the_pair_that_excludes_a_cell_is_the_first_of_its_life(is_fixed: bool, life: int) -> None:
-    cells = {"fixed": one_cell()} if is_fixed else {"moving": one_cell()}
+    cells = {"fixed": one_cell()} if is_fixed else {"dynamic": one_cell()}
     excluded = after(ExcludedCells.none(SHAPE), has_excluded=True, **cells)
     masked = 0
     while excluded.mask is not None:
