@@ -86,12 +86,16 @@ def plausible_positions(positions: FloatArray) -> Mask:
     return np.asarray(near[..., 0] & near[..., 1] & near[..., 2])  # four times as fast as `all`
 
 
-def plausible_quats(quats_xyzw: FloatArray) -> Mask:
-    """Return whether each quaternion `(..., 4)` has unit norm within `ROTATION_TOLERANCE`, `(...,)`."""
+def plausible_attitudes(quats_xyzw: FloatArray) -> Mask:
+    """Return whether each quaternion `(N, 4)` has unit norm within `ROTATION_TOLERANCE`, `(N,)`.
+
+    If every quaternion is zero, the rows are positions without attitude, and each row is valid.
+    """
     with np.errstate(over="ignore"):
         squares = np.einsum("...i,...i->...", quats_xyzw, quats_xyzw)
     low, high = QUATERNION_SQUARES
-    return np.asarray((low <= squares) & (squares <= high))
+    has_no_attitude = not quats_xyzw.any()  # NaN counts as an attitude
+    return np.asarray((low <= squares) & (squares <= high)) | has_no_attitude
 
 
 def plausible_poses(positions: FloatArray, quats_xyzw: FloatArray) -> Mask:
@@ -99,8 +103,7 @@ def plausible_poses(positions: FloatArray, quats_xyzw: FloatArray) -> Mask:
 
     If every quaternion is zero, the rows are positions without attitude.
     """
-    has_no_attitude = not quats_xyzw.any()  # NaN counts as an attitude
-    return plausible_positions(positions) & (plausible_quats(quats_xyzw) | has_no_attitude)
+    return plausible_positions(positions) & plausible_attitudes(quats_xyzw)
 
 
 def is_plausible_covariance(covariance: FloatArray) -> bool:

@@ -21,7 +21,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
-from sfr_loc_map.geometry.plausibility import plausible_quats, plausible_rotations
+from sfr_loc_map.geometry.plausibility import plausible_attitudes, plausible_rotations
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.tables.number_text import number_or_nan, parse_number
 from sfr_loc_map.io.tables.stamps import (
@@ -567,7 +567,7 @@ def _fitting_rows(keys: Sequence[str], rows: FloatArray) -> Mask:
     fitting = np.ones(len(rows), np.bool_)
     if "qw" in index_of:
         quats = rows[:, [index_of[key] for key in QUATERNION]]
-        fitting &= plausible_quats(quats) | (not quats.any())  # zeros in all rows: positions without attitudes
+        fitting &= plausible_attitudes(quats)
     if MATRIX[0] in index_of:
         first = index_of[MATRIX[0]]
         fitting &= plausible_rotations(rows[:, first : first + 12].reshape(-1, 3, 4)[:, :, :3])
