@@ -19,7 +19,8 @@ from sfr_loc_map.localisation.ground_memory import Effect, GroundMemory
 class Case(Enum):
     """The motions in a pair, and the tracks that are used."""
 
-    OWN_BODY = auto()  #: The main motion is that of texture fixed to the camera; that off it is the ground's.
+    #: The main motion is that of texture fixed to the camera. The motion of the other landmarks is the ground's.
+    OWN_BODY = auto()
     UNTRUSTED = auto()  #: No motion is trusted. The main tracks are used, and the pose is refused.
     PARTIAL_TRANSFER = auto()  #: Parts of the images are of different exposures. The main motion is used.
     DOUBLE_EXPOSURE = auto()  #: Two exposures are blended. The motion of the dominant exposure is used.

@@ -86,7 +86,7 @@ class RecoveryImages(NamedTuple):
     """Images from which lost tracking can be recovered."""
 
     last: KnownImage | None = None  #: Last tracked image.
-    best: KnownImage | None = None  #: Last tracked image of whose landmarks at least half are inliers in it.
+    best: KnownImage | None = None  #: Last tracked image in which at least half of the landmarks are inliers.
 
     @property
     def is_last_best(self) -> bool:

@@ -1,7 +1,7 @@
 """The mapper: one call per stereo pair, and one call that fuses up to three of them.
 
-LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping. Names of a rig call the
-same frame SB. Disparities refer to the left image and are in pixels. Lengths are in metres.
+LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping, which is SB in the names
+of a rig. Disparities refer to the left image and are in pixels. Lengths are in metres.
 
 The stages of `Mapper.process`, with their modules and results:
 

@@ -27,8 +27,8 @@ class PairMap:
 
     stamp_ns: int  #: Stamp of the pair.
     cloud: PointCloud  #: Points in LM with the total sigma; their `pair` is the index that was given to `process`.
-    #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation. For
-    #: other methods it may be the complete sigma.
+    #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation. Other
+    #: methods may state the complete sigma.
     random_sigma: FloatArray32
     T_lm_left: Transform  #: Pose of the left camera in LM.
     disparity_px: FloatImage  #: Disparities of the left image `(H, W)` float32, pixels; NaN where invalid.

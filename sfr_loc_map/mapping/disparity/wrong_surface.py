@@ -44,8 +44,7 @@ from sfr_loc_map.mapping.filters import dilated, square_element
 SMALL_JUMP_PX = F(0.7)
 """Disparities that differ by more than this may belong to two surfaces that the refinement has joined by a ramp,
 pixels. Pixels beside jumps above 0.7 px have twice the total squared error of pixels beside jumps above 1.5 px
-(measurements/mapper_trials.md). Costs are compared only with surfaces that differ by `SURFACE_JUMP_PX` or
-more."""
+(measurements/mapper_trials.md). Costs are compared only with surfaces that differ by `SURFACE_JUMP_PX` or more."""
 SURFACE_RADIUS = 3
 """Half the side of the window in which other surfaces are searched, pixels: smoothing moves edges by one or two
 cells."""

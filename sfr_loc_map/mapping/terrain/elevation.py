@@ -54,10 +54,10 @@ def elevation_model(
 ) -> ElevationModel:
     """Return the elevation model of a cloud over cells; raises MappingError if no cell contains a point.
 
-    `cell_of_point` `(N,)` is the cell of each point, -1 outside (`CellGrid.cell_of`); it is an argument to be computed
-    only once. The `pair` of a point is the
-    index of its left camera's pose; without poses, the sigma of heights is overestimated. `random_sigma` `(N,)` is the
-    part of the points' sigma that differs from point to point; None if this is the whole sigma.
+    `cell_of_point` `(N,)` is the cell of each point, -1 outside (`CellGrid.cell_of`). The caller passes the cells,
+    because other layers of the grid use them, too. The `pair` of a point is the index of its left camera's pose;
+    without poses, the sigma of heights is overestimated. `random_sigma` `(N,)` is the part of the points' sigma that
+    differs from point to point; None if this is the whole sigma.
 
     The height of a cell is the weighted mean of its n points' heights. The weight w is the inverse of the random
     variance of a height (`_height_variance_ratio`). The variance of a cell is the sum of three parts:

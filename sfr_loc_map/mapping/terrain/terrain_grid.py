@@ -72,8 +72,8 @@ class TerrainGrid:
     slope_rad: FloatArray32
     #: `(R, C)` float32, root of the mean squared difference of these heights from the plane.
     roughness_m: FloatArray32
-    #: `(R, C)` float32, largest difference, relative to that plane, between the high and the
-    #: low heights of the cells within `STEP_RADIUS_M`.
+    #: `(R, C)` float32, largest difference, relative to that plane, between the high and the low heights of the cells
+    #: within `STEP_RADIUS_M`.
     step_m: FloatArray32
     #: `(R, C)` int8, 100 if a criterion reaches its limit, otherwise the largest ratio to a limit in percent; -1 where
     #: unknown.
