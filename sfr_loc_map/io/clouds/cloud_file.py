@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import logging
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -171,7 +172,7 @@ def _stated(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | Non
 
 def _check_names_differ(names: Sequence[str], where: str) -> None:
     """Raise ValueError if a name occurs twice, because either field might have the values."""
-    if doubled := sorted({name for name in names if names.count(name) > 1}):
+    if doubled := sorted(name for name, count in Counter(names).items() if count > 1):
         raise ValueError(f"{where} has the field {doubled[0]} twice")
 
 
@@ -425,9 +426,9 @@ def _pcd_head(data: bytes) -> tuple[dict[str, list[str]], list[str], int]:
             comments.append(line.removeprefix("#").strip())
         elif words:
             head["FIELDS" if words[0] == "COLUMNS" else words[0]] = words[1:]  # COLUMNS of version 0.5
-    needed = ["FIELDS", "SIZE", "TYPE", "POINTS" if "WIDTH" not in head else "WIDTH"]
-    wrong = [name for name in needed if not head.get(name)] + [name for name in ("HEIGHT",) if head.get(name) == []]
-    if wrong:
+    needed = ["FIELDS", "SIZE", "TYPE", "WIDTH" if "WIDTH" in head else "POINTS"]
+    needed += [name for name in ("HEIGHT", "POINTS") if name in head and name not in needed]
+    if wrong := [name for name in needed if not head.get(name)]:
         raise ValueError(f"its PCD header has no {' and no '.join(wrong)}")
     return head, comments, position
 
@@ -465,8 +466,10 @@ def _npz_bytes(cloud: PointCloud) -> bytes:
 
 def _read_npz(data: bytes) -> tuple[Columns, list[str], Grid]:
     members = parse_npz(data, (*FIELD_TYPES, FUSED, PAIR_STAMPS))
+    names = npz_names(data)
     if not members.keys() >= set("xyz"):
-        raise ValueError(f"it has the arrays {', '.join(npz_names(data))[:80] or 'none'}: x, y and z are required")
+        raise ValueError(f"it has the arrays {', '.join(names)[:80] or 'none'}: x, y and z are required")
+    _check_names_differ([name.lower() for name in names if name.lower() in members], "it")
     columns = {name: values for name, values in members.items() if name in FIELD_TYPES}
     if several := [name for name, values in columns.items() if values.ndim != 1]:
         raise ValueError(f"its array {several[0]} has the shape {columns[several[0]].shape}: one number per point (N,)")

@@ -120,6 +120,8 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "no width.pcd": (pcd(b"", "binary", "WIDTH\nHEIGHT 1"), "header has no WIDTH"),
     "no fields.pcd": (pcd(b"", "binary").replace(b"FIELDS x y z _\n", b""), "header has no FIELDS"),
     "sizes missing.pcd": (pcd(b"", "binary").replace(b"SIZE 4 4 4 1", b"SIZE 4 4"), "different numbers of FIELDS"),
+    "no points.pcd": (pcd(b"", "binary").replace(b"POINTS 50", b"POINTS"), "header has no POINTS"),
+    "x twice.npz": (npz(x=np.ones(3), X=np.zeros(3), y=np.ones(3), z=np.ones(3)), "it has the field x twice"),
     "points.npz": (npz(points=POINTS), "it has the arrays points: x, y and z are required"),
     "grid.npz": (npz(x=np.ones((2, 3)), y=np.ones(6), z=np.ones(6)), "array x has the shape"),
     "points.xyz": (b"1 2 3\n", "ends in '.xyz': .ply, .pcd, .npz are supported"),
