@@ -44,7 +44,6 @@ LARGEST_BASELINE_M = 5.0  #: Largest baseline, m; larger numbers are in millimet
 ONE_FOCAL = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 TWO_FOCALS = ("PINHOLE", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE")
 """Models of COLMAP by number of focal lengths; principal point and distortion in OpenCV's order follow."""
-Cameras = tuple[RawCamera, RawCamera]
 
 
 class CalibrationError(InputError):
@@ -71,14 +70,13 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> Calibration:
             *known, last = (reader.shown for reader in READERS)
             names = ", ".join(opened.shown_names[:8]) or "none of these names"
             raise InputError(f"{where}: a file of {', '.join(known)} or {last} is required, it has {names}")
-        (left, right), text = reader.read(opened)
+        left, right, text, T_rb_sb = reader.read(opened)
     if len(sizes := {left.size, right.size, size or left.size}) > 1:
         shown = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
         raise InputError(f"{where} and the images differ in size, {shown} px: calibrate both cameras at the image size")
     rig = rig_from_projections(np.array(left.p), common_projection(left, right), left.size, where)
     if rig.baseline_m > LARGEST_BASELINE_M:
         raise InputError(f"{where}: the baseline is {rig.baseline_m:g} m: give it in metres")
-    T_rb_sb = reader.extrinsics(opened.file) if reader.extrinsics else None
     return Calibration((left, right), left.is_rectified and right.is_rectified, T_rb_sb, text)
 
 
@@ -98,13 +96,21 @@ class _OpenedFile:
         return sorted([self.file.absolute(), *([self.other] if self.other else [])])
 
 
+class _CameraPair(NamedTuple):
+    """The cameras in a calibration, with R and P."""
+
+    left: RawCamera
+    right: RawCamera
+    text: str  #: Program, file, left and right camera.
+    T_rb_sb: Transform | None = None  #: Pose of the rig in RB, if the file has it.
+
+
 class _Reader(NamedTuple):
     """The reader of the files of a program, and how they are recognised."""
 
     shown: str  #: Program, and names of its files for messages.
-    read: Callable[[_OpenedFile], tuple[Cameras, str]]
+    read: Callable[[_OpenedFile], _CameraPair]
     recognises: Callable[[_OpenedFile], bool]  #: Whether a file is of this program.
-    extrinsics: Callable[[Path], Transform | None] | None = None  #: Reads the pose of the rig in RB; None if absent.
 
 
 def _opened(file: Path, size: tuple[int, int] | None) -> _OpenedFile:
@@ -248,7 +254,7 @@ def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera) -> Transform:
     return in_imu.inverse() @ other_in_imu
 
 
-def _kalibr(opened: _OpenedFile) -> tuple[Cameras, str]:
+def _kalibr(opened: _OpenedFile) -> _CameraPair:
     content = opened.content
     if "cam1" not in content:
         raise ValueError("it has only cam0: a stereo pair needs cam0 and cam1")
@@ -283,7 +289,7 @@ def read_sensor_yaml(path: Path) -> CalibratedCamera:
         return CalibratedCamera(camera.resolution, _four(camera.intrinsics), d, pose, lens)
 
 
-def _euroc(opened: _OpenedFile) -> tuple[Cameras, str]:
+def _euroc(opened: _OpenedFile) -> _CameraPair:
     files = _two_files(opened, "cam0 and cam1")
     cameras = [read_sensor_yaml(path) for path in files]
     return _side_by_side("EuRoC", cameras, [f"'{path.parent.name}/{path.name}'" for path in files])
@@ -298,13 +304,13 @@ def _two_files(opened: _OpenedFile, names: str) -> list[Path]:
     return opened.files
 
 
-def _rig(opened: _OpenedFile) -> tuple[Cameras, str]:
+def _rig(opened: _OpenedFile) -> _CameraPair:
     rig = read_rig(opened.file)
     left, right = (RawCamera.of_rectified((rig.width, rig.height), projection(rig, side)) for side in SIDES)
-    return (left, right), f"rig '{opened.file.name}'"
+    return _CameraPair(left, right, f"rig '{opened.file.name}'", rig.T_rb_sb)
 
 
-def _orbslam(opened: _OpenedFile) -> tuple[Cameras, str]:
+def _orbslam(opened: _OpenedFile) -> _CameraPair:
     """Read the settings of ORB-SLAM: LEFT.K, RIGHT.K, ... or two cameras for raw images, one camera for rectified ones.
 
     Two raw cameras are given by Camera1, Camera2 and Stereo.T_c1_c2, in older files by Camera, Camera2 and Tlr. One
@@ -313,7 +319,7 @@ def _orbslam(opened: _OpenedFile) -> tuple[Cameras, str]:
     content, size, text = opened.content, opened.size, f"ORB-SLAM '{opened.file.name}'"
     if "left.k" in content:
         left, right = (_orbslam_raw(content, side.upper()).checked(text) for side in SIDES)
-        return (left, right), f"{text}, LEFT and RIGHT"
+        return _CameraPair(left, right, f"{text}, LEFT and RIGHT")
     if size is None or "camera.width" in content:
         size = (int(_one(content, "Camera.width")), int(_one(content, "Camera.height")))
     first = "camera1" if "camera1.fx" in content else "camera"
@@ -327,7 +333,7 @@ def _orbslam(opened: _OpenedFile) -> tuple[Cameras, str]:
             d = tuple(float(content.get(f"{name}.{item}", 0.0)) for item in names)
             fx, fy, cx, cy = (_one(content, f"{name}.{item}") for item in ("fx", "fy", "cx", "cy"))
             cameras.append(CalibratedCamera(size, (fx, fy, cx, cy), d, T_left, _lens(d, fisheye)))
-        return rectified_cameras(text, *cameras), f"{text}, {first.capitalize()} and Camera2"
+        return _CameraPair(*rectified_cameras(text, *cameras), f"{text}, {first.capitalize()} and Camera2")
     if fisheye or any(float(content.get(f"{first}.{item}", 0.0)) for item in names):
         raise ValueError(
             f"{first.capitalize()} has a distortion but there is no Camera2: the settings are of one raw camera, not "
@@ -338,7 +344,7 @@ def _orbslam(opened: _OpenedFile) -> tuple[Cameras, str]:
     shift = fx * float(baseline) if baseline is not None else _one(content, "Camera.bf")
     ps = [(fx, 0.0, cx, -move, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0) for move in (0.0, shift)]
     left, right = (RawCamera.of_rectified(size, np.array(p)) for p in ps)
-    return (left, right), f"{text}, rectified"
+    return _CameraPair(left, right, f"{text}, rectified")
 
 
 def _orbslam_raw(content: Mapping[str, Any], side: str) -> RawCamera:
@@ -354,14 +360,14 @@ def _one(content: Mapping[str, Any], name: str) -> float:
     return float(content[_plain(name)])
 
 
-def _side_by_side(name: str, cameras: list[CalibratedCamera], names: list[str]) -> tuple[Cameras, str]:
+def _side_by_side(name: str, cameras: list[CalibratedCamera], names: list[str]) -> _CameraPair:
     """Return the pair of two cameras; their poses determine which camera is the left one."""
     if (cameras[0].T_body_cam.inverse() @ cameras[1].T_body_cam).translation[0] < 0:
         cameras, names = cameras[::-1], names[::-1]
-    return rectified_cameras(name, *cameras), f"{name}, {names[0]} and {names[1]}"
+    return _CameraPair(*rectified_cameras(name, *cameras), f"{name}, {names[0]} and {names[1]}")
 
 
-def _ros(opened: _OpenedFile) -> tuple[Cameras, str]:
+def _ros(opened: _OpenedFile) -> _CameraPair:
     """Read two files of camera_calibration, or two messages of camera_info as `ros2 topic echo` prints them."""
     cameras = []
     for path in _two_files(opened, "left and right"):
@@ -372,10 +378,10 @@ def _ros(opened: _OpenedFile) -> tuple[Cameras, str]:
         model, d = str(values.get("distortionmodel", "")), _numbers(values, "distortion_coefficients", "d")
         cameras.append((RawCamera(_size(values), model, d, k, r, p).checked(f"'{path}'"), path))
     (left, one), (right, two) = sorted(cameras, key=lambda item: -item[0].p[3])
-    return (left, right), f"ROS '{one.name}' and '{two.name}'"
+    return _CameraPair(left, right, f"ROS '{one.name}' and '{two.name}'")
 
 
-def _opencv(opened: _OpenedFile) -> tuple[Cameras, str]:
+def _opencv(opened: _OpenedFile) -> _CameraPair:
     values: dict[str, Any] = {"given": opened.size or ()}
     files = [opened.file, *([opened.other] if opened.other else [])]
     for file in reversed(files):
@@ -390,14 +396,15 @@ def _opencv(opened: _OpenedFile) -> tuple[Cameras, str]:
         rps = [(_numbers(values, f"R{n}"), _numbers(values, f"P{n}")) for n in (1, 2)]
         raws = (RawCamera(size, *each[:3], *each[3]) for each in zip(lenses, ds, ks, rps, strict=True))
         left, right = (raw.checked(text) for raw in raws)
-        return (left, right), text
+        return _CameraPair(left, right, text)
     rotation, translation = (np.array(_numbers(values, name)) for name in ("R", "T"))
     poses = Transform.identity(), Transform.from_matrix(np.c_[rotation.reshape(3, 3), translation]).inverse()
     calibrated = zip(((k[0], k[4], k[2], k[5]) for k in ks), ds, poses, lenses, strict=True)
-    return rectified_cameras(text, *(CalibratedCamera(size, *each) for each in calibrated)), text
+    left, right = rectified_cameras(text, *(CalibratedCamera(size, *each) for each in calibrated))
+    return _CameraPair(left, right, text)
 
 
-def _colmap(opened: _OpenedFile) -> tuple[Cameras, str]:
+def _colmap(opened: _OpenedFile) -> _CameraPair:
     file, rig_file = opened.files
     of_rig = msgspec.convert(_content(rig_file)[0]["cameras"], list[dict[str, Any]])
     rows = [line.split() for line in read_text(file).splitlines() if line.strip() and line.strip()[0] != "#"]
@@ -443,6 +450,6 @@ READERS = (
     _Reader("OpenCV (M1, D1, M2, D2, R, T)", _opencv, _has("M1", "K1", "cameraMatrix1", "R1", "T")),
     _Reader("ROS (camera_matrix, projection_matrix)", _ros, _has("projection_matrix", "k r p")),
     _Reader("COLMAP (cameras.txt and rig_config.json)", _colmap, _is_colmap),
-    _Reader("a rig.json", _rig, _has("baseline_m"), lambda file: read_rig(file).T_rb_sb),
+    _Reader("a rig.json", _rig, _has("baseline_m")),
 )
 """The readers of calibrations. The first reader that recognises a file reads it."""
