@@ -117,13 +117,17 @@ def _opened(file: Path, size: tuple[int, int] | None) -> _OpenedFile:
     """Open a calibration file; COLMAP's list of cameras is neither YAML nor JSON, and is read later."""
     content = None if file.name.endswith(COLMAP_FILE) else _content(file)
     names = sorted(str(name) for name in content) if isinstance(content, dict) else []
-    plain = {_plain(str(name)): value for name, value in content.items()} if isinstance(content, dict) else content
+    plain = _with_plain_names(content) if isinstance(content, dict) else content
     return _OpenedFile(file, _partner(file), plain, names, size)
 
 
 def _plain(name: str) -> str:
     """Return a name in lower case without underscores; programs and their versions differ in both."""
     return name.lower().replace("_", "")
+
+
+def _with_plain_names(content: Mapping[Any, Any]) -> dict[str, Any]:
+    return {_plain(str(name)): value for name, value in content.items()}
 
 
 def _only_file(folder: Path) -> Path:
@@ -161,6 +165,14 @@ def _content(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
         place = "" if line is None else f" (line {line + 1})"
         reason = "" if line is not None else f": {error}"
         raise ValueError(f"it is not YAML, JSON or XML{place}{reason}") from error
+
+
+def _named_values(file: Path) -> dict[str, Any]:
+    """Return the values in a file by their plain names (`_plain`); ValueError if it has no names."""
+    content = _content(file)
+    if not isinstance(content, dict):
+        raise ValueError("it has no names of values")
+    return _with_plain_names(content)
 
 
 def parse_opencv_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
@@ -371,21 +383,26 @@ def _ros(opened: _OpenedFile) -> _CameraPair:
     """Read two files of camera_calibration, or two messages of camera_info as `ros2 topic echo` prints them."""
     cameras = []
     for path in _two_files(opened, "left and right"):
-        content = _content(path)
-        values = {_plain(str(name)): value for name, value in content.items()} if isinstance(content, dict) else {}
-        names = (("camera_matrix", "k"), ("rectification_matrix", "r"), ("projection_matrix", "p"))
-        k, r, p = (_numbers(values, *each) for each in names)
-        model, d = str(values.get("distortionmodel", "")), _numbers(values, "distortion_coefficients", "d")
-        cameras.append((RawCamera(_size(values), model, d, k, r, p).checked(f"'{path}'"), path))
+        with refusing(f"calibration '{path}'"):
+            cameras.append((_ros_camera(path), path))
     (left, one), (right, two) = sorted(cameras, key=lambda item: -item[0].p[3])
     return _CameraPair(left, right, f"ROS '{one.name}' and '{two.name}'")
+
+
+def _ros_camera(path: Path) -> RawCamera:
+    values = _named_values(path)
+    names = (("camera_matrix", "k"), ("rectification_matrix", "r"), ("projection_matrix", "p"))
+    k, r, p = (_numbers(values, *each) for each in names)
+    model, d = str(values.get("distortionmodel", "")), _numbers(values, "distortion_coefficients", "d")
+    return RawCamera(_size(values), model, d, k, r, p).checked(f"'{path}'")
 
 
 def _opencv(opened: _OpenedFile) -> _CameraPair:
     values: dict[str, Any] = {"given": opened.size or ()}
     files = [opened.file, *([opened.other] if opened.other else [])]
     for file in reversed(files):
-        values |= {_plain(str(name)): value for name, value in dict(_content(file)).items()}
+        with refusing(f"calibration '{file}'"):
+            values |= _named_values(file)
     ks = [_numbers(values, f"M{n}", f"K{n}", f"cameraMatrix{n}") for n in (1, 2)]
     ds = [_numbers(values, f"D{n}", f"distCoeffs{n}", f"distortion_coefficients_{n}") for n in (1, 2)]
     told = [f"{key} {value}".lower() for key, value in values.items() if value not in (0, "0")]

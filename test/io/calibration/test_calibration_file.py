@@ -237,6 +237,15 @@ def without(name: str, write: Callable[[Path, Pair], Path]) -> Callable[[Path], 
     return make
 
 
+def a_list_as(name: str, write: Callable[[Path, Pair], Path]) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        place = write(folder, Pair())
+        (folder / name).write_text("[1, 2]\n")
+        return place
+
+    return make
+
+
 REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "one camera of Kalibr": (edited(kalibr, ("cam1:", "imu0:")), "it has only cam0"),
     "an unknown lens of Kalibr": (
@@ -265,6 +274,14 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "swapped sides": (lambda folder: opencv("xml")(folder, moved(0.12, 0, 0)), "swapped, or"),
     "one above the other": (lambda folder: kalibr(folder, moved(0, -0.12, 0)), "one above the other"),
     "images of another size": (edited(kalibr, ("200", "640"), ("160", "480")), "differ in size, 200 x 160 and 640"),
+    "another file of ROS that is a list": (
+        a_list_as("left/ost.yaml", ros),
+        "left/ost.yaml': it has no names of values",
+    ),
+    "another file of OpenCV that is a list": (
+        a_list_as("intrinsics.yml", opencv_in_two_files),
+        "intrinsics.yml': it has no names of values",
+    ),
     "one camera of ROS": (without("left/ost.yaml", ros), "has one camera: add the file of the other camera beside it"),
     "no size of ROS": (without("cameras.txt", colmap), "(cam0, cam1), EuRoC, ORB-SLAM, OpenCV (M1"),
     "an unknown lens of COLMAP": (
