@@ -170,11 +170,19 @@ class Store:
         for path in (*sorted(self.results.glob("*.json")), *sorted(self.failures.glob("*.json"))):
             if path.stem in keys:
                 continue
-            description = _description_in(path)
+            description = self._description_in(path)
             same_work = planned.get(work_of(description), set())
             if same_work.isdisjoint((self._place(str(description.get("path"))), description.get("source_sha256"))):
                 found.append(_left_over(str(description.get("source")), path))
         return tuple(found)
+
+    def _description_in(self, path: Path) -> Mapping[str, object]:
+        """Return the description of the job of a result or of a failure; a failure without one has only its source."""
+        if path.parent == self.failures:
+            failure = self.failure(path.stem)
+            return failure.description or {"source": failure.source}
+        content = _record(dict, _read(path), path)
+        return _description_of_suite(content.get("provenance", {}).get("configuration", {}))
 
     def _place(self, path: str) -> str:
         """Return the path of a source; for a fetched source the name, because its folder depends on the version."""
@@ -236,14 +244,6 @@ class Store:
         if self._jobs is None:
             self._jobs = tuple(_record(Job, item, self.folder / PLAN) for item in self._plan["jobs"])
         return self._jobs
-
-
-def _description_in(path: Path) -> Mapping[str, object]:
-    """Return the description of the job of a result or of a failure; empty if the file has none."""
-    content = _read(path)
-    if "description" in content:
-        return dict(content["description"])
-    return _description_of_suite(content.get("provenance", {}).get("configuration", {}))
 
 
 def _description_of_suite(configuration: Mapping[str, object]) -> dict[str, object]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,6 +57,25 @@ def test_a_failed_job_cannot_be_removed_from_a_suite(removed: str, tmp_path: Pat
     assert not store.refusals, "the job is repeated with other code"
     store.save_plan([first])
     assert [item.path for item in store.refusals] == [failed.source.name]
+
+
+@pytest.mark.parametrize("folder", ["results", "failures"])
+def test_a_damaged_file_of_no_job_is_refused(folder: str, tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.save_plan([JOB])
+    (tmp_path / folder / "other.json").write_text("[]")
+    with pytest.raises(
+        InputError, match=r"cannot read '.*other\.json': Expected `object`, got `array`; delete this file"
+    ):
+        store.left_over()
+
+
+def test_a_failure_without_a_description_is_named_by_its_source(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.save_plan([JOB])
+    failure = {"key": "other", "label": "localise c", "source": "c.mcap", "cause": "bad input", "message": "cut off"}
+    (store.failures / "other.json").write_text(json.dumps(failure))
+    assert [item.path for item in store.refusals] == ["c.mcap"]
 
 
 def test_another_source_of_the_same_name_supersedes_nothing(tmp_path: Path) -> None:
