@@ -165,6 +165,8 @@ def benchmark_faults(
     """
     truth = sequence.ground_truth
     assert truth is not None
+    head = {"schema": SCHEMA, "kind": "faults", "condition": scoring.conditions[0], "seed": seed, "limit": LIMIT}
+    head["provenance"] = provenance()
     parsed = {"none": [], **{text: [parse_fault(part) for part in text.split("+")] for text in faults}}
     entries: dict[str, FaultEntry] = {}
     missing: dict[str, str] = {}  # reasons of faults without figures
@@ -186,8 +188,6 @@ def benchmark_faults(
             raise
     finally:
         hold()
-    head = {"schema": SCHEMA, "kind": "faults", "condition": scoring.conditions[0], "seed": seed, "limit": LIMIT}
-    head["provenance"] = provenance()
     done = len(entries) + len(missing)
     interrupted = {"interrupted": f"{done} of {len(parsed)} runs"} if done < len(parsed) else {}
     content = {name: entry.content() for name, entry in entries.items()}

@@ -1,7 +1,7 @@
 """Comparison of several methods on the same pairs: accuracy, time and memory, as JSON.
 
-In each pass, the methods process all pairs one after the other, so that their times can be compared. The jobs
-of a suite run concurrently. A method that works in the background between calls receives the pairs at the rate of their
+In each pass, the methods process all pairs one after the other, so that their times can be compared. The jobs of a
+suite run concurrently. A method that works in the background between calls receives the pairs at the rate of their
 stamps. Figures are medians over the passes.
 """
 
@@ -327,7 +327,7 @@ def _head(kind: str, pairs: int, repeat: int) -> dict[str, Any]:
 
 
 def provenance() -> dict[str, Any]:
-    """Return version, clock, memory method, host and time of a benchmark as JSON values."""
+    """Return version, clock, memory method, host and time of a benchmark that begins, as JSON values."""
     host = {
         "machine": platform.machine(),
         "system": platform.system(),
