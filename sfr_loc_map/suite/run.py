@@ -55,7 +55,7 @@ def run_suite(
         for refusal in refusals:
             say(f"skipped: {refusal.reason}")
         jobs = open_jobs(planned, store, settings, retry_failed=retry_failed)
-        decision = SequentialDecision(store) if settings.stop_when_decided else None
+        decision = SequentialDecision(store) if jobs and settings.stop_when_decided else None
         if decision is not None and decision.is_made:
             decision = None  # failed jobs are run again even so, if this was requested
             jobs = [job for job in jobs if store.state(job.key) == "failed"]
