@@ -329,6 +329,7 @@ class _DriveShifts:
     usual: FloatArray  #: Mean of each drive over the reference nights.
     present: FloatArray  #: Mean of each drive over the compared nights.
     deviations: FloatArray  #: Values of the reference nights minus their mean, `(drive, night)`.
+    nights: FloatArray  #: Number of reference nights of each drive.
     sigmas: FloatArray  #: Standard deviation of each shift.
     window: int  #: Number of compared nights.
 
@@ -338,24 +339,19 @@ class _DriveShifts:
         usual, present = _mean(before.T), _mean(after.T)
         indices = np.flatnonzero(np.isfinite(present - usual))
         deviations = before[indices] - usual[indices, None]
-        nights = np.isfinite(deviations).sum(axis=1)
+        nights = np.asarray(np.isfinite(deviations).sum(axis=1), np.float64)
         variances = np.nansum(np.square(deviations), axis=1) / np.maximum(nights - 1, 1)
         is_long = nights >= MIN_REFERENCE
         if is_long.any():  # a drive that never varied gets the median variance
             variances = np.maximum(variances, np.median(variances[is_long]))
         variances = np.maximum(variances, scale.floor**2)
         sigmas = np.sqrt(variances * (1.0 / after.shape[1] + 1.0 / nights))
-        return cls(indices, usual[indices], present[indices], deviations, sigmas, after.shape[1])
+        return cls(indices, usual[indices], present[indices], deviations, nights, sigmas, after.shape[1])
 
     @property
     def shifts(self) -> FloatArray:
         """Shift of each drive."""
         return self.present - self.usual
-
-    @property
-    def nights(self) -> FloatArray:
-        """Number of reference nights of each drive."""
-        return np.asarray(np.isfinite(self.deviations).sum(axis=1), np.float64)
 
     def exceeding(self, false_alarm_rate: float) -> NDArray[np.bool_]:
         """Return which drives changed, with the given rate of false alarms over all drives together."""
