@@ -231,9 +231,9 @@ def _name_with_folder(source: JobSource, equal: Sequence[JobSource]) -> str:
 
 
 def _name_with_settings(source: JobSource, equal: Sequence[JobSource]) -> str:
-    names = dict.fromkeys(name for other in equal for name in other.settings)
-    differing = [name for name in names if len({str(other.settings.get(name)) for other in equal}) > 1]
-    return f"{source.name} ({', '.join(f'{name}={source.settings.get(name)}' for name in differing)})"
+    settings = source.settings  # each simulation has all settings of a scenario
+    differing = [name for name in settings if len({str(other.settings[name]) for other in equal}) > 1]
+    return f"{source.name} ({', '.join(f'{name}={settings[name]}' for name in differing)})"
 
 
 def _budget_sources(sources: Sequence[JobSource], budget: Sequence[ErrorSource], path: Path) -> Iterator[JobSource]:
