@@ -345,10 +345,14 @@ def _check_names_differ(cells: Sequence[str], found: Mapping[str, int], where: s
 
 
 def _units_below(lines: Sequence[str], separator: str | None, width: int) -> list[str]:
-    """Return the units of the columns in a line between the header and the rows; empty without such a line."""
+    """Return the units of the columns in a line between the header and the rows; empty without such a line.
+
+    In a line with a unit of time, other units may be unknown. `_check` refuses them.
+    """
     for line in lines:
         units = [cell.strip("()[] ").lower() for cell in header_cells(line, separator, width)]
-        if len(units) == width and any(units) and all(unit in UNITS for unit in units):
+        are_known = any(units) and all(unit in UNITS for unit in units)
+        if len(units) == width and (are_known or any(unit in TIMES for unit in units)):
             return units
     return []
 
@@ -594,7 +598,8 @@ def _check(found: PoseColumns, name: str, before: Sequence[str], option: str) ->
     if missing:
         header = _unknown_header(before) or 0
         raise InputError(_no_names(name, before, header, option, f"{', '.join(missing)} not found"))
-    known = {STAMP: (*TIMES, UTC_UNIT, ""), NANOSECONDS: ("ns", "us", "ms", "nsec", "usec", "msec", "")}
+    fractions = [unit for unit, unit_ns in TIMES.items() if unit_ns < NS_PER_S]
+    known = {STAMP: (*TIMES, UTC_UNIT, ""), NANOSECONDS: (*fractions, "")}
     known |= dict.fromkeys((*POSITION, DOWN), tuple(METRES))
     scaled = [key for key in found.position_keys if METRES.get(found.units.get(key, ""), 1.0) != 1.0]
     without_unit = [key for key in found.position_keys if key in found and not found.units.get(key)]

@@ -140,6 +140,13 @@ FORMS: dict[str, Callable[[Trajectory], str]] = {
         p.quats_xyzw,
         header="secs,usecs,x,y,z,qx,qy,qz,qw",
     ),
+    "seconds and nanoseconds with units": lambda p: rows(
+        [stamp // NS_PER_S for stamp in whole(p)],
+        [stamp % NS_PER_S for stamp in whole(p)],
+        p.positions,
+        p.quats_xyzw,
+        header="sec [s],nsec [nanoseconds],x,y,z,qx,qy,qz,qw",
+    ),
     "a line of units below the header": lambda p: rows(
         seconds(p), 1000.0 * p.positions, p.quats_xyzw, header="time,x,y,z,qx,qy,qz,qw\n(s),(mm),(mm),(mm),-,-,-,-"
     ),
@@ -215,6 +222,7 @@ REFUSED = {
     "names that occur twice": (f"{TRACKER}1,0.5,0,0,0,1,7,8,9\n", "", "line 1: columns #3 and #7 are both 'X'"),
     "complete stamps as fractions": ("sec,nsec,x,y,z\n1,1000000005,0,0,0\n", "", "line 2: the fraction of a second"),
     "an unknown unit": ("t [s],x [ft],y [ft],z [ft]\n1,2,3,4\n", "", "the unit of x is 'ft'"),
+    "an unknown unit below the header": ("t,x,y,z\n(s),(ft),(ft),(ft)\n1.5,2,3,4\n", "", "the unit of x is 'ft'"),
     "a unit for two of three columns": ("t_s,x_mm,y_mm,z\n1,2,3,4\n", "", "x is in mm, but z has no unit"),
     "rows of 4 x 4 matrices": ("1 0 0 5\n0 1 0 5\n0 0 1 5\n0 0 0 1\n" * 5, "", "fits no layout of"),
     "a gap in the given columns": ("1,2,3,4,5\n", "t[s],,x,y,z", "no column for ''"),
