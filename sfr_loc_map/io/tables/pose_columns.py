@@ -10,6 +10,7 @@ If several layouts fit, or none, the error message lists them; `--columns` or `t
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +24,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.plausibility import plausible_attitudes, plausible_rotations
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.io.tables.number_text import number_or_nan, parse_number
+from sfr_loc_map.io.tables.number_text import number_or_nan
 from sfr_loc_map.io.tables.stamps import (
     TIMES,
     UTC_UNIT,
@@ -254,14 +255,8 @@ def _separator(text: str) -> str | None:
 
 
 def _is_number(text: str) -> bool:
-    word = text.strip().replace(",", ".")
-    if word.lower().lstrip("+-").partition("(")[0] in ("nan", "inf"):
-        return True
-    try:
-        parse_number(word)
-    except ValueError:
-        return False
-    return True
+    is_special = text.strip().lower().lstrip("+-").partition("(")[0] in ("nan", "inf")
+    return is_special or math.isfinite(number_or_nan(text))
 
 
 def _is_time(text: str) -> bool:
