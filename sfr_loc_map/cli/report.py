@@ -12,7 +12,7 @@ from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption, refuse_given
 from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show, warn
-from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged
+from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, write_junit
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, NotJudgedError
 from sfr_loc_map.metrics.config import AlignedErrorConfig
@@ -217,7 +217,7 @@ def _sign(
     `heading` has the title, the number and the issue of the test report.
     """
     if junit is not None:
-        _write_junit(scores, junit)
+        write_junit(scores, junit)
     if test_report is not None:
         from sfr_loc_map.report.test_report import render_test_report
         from sfr_loc_map.suite.pages.evidence_files import read_evidence
@@ -228,19 +228,6 @@ def _sign(
     if control is not None:
         _, number, issue = heading
         _write_control_document(dict(zip(map(str, paths), scores, strict=True)), control, (number, issue))
-
-
-def _write_junit(scores: list[Score], junit: Path) -> None:
-    """Write the verdicts as JUnit XML; a score without limits, or a missing common verdict, is an error in the file."""
-    from sfr_loc_map.metrics.judging.several_scores import common_verdict
-    from sfr_loc_map.report.junit import junit as junit_of
-
-    named = {f"score {number}": score for number, score in enumerate(scores, 1)}
-    judged = {name: score for name, score in named.items() if score.is_judged}
-    unjudged = {name: NO_LIMITS for name in named if name not in judged}
-    if not unjudged and (reason := common_verdict(scores).text):
-        unjudged = {"all scores together": reason}
-    write_text(junit_of(judged, unjudged), junit)
 
 
 def _write_control_document(scores: dict[str, Score], control: Path, report: tuple[str, str]) -> None:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Option
 
-from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
     CONVENTION,
@@ -45,7 +44,7 @@ from sfr_loc_map.cli.output import (
     secondary_output,
     show,
 )
-from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, present
+from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, present, write_junit
 from sfr_loc_map.config import Configuration, build, flatten
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.bag.files import is_bag
@@ -311,12 +310,10 @@ def _write_secondary(
     from sfr_loc_map.io.tables.table_file import save_table
     from sfr_loc_map.metrics.cloud_error import points_table
     from sfr_loc_map.metrics.trajectory_score import sub_trajectory_table
-    from sfr_loc_map.report.junit import junit as junit_of
 
     if junit is not None:
         with secondary_output():
-            judged, bare = ({"score 1": result}, {}) if result.is_judged else ({}, {"score 1": NO_LIMITS})
-            write_text(junit_of(judged, bare), junit)
+            write_junit([result], junit)
     if points is not None and run.cloud is not None and run.cloud.loaded.cloud is not None:
         with secondary_output():
             save_table(points, points_table(run.cloud.loaded.cloud, run.cloud.truths))

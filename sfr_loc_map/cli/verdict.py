@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, say, secondary_output, show, warn
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, NotJudgedError
 from sfr_loc_map.metrics.config import Condition, VerdictState
@@ -48,6 +49,19 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
     for warning in score.warnings:
         if warning != score.contradiction:  # raised as the error of the command
             warn(warning)
+
+
+def write_junit(scores: Sequence[Score], path: Path) -> None:
+    """Write the verdicts as JUnit XML; a score without limits, or a missing common verdict, is an error in the file."""
+    from sfr_loc_map.metrics.judging.several_scores import common_verdict
+    from sfr_loc_map.report.junit import junit
+
+    named = {f"score {number}": score for number, score in enumerate(scores, 1)}
+    judged = {name: score for name, score in named.items() if score.is_judged}
+    unjudged = {name: NO_LIMITS for name in named if name not in judged}
+    if not unjudged and (reason := common_verdict(scores).text):
+        unjudged = {"all scores together": reason}
+    write_text(junit(judged, unjudged), path)
 
 
 def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> None:
