@@ -5,11 +5,11 @@
 
 from __future__ import annotations
 
-from sfr_loc_map.metrics.catalogue import is_fraction, title_of
-from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison, SideBySide
+from sfr_loc_map.metrics.catalogue import title_of
+from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison
 from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.report.tables import ABSENT, MIB, NONE, PERCENT, Cell, Column, Row, Table, Unit, fitting
-from sfr_loc_map.report.verdict_view import limited_name
+from sfr_loc_map.report.tables import ABSENT, NONE, Cell, Column, Row, Table, Unit, fitting
+from sfr_loc_map.report.verdict_view import limited_name, unit_of_numbers
 
 FIRST_TABLES = ("pairs", "methods")  #: Tables above the plots of a page.
 
@@ -56,20 +56,12 @@ def _pairs_table(result: Comparison) -> Table:
 def _runs_table(result: Comparison) -> Table:
     rows: list[Row] = []
     for item in result.side_by_side:
-        unit = _whole_run_unit(item)
+        unit = unit_of_numbers(item.figure, item.part, item.unit, *item.values)
         name = Cell.head(limited_name(item.figure, item.part, item.condition, item.statistic))
         rows.append((name, Cell(unit.symbol), *(optional_cell(value, unit) for value in item.values)))
     title = "Complete runs side by side (not paired, without an interval)"
     columns = (Column("figure", words=True), Column("unit", words=True), *map(Column, result.names))
     return Table("runs", title, columns, tuple(rows))
-
-
-def _whole_run_unit(item: SideBySide) -> Unit:
-    if item.unit == "bytes":
-        return MIB
-    if item.unit == "1":
-        return PERCENT if is_fraction(item.figure, item.part) else NONE
-    return fitting(Unit(item.unit), *item.values)
 
 
 def optional_cell(value: float | int | None, unit: Unit = NONE, *, signed: bool = False) -> Cell:

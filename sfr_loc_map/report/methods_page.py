@@ -18,7 +18,20 @@ from sfr_loc_map.report.plotted_data import errors_by_range, path_errors, path_o
 from sfr_loc_map.report.score_plots import growth
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text
 from sfr_loc_map.report.summary import banner_of
-from sfr_loc_map.report.tables import ABSENT, MARKS, PERCENT, Cell, Column, Row, Table, Unit, fitting, number
+from sfr_loc_map.report.tables import (
+    ABSENT,
+    MARKS,
+    MIB,
+    MILLISECOND,
+    PERCENT,
+    Cell,
+    Column,
+    Row,
+    Table,
+    Unit,
+    fitting,
+    number,
+)
 
 MAX_LETTERS = 60  #: Maximum length of a name in a legend.
 Named = Sequence[tuple[str, Score]]
@@ -101,8 +114,8 @@ def _methods(named: Named) -> Table:
         larger = KINDS["coverage"].is_better_if_larger
         shown.append(MethodColumn(Column("coverage", PERCENT), _coverage, is_better_if_larger=larger))
     for statistic in OF_CALLS:
-        shown.append(MethodColumn(Column(f"time {statistic}", Unit("ms")), partial(_times, statistic=statistic)))
-    shown.append(MethodColumn(Column("memory", Unit("MiB")), _peaks))
+        shown.append(MethodColumn(Column(f"time {statistic}", MILLISECOND), partial(_times, statistic=statistic)))
+    shown.append(MethodColumn(Column("memory", MIB), _peaks))
     shown.append(MethodColumn(Column("findings"), _finding_count))
     ordered = sorted(named, key=lambda item: rank_of(item[1]))
     columns = [_cells_of(column, [score for _, score in ordered]) for column in shown]
@@ -171,12 +184,12 @@ def _times(score: Score, statistic: str) -> Cell:
     latency = None if score.external is None else score.external.latency_s
     if latency is not None and not any(rows):
         seconds = getattr(latency, statistic)
-        return Cell(f"latency {number(seconds, unit=Unit('ms'))}")
-    return _joined([None if row is None else row.statistic(statistic) for row in rows], Unit("ms"))
+        return Cell(f"latency {number(seconds, unit=MILLISECOND)}")
+    return _joined([None if row is None else row.statistic(statistic) for row in rows], MILLISECOND)
 
 
 def _peaks(score: Score) -> Cell:
-    return _joined([score.number("peak", part=task.call) for task in TASKS], Unit("MiB"))
+    return _joined([score.number("peak", part=task.call) for task in TASKS], MIB)
 
 
 def _joined(numbers: Sequence[float | None], unit: Unit) -> Cell:

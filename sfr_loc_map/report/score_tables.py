@@ -1,8 +1,8 @@
 """The tables of a score: views of the rows of its table of figures. Each cell names its key in the JSON.
 
 A predicate selects the rows of each table (`VIEWS`), and `figure_table` lays them out. Rows that no view selects are in
-a final table, so that every report contains every row of the score. `report.table_formats` writes
-a table as text, HTML, Markdown or CSV.
+a final table, so that every report contains every row of the score. `report.table_formats` writes a table as text,
+HTML, Markdown or CSV.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import msgspec
 
 from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST
-from sfr_loc_map.metrics.catalogue import ALIGNED, DIRECTIONS, KINDS, Subject, is_fraction, statistic_title, title_of
+from sfr_loc_map.metrics.catalogue import ALIGNED, DIRECTIONS, KINDS, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.config import CallKind, Rebase, label_of
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.row_part import Place
@@ -25,18 +25,19 @@ from sfr_loc_map.report.glossary import glossary
 from sfr_loc_map.report.table_formats import to_markdown
 from sfr_loc_map.report.tables import (
     ABSENT,
+    MIB,
+    MILLISECOND,
+    NONE,
     NOT_ENOUGH,
-    PERCENT,
     UNKNOWN,
     Cell,
     Column,
     Row,
     Table,
     Unit,
-    fitting,
     number,
 )
-from sfr_loc_map.report.verdict_view import verdict_views
+from sfr_loc_map.report.verdict_view import unit_of_numbers, verdict_views
 
 UNNAMED = "not named"
 CALL_PARTS = (None, FIRST, AFTER_FIRST)  #: Parts of the times of complete calls on this host.
@@ -284,11 +285,8 @@ def row_title(row: Figure) -> str:
 
 def row_unit(row: Figure) -> Unit:
     """Return the unit that suits the numbers of a row."""
-    if row.unit == "bytes":
-        return Unit("MiB")
-    if row.unit == "1":
-        return PERCENT if is_fraction(row.figure, row.part) else Unit()
-    return fitting(Unit(row.unit), *(row.statistic(key) for key in NUMBERS), row.high95)
+    numbers = [row.statistic(key) for key in NUMBERS]
+    return unit_of_numbers(row.figure, row.part, row.unit, *numbers, row.high95)
 
 
 # ---- verdicts
@@ -371,16 +369,16 @@ def external_table(score: Score) -> Table:
     if (node := score.external) is None:
         return Table("external", "External node", columns, ())
     shown: list[tuple[str, str, float | None, Unit]] = [
-        (name.replace("_", " "), f"answers.{name}", value, Unit())
+        (name.replace("_", " "), f"answers.{name}", value, NONE)
         for name, value in msgspec.structs.asdict(node.answers).items()
     ]
     if (latency := node.latency_s) is not None:
         for name in STATISTICS:
             value = getattr(latency, name)
-            shown.append((f"latency {statistic_title(name)}", f"latency_s.{name}", value, Unit("ms")))
+            shown.append((f"latency {statistic_title(name)}", f"latency_s.{name}", value, MILLISECOND))
     if (usage := node.process) is not None:
         shown.append(("processor time", "process.cpu_s", usage.cpu_s, Unit("s")))
-        shown.append(("peak resident memory", "process.peak_rss_bytes", usage.peak_rss_bytes, Unit("MiB")))
+        shown.append(("peak resident memory", "process.peak_rss_bytes", usage.peak_rss_bytes, MIB))
     rows = tuple(
         (Cell.head(title), Cell(unit.symbol or ABSENT), Cell.number(value, f"external.{key}", unit, NOT_ENOUGH))
         for title, key, value, unit in shown

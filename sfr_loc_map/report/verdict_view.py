@@ -20,6 +20,8 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.tables import (
     ABSENT,
+    MIB,
+    NONE,
     NOT_ENOUGH,
     OPEN,
     PERCENT,
@@ -158,12 +160,18 @@ def sign_of(item: Verdict) -> str:
 def unit_of(item: Verdict) -> Unit:
     """Return the display unit of a limit, its figure and its interval; fractions are in per cent."""
     if item.figure is None:  # a verdict that is on no limit of the limits file: the judged fraction, or a count
-        return PERCENT if item.is_lower_bound else Unit()
-    kind = KINDS[item.figure]
-    if kind.unit == "1":
-        return PERCENT if is_fraction(item.figure, item.part) else Unit()
-    unit = Unit("MiB" if kind.unit == "bytes" else kind.unit)
-    return fitting(unit, item.limit, item.value, *(item.interval or ()))
+        return PERCENT if item.is_lower_bound else NONE
+    unit = KINDS[item.figure].unit
+    return unit_of_numbers(item.figure, item.part, unit, item.limit, item.value, *(item.interval or ()))
+
+
+def unit_of_numbers(figure: str, part: str | None, unit: str, *numbers: float | None) -> Unit:
+    """Return the common display unit of numbers of a figure, which have the unit of the table of figures."""
+    if unit == "bytes":
+        return MIB
+    if unit == "1":
+        return PERCENT if is_fraction(figure, part) else NONE
+    return fitting(Unit(unit), *numbers)
 
 
 def confidence_text(item: Verdict) -> str:
