@@ -110,7 +110,7 @@ def nees_note(score: Score) -> str:
     """Return the explanation of the consistency of the uncertainty."""
     return (
         "value: the expected mean. For consistent covariances, 95 of 100 means are in the interval. Above the interval "
-        "the estimated sigma is too small, below it too large. n: sub-trajectories without a common frame, or points "
+        "the estimated sigma is too small, below it too large. n: sub-trajectories that do not overlap, or points "
         "of distant blocks. The covariance of our localiser assumes a baseline error within 0.1 %. The sigma of a map "
         "point assumes the errors of baseline, focal length and yaw in mapping.calibration, which are unobservable in "
         f"a pair. {truth_text(score) or EXACT}"
