@@ -59,7 +59,9 @@ class Gaps(NamedTuple):
 
     def with_others(self, others: Gaps) -> Gaps:
         """Return these gaps and others, which may overlap."""
-        return Gaps(*(np.concatenate(pair) for pair in zip(self, others, strict=True)))
+        begins_ns = np.concatenate((self.begins_ns, others.begins_ns))
+        ends_ns = np.concatenate((self.ends_ns, others.ends_ns))
+        return Gaps(begins_ns, ends_ns)
 
     def lengths_s(self) -> FloatArray:
         """Return the time of each gap, s."""
@@ -114,15 +116,19 @@ def drive_completeness(
     has_estimate, has_frame = has_near(needed, stamps, near_ns), has_near(needed, frames_ns, near_ns)
     has_truth = is_spanned(needed, path.stamps_ns, max_gap_ns, tolerance_ns)
     has_truth &= has_frame | ~has_estimate | ~needs_frame(needed, path.stamps_ns, near_ns, association.mode)
-    expected, given, matched = len(needed), len(stamps), association.matched
+    expected = len(needed)
+    given = len(stamps)
+    matched = association.matched
     missing = int(np.count_nonzero(~has_estimate))
-    gaps = evident = gaps_of(needed, ~has_estimate)
     covered = covered_share(missing, expected)
+    gaps = gaps_of(needed, ~has_estimate)
+    evident = gaps
+    evidently_covered = covered
     if not images:
         evident = long_gaps(stamps, path.stamps_ns)
+        evidently_covered = covered_path(evident, stamps, path)
         gaps = gaps.with_others(evident)
     longest = LongestGap.of(gaps, path)
-    evidently_covered = covered if images else covered_path(evident, stamps, path)
     incomplete = None
     if 1.0 - evidently_covered > MISSING_SHARE or hides_a_condition(LongestGap.of(evident, path), conditions):
         incomplete = covered_text(covered, "images" if images else "true poses", longest)
