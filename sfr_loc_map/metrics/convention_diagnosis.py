@@ -239,9 +239,8 @@ class Mismatch(NamedTuple):
     sentence: str
     undo: Callable[[FloatArray, FloatArray], PoseArrays]
     is_fitted: bool = False  #: Whether numbers were fitted for the correction.
-    applies: Callable[[PoseArrays, PoseArrays], bool] = lambda true, found: (
-        True
-    )  #: Whether the poses can show the mismatch.
+    #: Whether the poses can show the mismatch.
+    applies: Callable[[PoseArrays, PoseArrays], bool] = lambda true, found: True
 
 
 def _motions_inverted(p: FloatArray, q: FloatArray) -> PoseArrays:

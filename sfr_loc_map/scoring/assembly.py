@@ -107,7 +107,7 @@ def _unbound_calls(run: Run) -> Iterator[str]:
     """Yield a caveat if calls from files have no positions that assign them to the estimate."""
     unbound = [item for item in run.stats if item.positions is None and len(item.localised_ns)]
     if run.drive is not None and run.inputs.stats and unbound:
-        yield ("the calls (--stats) have no positions: it is not verified that they belong to the run of the estimate")
+        yield "the calls (--stats) have no positions: it is not verified that they belong to the run of the estimate"
 
 
 def _process_warnings(method: MethodRecord, run: Run) -> Iterator[str]:
