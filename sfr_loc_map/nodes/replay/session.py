@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
 import time
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
+
+from std_msgs.msg import String
 
 from sfr_loc_map import signals
 from sfr_loc_map.errors import InputError
@@ -16,7 +20,11 @@ from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.inputs import MONITOR_NODE
 from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.metrics.calls import STATE_KINDS
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
+from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_json import decoded
 from sfr_loc_map.nodes.input.extrinsics import publish_extrinsics
 from sfr_loc_map.nodes.launch.processes import ChildProcess, Supervisor, user_command
 from sfr_loc_map.nodes.replay.collector import ResultCollector
@@ -27,13 +35,14 @@ from sfr_loc_map.nodes.replay.player import Player
 from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
 from sfr_loc_map.nodes.ros import environment
+from sfr_loc_map.nodes.ros.qos import LATCHED
 from sfr_loc_map.runs.offline import check_count
-from sfr_loc_map.topics import Role, names
+from sfr_loc_map.topics import REPORT, Role, names
 
 Say = Callable[[str], None]
 Progress = Callable[[str], None]
-DELIVERY_S = 0.5
-"""Time for the last results to reach the monitor, which receives them by other subscriptions than the collector, s."""
+FIGURE_REQUESTS = 10  #: Maximum number of requests for the final figures of the monitor.
+FIGURES_S = 0.5  #: Time to wait for all results in the figures after a request, s.
 
 
 class Participants(NamedTuple):
@@ -57,9 +66,8 @@ def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, 
             was_interrupted = interrupted()
             signals.hold()  # the played part is still scored
         if options.page is not None:
-            problem = f"{MONITOR_NODE} did not publish its figures"
-            time.sleep(DELIVERY_S)
-            participants.peer.call_trigger(f"{MONITOR_NODE}/finish", problem)
+            if not publish_final_figures(participants.peer, results):
+                say("the figures of the page lack results that the monitor has not received")
             options.page.run_is_over(missing=_missing_poses(source, results))
         return was_interrupted
 
@@ -87,6 +95,31 @@ def play_and_collect(source: Source, options: ReplayOptions, participants: Parti
             collector.finish()
     finally:
         collector.close()
+
+
+def publish_final_figures(peer: ReplayPeer, results: ReceivedResults) -> bool:
+    """Let the monitor publish its figures until they contain all received calls; return whether they do.
+
+    The monitor has subscriptions of its own and may receive a call later than the collector.
+    """
+    reports: deque[str] = deque(maxlen=1)
+    peer.subscribe(String, REPORT, lambda report, _: reports.append(report.data), LATCHED)
+
+    def are_complete() -> bool:
+        return bool(reports) and _has_all_calls(decoded(reports[-1]), results)
+
+    for _ in range(FIGURE_REQUESTS):
+        peer.call_trigger(f"{MONITOR_NODE}/finish", f"{MONITOR_NODE} did not publish its figures")
+        if peer.spin(FIGURES_S, are_complete):
+            return True
+    return False
+
+
+def _has_all_calls(score: Score, results: ReceivedResults) -> bool:
+    """Return whether a score contains all received calls, each of which is published after the results of the call."""
+    timed = (call for call in results.records if math.isfinite(call.processing_time_s))
+    counts = Counter(STATE_KINDS.get(call.state, CallKind.LOCALISATION) for call in timed)
+    return all((score.number(kind, "n", part=None) or 0) >= count for kind, count in counts.items())
 
 
 @contextmanager

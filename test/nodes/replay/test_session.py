@@ -1,0 +1,55 @@
+"""The monitor is asked again for its figures until they contain all results of a replay."""
+
+from types import SimpleNamespace
+
+import pytest
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.metrics.config import MappingState, ScoreConfig
+from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.nodes.replay import session
+from sfr_loc_map.nodes.replay.received import ReceivedResults
+from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
+from sfr_loc_map.nodes.ros.qos import LATCHED
+from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.topics import REPORT
+
+CALLS = (
+    CallRecord(1, 0.1, "tracking"),
+    CallRecord(2, 0.1, "tracking"),
+    CallRecord(3, float("nan"), "tracking"),  # without a time, a call has no figure
+    CallRecord(2, 0.1, MappingState.MAPPED, task=Task.MAPPING),
+    CallRecord(2, 0.3, MappingState.MAPPED_SET, task=Task.MAPPING),
+)
+
+
+@pytest.mark.parametrize("missing", [0, 1, 2, 4])
+def test_the_figures_are_requested_again_until_they_contain_the_last_call(
+    monkeypatch: pytest.MonkeyPatch, missing: int
+) -> None:
+    """The monitor receives one more call before each request; its first figures lack the last calls."""
+    monkeypatch.setattr(session, "FIGURE_REQUESTS", 4)
+    results, score = ReceivedResults(), MonitorScore(ScoreConfig(), None)
+    for call in CALLS:
+        results.add_call(call.task, call)
+    for call in CALLS[: len(CALLS) - missing]:
+        score.add_call(call)
+    late = list(CALLS[len(CALLS) - missing :])
+    requests = []
+
+    def finish(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        requests.append(request)
+        publisher.publish(String(data=to_json(score.result(details=False))))
+        if late:
+            score.add_call(late.pop(0))
+        response.success = True
+        return response
+
+    with ReplayPeer(SimpleNamespace(processes={}, check=lambda: None)) as peer:
+        publisher = peer.ros_node.create_publisher(String, REPORT, LATCHED)
+        peer.ros_node.create_service(Trigger, "monitor_node/finish", finish)
+        assert session.publish_final_figures(peer, results) == (missing < 4)
+    assert len(requests) == min(missing + 1, 4)
