@@ -22,6 +22,17 @@ from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import DIAGNOSTICS
 
 
+def add_call(results: ReceivedResults, state: MappingState) -> None:
+    """Add a call of the mapper for the pair with the stamp 1."""
+    results.add_call(Task.MAPPING, CallRecord(1, 0.1, state, task=Task.MAPPING))
+
+
+def add_map(results: ReceivedResults) -> None:
+    """Add a complete map: its call and its cloud."""
+    add_call(results, MappingState.MAPPED_SET)
+    results.add_cloud(1, PointCloud.from_structured(np.zeros(2, PointCloud.dtype())))
+
+
 @pytest.mark.parametrize(("kind", "error"), [(StatusKind.INPUT, InputError), (StatusKind.FAULT, NodeError)])
 def test_an_unusable_input_and_an_internal_fault_are_different_errors(kind: StatusKind, error: type[Exception]) -> None:
     supervisor = SimpleNamespace(processes={"localisation_node": None}, check=lambda: None)
@@ -56,12 +67,8 @@ def test_a_lost_pair_does_not_fail_the_map_of_a_shortened_replay(monkeypatch: py
     supervisor = SimpleNamespace(processes={}, check=lambda: None)
     results = ReceivedResults()
 
-    def add_call(state: MappingState) -> None:
-        results.add_call(Task.MAPPING, CallRecord(1, 0.1, state, task=Task.MAPPING))
-
     def finish(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        add_call(MappingState.MAPPED_SET)
-        results.add_cloud(1, PointCloud.from_structured(np.zeros(2, PointCloud.dtype())))
+        add_map(results)
         response.success = True
         return response
 
@@ -70,7 +77,7 @@ def test_a_lost_pair_does_not_fail_the_map_of_a_shortened_replay(monkeypatch: py
         collected = ResultCollector(peer, results, None, pairs_per_map=3, is_lock_step=False)
         for stamp_ns in (1, 2):
             collected.note_sent("nav", stamp_ns, 0.0)
-        add_call(MappingState.MAPPED)
+        add_call(results, MappingState.MAPPED)
         collected.finish()
     assert (results.mapped_stamps, results.map_count) == ([1], 1)
 
@@ -84,20 +91,16 @@ def test_a_fusion_that_takes_longer_than_the_quiet_time_keeps_its_map(
     supervisor = SimpleNamespace(processes={}, check=lambda: None)
     results = ReceivedResults()
 
-    def add_call(state: MappingState) -> None:
-        results.add_call(Task.MAPPING, CallRecord(1, 0.1, state, task=Task.MAPPING))
-
     def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         time.sleep(0.6)
-        add_call(MappingState.MAPPED_SET)
-        results.add_cloud(1, PointCloud.from_structured(np.zeros(2, PointCloud.dtype())))
+        add_map(results)
         response.message = "a map is fused from 1 to 3 pairs: got 0"
         return response
 
     with ReplayPeer(supervisor) as peer:
         peer.ros_node.create_service(Trigger, "mapping_node/finish", answer)
         collected = ResultCollector(peer, results, None, pairs_per_map=1, is_lock_step=is_lock_step)
-        add_call(MappingState.MAPPED)
+        add_call(results, MappingState.MAPPED)
         results.add_sent("nav", 1)
         collected.finish()
     assert results.map_count == 1
@@ -115,7 +118,7 @@ def test_a_map_of_left_pairs_that_cannot_be_finished_fails_the_replay(monkeypatc
     with ReplayPeer(supervisor) as peer:
         peer.ros_node.create_service(Trigger, "mapping_node/finish", refuse)
         collected = ResultCollector(peer, results, None, pairs_per_map=3, is_lock_step=True)
-        results.add_call(Task.MAPPING, CallRecord(1, 0.1, MappingState.MAPPED, task=Task.MAPPING))
+        add_call(results, MappingState.MAPPED)
         results.add_sent("nav", 1)
         with pytest.raises(NodeError, match=r"^mapping_node did not finish its map: the pairs are of other cameras$"):
             collected.finish()
