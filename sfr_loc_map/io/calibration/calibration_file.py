@@ -334,21 +334,21 @@ def _orbslam(opened: _OpenedFile) -> _CameraPair:
         return _CameraPair(left, right, f"{text}, LEFT and RIGHT")
     if size is None or "camera.width" in content:
         size = (int(_one(content, "Camera.width")), int(_one(content, "Camera.height")))
-    first = "camera1" if "camera1.fx" in content else "camera"
+    first = "Camera1" if "camera1.fx" in content else "Camera"
     fisheye = "kannala" in str(content.get("camera.type", "")).lower()
     names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     if "camera2.fx" in content:
         pose = np.eye(4)
         pose[:3] = np.array(_numbers(content, "Stereo.T_c1_c2", "Tlr")[:12]).reshape(3, 4)
         cameras = []
-        for name, T_left in ((first, Transform.identity()), ("camera2", Transform.from_matrix(pose))):
-            d = tuple(float(content.get(f"{name}.{item}", 0.0)) for item in names)
+        for name, T_left in ((first, Transform.identity()), ("Camera2", Transform.from_matrix(pose))):
+            d = tuple(float(content.get(_plain(f"{name}.{item}"), 0.0)) for item in names)
             fx, fy, cx, cy = (_one(content, f"{name}.{item}") for item in ("fx", "fy", "cx", "cy"))
             cameras.append(CalibratedCamera(size, (fx, fy, cx, cy), d, T_left, _lens(d, fisheye)))
-        return _CameraPair(*rectified_cameras(text, *cameras), f"{text}, {first.capitalize()} and Camera2")
-    if fisheye or any(float(content.get(f"{first}.{item}", 0.0)) for item in names):
+        return _CameraPair(*rectified_cameras(text, *cameras), f"{text}, {first} and Camera2")
+    if fisheye or any(float(content.get(_plain(f"{first}.{item}"), 0.0)) for item in names):
         raise ValueError(
-            f"{first.capitalize()} has a distortion but there is no Camera2: the settings are of one raw camera, not "
+            f"{first} has a distortion but there is no Camera2: the settings are of one raw camera, not "
             "of a stereo pair; give the calibration of both cameras"
         )
     fx, fy, cx, cy = (_one(content, f"{first}.{item}") for item in ("fx", "fy", "cx", "cy"))

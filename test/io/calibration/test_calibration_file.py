@@ -274,6 +274,10 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "swapped sides": (lambda folder: opencv("xml")(folder, moved(0.12, 0, 0)), "swapped, or"),
     "one above the other": (lambda folder: kalibr(folder, moved(0, -0.12, 0)), "one above the other"),
     "images of another size": (edited(kalibr, ("200", "640"), ("160", "480")), "differ in size, 200 x 160 and 640"),
+    "no principal point of ORB-SLAM": (
+        text_file("Camera.fx: 5\nCamera.fy: 5\nCamera.cx: 5\nCamera.bf: 1\nCamera.width: 10\nCamera.height: 10\n"),
+        "it has no Camera.cy",
+    ),
     "another file of ROS that is a list": (
         a_list_as("left/ost.yaml", ros),
         "left/ost.yaml': it has no names of values",
