@@ -129,14 +129,12 @@ class Job:
 
 
 def work_of(description: Mapping[str, object]) -> tuple[object, ...]:
-    """Return the identity of the work of a described job, which other code, configuration or data do not change.
+    """Return the work of a described job on its source, which other code or another configuration does not change.
 
     Without faults, the seed of the faults has no effect.
     """
-    task, source, faults, fault_seed, repeat = (
-        description.get(name) for name in ("task", "source", "faults", "fault_seed", "repeat")
-    )
-    return (task, source, faults, fault_seed if faults else 0, repeat)
+    task, faults, fault_seed, repeat = (description.get(name) for name in ("task", "faults", "fault_seed", "repeat"))
+    return (task, faults, fault_seed if faults else 0, repeat)
 
 
 class FailureCause(StrEnum):

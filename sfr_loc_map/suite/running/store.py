@@ -158,21 +158,19 @@ class Store:
         """Return the sources that have a result or a failure in the folder, but no job of the same work in the plan.
 
         Otherwise a suite would be complete after its bad drive was removed. Results and failures of work that is
-        planned with other code, configuration or data are superseded. Sources are identified by path or data, because
-        names may be equal.
+        planned with other code, configuration or data are superseded. Sources are identified by name and path, or by
+        data: names may be equal, and the name of a simulation depends on the other simulations.
         """
         keys = {job.key for job in self.jobs}
         planned: dict[object, set[object]] = {}
         for job in self.jobs:
-            same_work = planned.setdefault(work_of(job.description), set())
-            same_work.update((self._place(job.source.path), job.source.sha256))
+            planned.setdefault(work_of(job.description), set()).update(self._identities(job.description))
         found = []
         for path in (*sorted(self.results.glob("*.json")), *sorted(self.failures.glob("*.json"))):
             if path.stem in keys:
                 continue
             description = self._description_in(path)
-            same_work = planned.get(work_of(description), set())
-            if same_work.isdisjoint((self._place(str(description.get("path"))), description.get("source_sha256"))):
+            if planned.get(work_of(description), set()).isdisjoint(self._identities(description)):
                 found.append(_left_over(str(description.get("source")), path))
         return tuple(found)
 
@@ -183,6 +181,10 @@ class Store:
             return failure.description or {"source": failure.source}
         content = _record(dict, _read(path), path)
         return _description_of_suite(content.get("provenance", {}).get("configuration", {}))
+
+    def _identities(self, description: Mapping[str, object]) -> tuple[object, object]:
+        """Return name with path, and data of the source of a described job. Either identifies the source."""
+        return (description.get("source"), self._place(str(description.get("path")))), description.get("source_sha256")
 
     def _place(self, path: str) -> str:
         """Return the path of a source; for a fetched source the name, because its folder depends on the version."""

@@ -98,6 +98,16 @@ def test_a_simulation_with_changed_settings_cannot_be_removed_from_a_suite(tmp_p
     assert [item.path for item in store.refusals] == ["flat-0 (drive.pairs=4)"]
 
 
+def test_a_simulation_that_another_simulation_renames_is_the_same_source(tmp_path: Path) -> None:
+    (tmp_path / "flat.yaml").write_text("panorama: {enabled: false}\n")
+    first, added = ({"simulate": "flat.yaml", "set": {"drive.pairs": count}} for count in (3, 4))
+    store = Store(tmp_path / "out")
+    for job in plan_of(tmp_path, sources=[first])[0]:
+        store.save(job, JobOutcome(cause=FailureCause.DIED, message="crashed"))
+    store.save_plan([replace(job, code="other") for job in plan_of(tmp_path, sources=[first, added])[0]])
+    assert not store.refusals, "the work is repeated with other code and with the name 'flat-0 (drive.pairs=3)'"
+
+
 def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None:
     (tmp_path / "drive1").write_text("content")
     (tmp_path / "copy").mkdir()
