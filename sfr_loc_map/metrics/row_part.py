@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind
 
+NUMBER = r"\d+(?:\.\d+)?(?:e[+-]\d+)?"  #: Pattern of a number >= 0 in the format `g`.
+
 
 class Place(StrEnum):
     """Where calls were measured."""
@@ -77,7 +79,7 @@ def range_part(low_m: float, high_m: float) -> str:
 
 def range_of(part: str | None) -> tuple[float, float] | None:
     """Return the bounds of a range of points, m; None for another part."""
-    found = re.fullmatch(r"(\S+)-(\S+) m", part or "")
+    found = re.fullmatch(rf"({NUMBER})-({NUMBER}) m", part or "")
     return None if found is None else (float(found[1]), float(found[2]))
 
 

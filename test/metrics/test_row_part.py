@@ -40,6 +40,9 @@ def test_a_text_is_a_part_and_the_part_is_the_text(text: str | None, part: RowPa
 
 def test_parts_with_a_number_are_read_as_they_are_written() -> None:
     assert range_of(range_part(0.0, 4.5)) == (0.0, 4.5)
+    for low_m, high_m in ((0.0, 1e-5), (1e-5, 2.5e-5), (2.5e-5, 1e6)):
+        assert range_of(range_part(low_m, high_m)) == (low_m, high_m)
+    assert range_of("near-far m") is None
     assert range_of(pair_part(3)) is None
     assert distance_of(distance_part(5.0)) == 5.0
     assert is_of_pair(pair_part(12))
