@@ -185,7 +185,8 @@ def decode_call(text: str, task: Task) -> CallRecord:
         for name, value, shape in (("step", record.step, (STEP_SIZE,)), ("covariance", record.covariance, (6, 6))):
             if value is not None and (value.shape != shape or not np.isfinite(value).all()):
                 raise ValueError(f"'{name}' has the shape {value.shape}: finite numbers of shape {shape} are required")
-    return record if record.state else replace(record, state=DEFAULT_STATE[task])
+    time_s = record.processing_time_s or math.nan  # 0 is unknown, because JSON has no NaN
+    return replace(record, processing_time_s=time_s, state=record.state or DEFAULT_STATE[task])
 
 
 def _to_plain(value: Any) -> Any:  # noqa: ANN401 - an array or a number of NumPy

@@ -9,7 +9,11 @@ import pytest
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import Task
+from sfr_loc_map.metrics.calls import score_calls
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.runs.call_stats import stats_of
 from sfr_loc_map.runs.calls import CallRecord, decode_call, encode_call
+from sfr_loc_map.scoring.monitor_score import MonitorScore
 
 
 def test_a_call_comes_back_to_the_last_bit() -> None:
@@ -45,6 +49,15 @@ def test_a_node_of_anyone_states_a_stamp_and_a_time() -> None:
     assert decode_call(text, Task.LOCALISATION).state == ""
     assert decode_call(text, Task.MAPPING).state == "mapped"
     assert [decode_call(text, task).task for task in Task] == list(Task)
+
+
+def test_a_time_of_0_is_unknown_in_a_live_score_as_in_a_file() -> None:
+    calls = [decode_call(f'{{"stamp_ns": {stamp}, "processing_time_s": 0}}', Task.LOCALISATION) for stamp in (1, 2)]
+    monitor = MonitorScore(ScoreConfig(), None)
+    for call in calls:
+        monitor.add_call(call)
+    of_file = score_calls(stats_of(calls).calls).figures
+    assert monitor.result().figures[: len(of_file)] == of_file
 
 
 @pytest.mark.parametrize(
