@@ -53,9 +53,8 @@ from sfr_loc_map.topics import (
     TRACKS,
 )
 
-MAX_POSE_AGE_NS = (
-    600 * NS_PER_S
-)  #: Maximum age of an initialpose relative to the last pair. Older poses apply only to later runs.
+MAX_POSE_AGE_NS = 600 * NS_PER_S
+"""Maximum age of an initialpose relative to the last pair. Older poses apply only to later runs."""
 OUTPUT_DEPTH = 1000  #: Odometry messages kept for a slow subscriber.
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
