@@ -325,9 +325,9 @@ MUTATIONS = (
     Mutation("suite/statistics/pooling.py", "size > worst[drive_key][0]", "size < worst[drive_key][0]"),
     Mutation("suite/statistics/group_verdicts.py", "items_under_test(scores)) > 1", "items_under_test(scores)) > 2"),
     # a suite must not hide drives that were run, and its plan must match its files
-    Mutation(STORE, "if same_work.isdisjoint((", "if not same_work.isdisjoint(("),
-    Mutation(STORE, ".update((self._place(job.source.path), job.source.sha256))", ".update((job.source.sha256,))"),
-    Mutation(STORE, 'description.get("source_sha256"))):', "0)):"),
+    Mutation(STORE, "if planned.get(work_of(description), ", "if not planned.get(work_of(description), "),
+    Mutation(STORE, '(description.get("source"), self._place(str(description.get("path"))))', "object()"),
+    Mutation(STORE, '))), description.get("source_sha256")', "))), object()"),
     Mutation(STORE, ', *sorted(self.failures.glob("*.json"))', ""),
     Mutation("suite/running/job.py", "fault_seed if faults else 0, repeat)", "fault_seed if faults else 0)"),
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
