@@ -21,6 +21,7 @@ from sfr_loc_map.inputs import MONITOR_NODE
 from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.calls import STATE_KINDS
+from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score import Score
@@ -37,7 +38,7 @@ from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
 from sfr_loc_map.nodes.ros import environment
 from sfr_loc_map.nodes.ros.qos import LATCHED
 from sfr_loc_map.runs.offline import check_count
-from sfr_loc_map.topics import REPORT, Role, names
+from sfr_loc_map.topics import REPORT, TRUE_POINTS, Role, names
 
 Say = Callable[[str], None]
 Progress = Callable[[str], None]
@@ -75,12 +76,14 @@ def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, 
 def play_and_collect(source: Source, options: ReplayOptions, participants: Participants, progress: Progress) -> None:
     """Publish a source until its end or until the player is stopped, then wait for the missing results."""
     _, player, collector = participants
+    results = collector.results
     pairs = message_stream.PairTracker(message_stream.parts_of_pairs(source))
     if options.start is not None:
         player.set_pose(options.start)
 
     def on_sent(message: message_stream.Message) -> None:
         sent_s = time.monotonic()
+        results.has_map_truth |= message.topic == TRUE_POINTS
         completed = pairs.add(message)
         if completed is not None:
             rig, stamp_ns = completed
@@ -98,15 +101,19 @@ def play_and_collect(source: Source, options: ReplayOptions, participants: Parti
 
 
 def publish_final_figures(peer: ReplayPeer, results: ReceivedResults) -> bool:
-    """Let the monitor publish its figures until they contain all received calls; return whether they do.
+    """Let the monitor publish its figures until they contain all received results; return whether they do.
 
-    The monitor has subscriptions of its own and may receive a call later than the collector.
+    The monitor has subscriptions of its own and may receive a result later than the collector.
     """
     reports: deque[str] = deque(maxlen=1)
     peer.subscribe(String, REPORT, lambda report, _: reports.append(report.data), LATCHED)
+    is_map_judged = results.has_map_truth and results.map_count > 0
 
     def are_complete() -> bool:
-        return bool(reports) and _has_all_calls(decoded(reports[-1]), results)
+        if not reports:
+            return False
+        score = decoded(reports[-1])
+        return _has_all_calls(score, results) and (_has_map(score) or not is_map_judged)
 
     for _ in range(FIGURE_REQUESTS):
         peer.call_trigger(f"{MONITOR_NODE}/finish", f"{MONITOR_NODE} did not publish its figures")
@@ -116,10 +123,15 @@ def publish_final_figures(peer: ReplayPeer, results: ReceivedResults) -> bool:
 
 
 def _has_all_calls(score: Score, results: ReceivedResults) -> bool:
-    """Return whether a score contains all received calls, each of which is published after the results of the call."""
+    """Return whether a score contains all received calls."""
     timed = (call for call in results.records if math.isfinite(call.processing_time_s))
     counts = Counter(STATE_KINDS.get(call.state, CallKind.LOCALISATION) for call in timed)
     return all((score.number(kind, "n", part=None) or 0) >= count for kind, count in counts.items())
+
+
+def _has_map(score: Score) -> bool:
+    """Return whether a score contains the errors of a map, whose cloud may arrive later than its call."""
+    return any(row.subject is Subject.MAP for row in score.figures)
 
 
 @contextmanager

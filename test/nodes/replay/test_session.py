@@ -1,12 +1,15 @@
 """The monitor is asked again for its figures until they contain all results of a replay."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from helpers import made_scores
 from sfr_loc_map.inputs import Task
+from sfr_loc_map.metrics.cloud_error import score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.replay import session
@@ -26,25 +29,32 @@ CALLS = (
 )
 
 
-@pytest.mark.parametrize("missing", [0, 1, 2, 4])
-def test_the_figures_are_requested_again_until_they_contain_the_last_call(
+@pytest.mark.parametrize("missing", [0, 1, 2, 3, 5])
+def test_the_figures_are_requested_again_until_they_contain_the_last_result(
     monkeypatch: pytest.MonkeyPatch, missing: int
 ) -> None:
-    """The monitor receives one more call before each request; its first figures lack the last calls."""
+    """The monitor receives one more result before each request, last the map; its first figures lack the last ones."""
     monkeypatch.setattr(session, "FIGURE_REQUESTS", 4)
-    results, score = ReceivedResults(), MonitorScore(ScoreConfig(), None)
+    results, score = ReceivedResults(has_map_truth=True), MonitorScore(ScoreConfig(), None)
+    cloud, truths = made_scores.cloud(32, 1)
+    results.add_cloud(2, cloud)
     for call in CALLS:
         results.add_call(call.task, call)
-    for call in CALLS[: len(CALLS) - missing]:
-        score.add_call(call)
-    late = list(CALLS[len(CALLS) - missing :])
-    requests = []
+
+    def add_map() -> None:
+        score.map_score = score_map(cloud, truths, ScoreConfig().map)
+
+    arrivals = [*(partial(score.add_call, call) for call in CALLS), add_map]
+    late = arrivals[len(arrivals) - missing :]
+    for arrive in arrivals[: len(arrivals) - missing]:
+        arrive()
+    requests = list[Trigger.Request]()
 
     def finish(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         requests.append(request)
         publisher.publish(String(data=to_json(score.result(details=False))))
         if late:
-            score.add_call(late.pop(0))
+            late.pop(0)()
         response.success = True
         return response
 
