@@ -532,29 +532,38 @@ def groups_of(path: str) -> list[tuple[str, ...]]:
     return [tests for tests in (nearest_tests(path), *GROUPS) if tests]
 
 
-def is_killed(mutation: Mutation, folder: Path, marks: str) -> bool:
-    """Return whether a test fails with a mutation in a copy of the sources; the nearest tests run first."""
+def killing_group(mutation: Mutation, folder: Path, groups: Sequence[tuple[str, ...]], marks: str) -> tuple[str, ...]:
+    """Return the first group of tests that fails with a mutation in a copy of the sources; empty if none fails."""
     path = folder / "sfr_loc_map" / mutation.path
     text = path.read_text(encoding="utf-8")
     if text.count(mutation.text) != 1:
         raise SystemExit(f"{mutation.path}: found {text.count(mutation.text)} times, once is required: {mutation.text}")
     path.write_text(text.replace(mutation.text, mutation.instead), encoding="utf-8")
     try:
-        return any(fails(folder, tests, marks) for tests in groups_of(mutation.path))
+        return next((tests for tests in groups if fails(folder, tests, marks)), ())
     finally:
         path.write_text(text, encoding="utf-8")
 
 
 def try_all(mutations: Sequence[Mutation], marks: str) -> list[bool]:
-    """Return for each mutation whether it is killed, in a separate copy of the sources."""
+    """Return for each mutation whether it is killed, in a separate copy of the sources.
+
+    The group that killed the last mutation of the same file runs first.
+    """
     killed = []
+    last_killer: dict[str, tuple[str, ...]] = {}
     with tempfile.TemporaryDirectory() as scratch:
         folder = copied(Path(scratch))
         for mutation in mutations:
             begin = time.monotonic()
-            killed.append(is_killed(mutation, folder, marks))
-            word = "killed" if killed[-1] else "SURVIVED"
-            print(f"{word} {time.monotonic() - begin:5.1f} s  {mutation.path}: {mutation.instead}", flush=True)
+            first = last_killer.get(mutation.path)
+            groups = sorted(groups_of(mutation.path), key=lambda tests: tests != first)
+            killer = killing_group(mutation, folder, groups, marks)
+            if killer:
+                last_killer[mutation.path] = killer
+            killed.append(bool(killer))
+            word = f"killed by {killer[0]}" if killer else "SURVIVED"
+            print(f"{time.monotonic() - begin:5.1f} s  {mutation.path}: {mutation.instead}: {word}", flush=True)
     return killed
 
 
