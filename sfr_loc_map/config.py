@@ -214,7 +214,7 @@ class NodeSection(NamedTuple):
     """Node parameters that a section of `sfr.yaml` contains."""
 
     prefix: str  #: First part of the names of the node parameters; empty if the names have no prefix.
-    nodes: tuple[str, ...]  #: Nodes with these parameters. From a ROS parameter file, those of the first node are read.
+    nodes: tuple[str, ...]  #: Nodes with these parameters. A ROS parameter file is read for the first of them.
 
 
 _LOCALISER, _MAPPER = Task.LOCALISATION.node, Task.MAPPING.node

@@ -239,8 +239,8 @@ class CommonRuns(Generic[T]):
     """Assigns the stamped items of several sources to common runs.
 
     The first source that begins a new run begins it for all sources. Items that the other sources hold for a new run
-    are then accepted. Late items of the previous run are dropped until a stamp fits the new run. Otherwise results,
-    which arrive later than the ground truth of the same stamp, would begin the previous run again.
+    are then accepted. Late items of the previous run are dropped until a stamp fits the new run. Otherwise results of
+    the previous run, which arrive later than the ground truth of the same stamp, would restart that run.
     """
 
     def __init__(self, orders: Mapping[str, StampOrder[tuple[str, int, T]]]) -> None:

@@ -50,7 +50,7 @@ def estimated(pair: StereoPair, rig: StereoRig) -> DisparityMap:
 
 
 def noise_of(disparity: DisparityMap) -> float:
-    """Return the noise of one image, grey levels. Residuals have that of two; interpolation is neglected."""
+    """Return the noise of one image, grey levels, from residuals, which have the noise of two images."""
     return disparity.noise_grey / np.sqrt(2.0)
 
 

@@ -81,7 +81,7 @@ def current_run() -> CommandRun:
 def propose(*words: str | Path, why: str = "") -> None:
     """Set the last line of the command: a command line, quoted unless it is one word.
 
-    A first word `...` stands for the command line of the user.
+    A first word `...` is replaced by the command line of the user.
     """
     line = str(words[0]) if len(words) == 1 else shlex.join(map(str, words))
     if line.startswith("..."):

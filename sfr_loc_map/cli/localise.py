@@ -96,7 +96,7 @@ def localise(
         warn(text)
     count = len(done.steps)
     if count < len(sequence):
-        raise InterruptedRunError(f"interrupted: {count} of {len(sequence)} pairs were localised, and written")
+        raise InterruptedRunError(f"interrupted: {count} of {len(sequence)} pairs were localised and written")
     conclude_findings(done.method, done.records)
 
 

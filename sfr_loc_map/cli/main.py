@@ -35,7 +35,7 @@ from sfr_loc_map.errors import ExitCode, SfrError
 from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.signals import handle_signals, hold, ignore_signals
 
-UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # of click or of the copy within typer, by its version
+UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # the class of click, or of typer's copy of click
 
 app.add_typer(bench.app, name="bench")
 app.add_typer(suite.app, name="suite")
@@ -95,7 +95,7 @@ def _run() -> int:
     except (KeyboardInterrupt, typer.Abort):
         code = ExitCode.INTERRUPTED
     except Exception as error:
-        if not isinstance(error.__cause__, KeyboardInterrupt):  # else interrupted while an import created a class
+        if not isinstance(error.__cause__, KeyboardInterrupt):  # else an import failed by an interrupt
             expected = isinstance(error, SfrError) and error.exit_code is not ExitCode.BAD_INPUT
             if os.environ.get("SFR_DEBUG") and not expected:
                 raise
@@ -113,7 +113,7 @@ def _line(error: Exception) -> str:
         command = context.command_path if context is not None else "sfr"
         message: str = error.format_message()  # type: ignore[attr-defined]
         return f"{message.rstrip('.')}: see '{command} --help'"
-    if isinstance(error, OSError) and error.strerror and not error.filename:  # of an open stream
+    if isinstance(error, OSError) and error.strerror and not error.filename:  # an error of an open stream names no file
         return f"cannot write to standard output, or read or write an open file: {error.strerror}; check the disk"
     if isinstance(error, (SfrError, OSError)):
         return str(error)

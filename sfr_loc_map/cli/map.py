@@ -113,7 +113,7 @@ def map_cloud(
     given = () if theirs is not None or config is None else ("--config", config)
     propose("sfr", "score", output, source, *given, why="against the truth, if the source has it")
     if len(run.maps) < len(sequence):
-        raise InterruptedRunError(f"interrupted: {len(run.maps)} of {len(sequence)} pairs were mapped, and written")
+        raise InterruptedRunError(f"interrupted: {len(run.maps)} of {len(sequence)} pairs were mapped and written")
     conclude_findings(run.method, run.records)
 
 

@@ -1,7 +1,7 @@
 """Options that several subcommands share, and functions that interpret their values.
 
 The help shows options without a panel first. The panels contain less common options. The option `--live` is in
-`live_option`, options that only the commands of a group share are in the module of the group.
+`live_option`. Options that only the commands of one group share are in the module of that group.
 """
 
 from __future__ import annotations

@@ -180,7 +180,7 @@ def _write_score(score: Score, page: Path, json_path: str | None) -> None:
 
 
 def _conclude_all(scores: list[Score], *, lenient: bool) -> None:
-    """Raise the error of the verdicts of scores; a missed limit in any score precedes a missing judgement."""
+    """Raise the error of the verdicts of scores; a missed limit precedes a limit that could not be judged."""
     undecided: NotJudgedError | None = None
     for score in scores:
         if not score.is_judged:
@@ -231,7 +231,7 @@ def _sign(
 
 
 def _write_control_document(scores: dict[str, Score], control: Path, report: tuple[str, str]) -> None:
-    """Write the verification control document; `report` are the number and the issue of the test report."""
+    """Write the verification control document; `report` has the number and the issue of the test report."""
     from sfr_loc_map.report.control_document import control_csv
 
     number, issue = report

@@ -178,7 +178,7 @@ def score(
     ] = None,
     target_run: Annotated[
         str | None,
-        Option(metavar="TEXT", rich_help_panel=MORE, help="Run of --target-timing, if not that of the estimate."),
+        Option(metavar="TEXT", rich_help_panel=MORE, help="Name of another run that --target-timing is from."),
     ] = None,
     columns: ColumnsOption = None,
     config_file: ConfigOption = None,

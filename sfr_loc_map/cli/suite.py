@@ -117,7 +117,7 @@ def _progress() -> Iterator[Progress]:
 
         def advance(done: int, total: int, last: tuple[Job, JobOutcome] | None) -> None:
             if last is None:
-                for task in bar.task_ids:  # of the previous batch of a search
+                for task in bar.task_ids:  # bars of the previous batch of a search
                     bar.remove_task(task)
                 bar.add_task("running", total=total)
                 return

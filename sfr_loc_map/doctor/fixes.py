@@ -17,9 +17,9 @@ from sfr_loc_map.source_setup.proposal import propose_config
 def with_fix(
     source: Path, sections: dict[str, Any], path: Path | None, findings: list[Finding], words: list[str]
 ) -> list[Finding]:
-    """Return the findings. Those that a proposed configuration removes name the command that writes it (`words`).
+    """Return the findings; if the proposed configuration removes one, its fix is the command that writes it (`words`).
 
-    The source is examined with the proposed configuration to determine which findings it removes.
+    The source is examined with the proposed configuration to determine which findings remain.
     """
     try:
         found = propose_config(source, sections, path)

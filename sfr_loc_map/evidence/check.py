@@ -67,7 +67,7 @@ class DriveCheck(Check):
 
     @property
     def advice(self) -> dict[str, Advice]:
-        """The recommended action for the calibration file by angle."""
+        """The recommended action for the calibration file, for each angle."""
         return {offset.angle: offset.advice for offset in self.offsets}
 
 

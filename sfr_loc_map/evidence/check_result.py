@@ -24,7 +24,8 @@ class Check:
     result: CheckResult
     figures: tuple[Figure, ...]
     disagreements: tuple[str, ...]
-    """Differences that exceed the prediction, one phrase each: the least probable one of a drive, all of maps."""
+    """Differences that exceed the prediction, one phrase each: for a drive the least probable difference, for maps
+    all."""
 
 
 def worst_result(results: Iterable[CheckResult]) -> CheckResult:

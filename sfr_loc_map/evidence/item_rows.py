@@ -15,7 +15,7 @@ class Item(NamedTuple):
 
     condition: str | None
     part: str | None
-    rows: dict[str, Figure]  #: By the name of the figure.
+    rows: dict[str, Figure]  #: Rows by the name of their figure.
     indices: dict[str, int]  #: Index of each row in the figures of the check, by the name of the figure.
 
     def number(self, figure: str, name: str = "value") -> float | None:

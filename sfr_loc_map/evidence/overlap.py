@@ -58,7 +58,7 @@ class Overlap(NamedTuple):
 
 
 def check_maps(sequence: NavSequence, config: MappingConfig) -> Check:
-    """Map the first `MAX_PAIRS` pairs of a source and compare each two maps that overlap."""
+    """Map the first `MAX_PAIRS` pairs of a source and compare every two maps that overlap."""
     overlaps = find_overlaps(sequence, config)
     return Check(
         result=result_of_maps(overlaps),

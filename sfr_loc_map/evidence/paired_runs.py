@@ -60,7 +60,7 @@ class RunAtPairs:
 def paired(first: Run, other: Run) -> tuple[RunAtPairs, RunAtPairs]:
     """Return a forward run and another run at their common pairs, with the stamps of the other run."""
     frames, _ = associate(first.estimates.trajectory, as_forward(other), AssociationConfig(truth="match"))
-    # `associate` names the poses that have the stamps `truth`; here they are the poses of the other run
+    # `associate` calls its second argument the truth; here it is the other run
     rows_of_other = rows_at(other, frames.stamps_ns)
     return RunAtPairs(first, frames.estimate_rows, frames.estimate), RunAtPairs(other, rows_of_other, frames.truth)
 
@@ -79,7 +79,7 @@ def rows_at(run: Run, stamps_ns: IntArray) -> IntArray:
 
 
 def poses_at(run: Run, rows: IntArray) -> StampedPoses:
-    """Return the poses in rows of the estimates of a forward run."""
+    """Return the poses of a forward run that have the given row numbers."""
     poses = run.estimates.trajectory
     return StampedPoses(poses.stamps_ns[rows], poses.positions[rows], unit_quats(poses.quats_xyzw[rows]))
 

@@ -77,7 +77,7 @@ def find_closures(drive: PairsInMemory, forward: Run, config: LocalisationConfig
 
 
 def worth_of_visits(forward: Run) -> FloatArray:
-    """Return the worth `(N, N)` of each two pairs as visits of one place: path times closeness; 0 if the places differ.
+    """Return the score `(N, N)` of two pairs as visits of one place: path times closeness; 0 if the places differ.
 
     The row is the first visit, the column the second.
     """

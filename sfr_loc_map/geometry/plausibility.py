@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 
-MAX_IMAGE_PIXELS = 8192 * 8192  #: Most pixels of an image. Buffers are allocated by the size in a header.
+MAX_IMAGE_PIXELS = 8192 * 8192  #: Maximum number of pixels of an image. Buffers are allocated by the size in a header.
 MAX_IMAGE_SIDE = 32_768  #: Longest side of an image, pixels: OpenCV's remap uses 16-bit coordinates.
 FOCAL_RATIOS = (0.01, 100.0)
 """Smallest and largest focal length over the longer side of the image: fields of view from 178 to 0.6 deg."""

@@ -38,7 +38,7 @@ def unit_quats(quats_xyzw: FloatArray) -> FloatArray:
 
 def slerp(a_xyzw: FloatArray, b_xyzw: FloatArray, fraction: FloatArray) -> FloatArray:
     """Return unit quaternions `(N, 4)` at fractions `(N,)` of the shortest rotation from a to b (Shoemake 1985)."""
-    nearest = np.where(np.sum(a_xyzw * b_xyzw, axis=1) < 0.0, -1.0, 1.0)[:, None] * b_xyzw  # -q is the rotation q
+    nearest = np.where(np.sum(a_xyzw * b_xyzw, axis=1) < 0.0, -1.0, 1.0)[:, None] * b_xyzw  # -q and q are one rotation
     chord = np.linalg.norm(a_xyzw - nearest, axis=1)
     angle = 2.0 * np.arctan2(chord, np.linalg.norm(a_xyzw + nearest, axis=1))
     sine = np.sin(angle)
@@ -108,7 +108,7 @@ def quat_from_matrix(matrix: ArrayLike) -> FloatArray:
         trace = a + e + i
         squares = (a, e, i, trace)
         largest = squares.index(max(squares)) if trace == trace else 3  # NaN
-        # rows: quaternions times four times x, y, z or w; that of the largest component is the most accurate
+        # each row is the quaternion times 4 x, 4 y, 4 z or 4 w; the row of the largest component is the most accurate
         x, y, z, w = (
             (1.0 + 2.0 * a - trace, d + b, c + g, h - f),
             (d + b, 1.0 + 2.0 * e - trace, h + f, c - g),

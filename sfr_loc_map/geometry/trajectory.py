@@ -84,7 +84,7 @@ class Trajectory(Shown):
     def pose(self, index: int) -> Transform:
         """Return `T_ds_rb` of one pose; GeometryError if the attitude is unknown."""
         if not self.quats_xyzw[index].any():
-            raise GeometryError(f"the pose at stamp {int(self.stamps_ns[index])} has no attitude: one is required")
+            raise GeometryError(f"the pose at stamp {int(self.stamps_ns[index])} has no attitude: give its attitude")
         return Transform.from_quat(self.positions[index], self.quats_xyzw[index])
 
     @classmethod

@@ -73,7 +73,7 @@ class Transform:
     def from_matrix(cls, matrix: FloatArray) -> Transform:
         """Return `T_a_b` from a matrix `(3, 4)` or `(4, 4)`; GeometryError if the rotation is invalid."""
         if not plausible_rotations(matrix[:3, :3]):
-            raise GeometryError("a rotation matrix is not orthonormal with determinant +1")
+            raise GeometryError("a matrix is not a rotation: an orthonormal matrix with determinant +1 is required")
         return cls(matrix[:3, :3].copy(), matrix[:3, 3].copy())
 
     @classmethod

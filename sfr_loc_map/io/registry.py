@@ -43,7 +43,7 @@ def _configured(open_files: Opener) -> Opener:
         loc = source.loc
         if loc is None:
             return source
-        assert isinstance(loc, ImageFileSequence)  # of every layout of files
+        assert isinstance(loc, ImageFileSequence)  # as in every layout of files
         loc = replace(loc, ground_truth=truth_of_data_set(path, loc.ground_truth, config.truth))
         T_rb_sb = config.extrinsics.transform()
         if T_rb_sb is not None:

@@ -1,7 +1,7 @@
 """The path of a run so far: each estimate with the truth at its stamp and the error between them.
 
 The estimate is displayed in the frame of the truth as `T_gt(0) inv(T_est(0)) T_est`, where 0 is the first pose with a
-truth. Judged errors are those of the monitor's report, not these.
+truth. These errors are only displayed; the errors of the monitor's report are judged.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Records that a feed (the ROS node) passes to the live state, and commands of an operator to the nodes.
 
-Times are of the host's system clock, s. Stamps are those of the messages.
+Times are those of the host's system clock, s. Stamps are those of the messages.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Send the state to an open page: all poses and calls in order, of all else only the newest.
+"""Send the state to an open page: all poses and calls in order, and the newest of all other data.
 
 New data are sent when the network accepts them. Data are not queued per page; only the state stores them. A page that
 does not read is disconnected.
@@ -126,7 +126,7 @@ class Viewer:
         return [text_message("calls", {"calls": [call.to_plain() for call in calls]})]
 
     def _next_media(self) -> PageMedia | None:
-        """Return a new image or map of the media that the page shows, of the topic that has waited longest."""
+        """Return a new image or map that the page shows, from the topic that has waited longest."""
         newest = self._state.shown_media(self)
         never_sent = [topic for topic in newest if topic not in self._sent_media]
         for topic in (*never_sent, *self._sent_media):

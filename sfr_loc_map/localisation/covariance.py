@@ -127,7 +127,7 @@ from sfr_loc_map.localisation.symmetric_matrices import symmetric
 
 MAX_ANGLE_RAD = np.pi / np.sqrt(3.0)  #: Standard deviation of an unknown angle (uniform over a turn), rad.
 EXPECTED_CHI_MEDIAN = 0.839  #: Median of chi-square with four degrees of freedom, divided by four.
-MIN_VARIANCE = 1e-12  #: Added to each variance of a step, which must be positive, m^2 and rad^2.
+MIN_VARIANCE = 1e-12  #: Added to the variances of a step, so that each is positive, m^2 and rad^2.
 
 
 # ---- the pose

@@ -120,8 +120,8 @@ class Confidence:
         """Return the confidence after two motions competed, the image contradicted the pose, or half was unexplained.
 
         Landmarks in the cells `(R, C)` did not follow the motion. The doubt lasts `AGREEING_PAIRS` pairs if the ground
-        was known, or if at most this number of pairs was left of a present doubt. Otherwise it lasts
-        `LONG_DOUBT_PAIRS` pairs.
+        was known, or if a present doubt had at most this number of pairs left. Otherwise it lasts `LONG_DOUBT_PAIRS`
+        pairs.
         """
         is_in_doubt = self.phase is Phase.IN_DOUBT
         lacks_few_pairs = is_in_doubt and self.required_pairs - self.agreed_pairs <= AGREEING_PAIRS

@@ -83,7 +83,7 @@ from sfr_loc_map.localisation.relocalisation import RecoveryImages
 
 COMPARED_PX = 3.0
 """Image motion, px, above which cells fixed to the camera are detected, and the compared image is replaced. Chosen by
-hand above `cell_motion.MOVED_PX`, from which a cell counts as moved, so that most cells have moved."""
+hand: it exceeds `cell_motion.MOVED_PX`, the motion at which a cell counts as moved, so that most cells have moved."""
 COMPARED_PAIRS = 10
 """Number of pairs after which the compared image is replaced at any speed, because light and exposure change. Chosen by
 hand. If larger, such changes count as changes of the scene. If smaller, fixed cells are not detected in slow motion."""

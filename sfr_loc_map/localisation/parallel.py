@@ -37,7 +37,7 @@ class Pending(Generic[R]):
         self._done = done
 
     def result(self) -> R:
-        """Wait for the call, and return its result or raise its exception. To be called once."""
+        """Wait for the call, and return its result or raise its exception. This method may be called only once."""
         result = self._done.get()
         if isinstance(result, BaseException):
             raise result

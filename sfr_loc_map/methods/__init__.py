@@ -19,8 +19,8 @@ of a candidate.
 
 Another interface requires a module in `adapters/` with `open_method(setup)`, which returns an object as described in
 `child/loop.py`, and a row in `registry.py` (`_BUILT_IN`, or `_PEERS` for a method of another interpreter). The method
-of a user requires neither, because `package.module:Class`, `FILE.py:Class` and `lib:PATH.so` have adapters
-(docs/candidates.md).
+of a user requires no adapter and no row, because `package.module:Class`, `FILE.py:Class` and `lib:PATH.so` have
+adapters (docs/candidates.md).
 """
 
 import lazy_loader

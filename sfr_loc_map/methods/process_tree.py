@@ -55,7 +55,7 @@ class ProcessTree:
 def bytes_of_unnamed_files(processes: Sequence[int]) -> int:
     """Return the storage of the open files of processes that have no name, each file once.
 
-    Such a file counts for no process unless the process maps the file, and is in no folder.
+    Such a file is in no folder, and the resident memory of a process includes it only if the process maps it.
     """
     blocks: dict[tuple[int, int], int] = {}
     for process in processes:

@@ -28,7 +28,7 @@ POSITION_VARIANCES = np.flatnonzero(DIAGONAL & (UPPER[0] < 3))
 """Indices of the variances of x, y and z in the upper triangle."""
 AUTO_STAMPS = 16  #: Stamps of estimates and of true poses in the common span that `auto` examines.
 IMAGE_PERIOD_SHARE = 0.4  #: Maximum difference to the stamp of the image, in median periods; files round stamps.
-MATCHES_PER_STAMP = 4  #: `auto` selects `match` if at least one in this number of stamps coincides.
+MATCHES_PER_STAMP = 4  #: `auto` selects `match` if at least one in four stamps coincides.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,7 +254,7 @@ def unique_rows(stamps_ns: IntArray) -> Rows:
 
 
 def rows_of_images(stamps_ns: IntArray, rows: Rows, images_ns: IntArray, near_ns: int) -> Rows:
-    """Return, of rows in the order of their stamps, the nearest row to each image, within `near_ns`.
+    """Return the nearest row to each image within `near_ns`; `rows` are in the order of their stamps.
 
     Estimates between the images, for instance of a filter with a higher rate, are not frames. Otherwise an item under
     test could publish more poses where the estimate is good. All rows are returned if no row is near an image.

@@ -242,8 +242,9 @@ def clause_of(figure: str, part: str | None) -> str:
 
     4.2.1 and 4.3.1 define the time of a call on the target, 4.2.2 and 4.3.2 the memory of a call. The specification
     does not define stages of a mapping call, times on another host, or the times and memory that an external node
-    reports for its own calls. Of the errors of sub-trajectories it defines neither those along one direction nor those
-    of the parts `moving`, `other frames` and a distance (`5 m`), whose sub-trajectories are chosen by other rules.
+    reports for its own calls. It does not define errors of sub-trajectories along one direction. It does not define the
+    parts `moving`, `other frames` and a distance (`5 m`) either, because their sub-trajectories are chosen by other
+    rules.
     """
     place, call = RowPart.of(part).place, RowPart.of(part).call
     if figure not in KINDS or part in DIRECTIONS or place is Place.STATED:

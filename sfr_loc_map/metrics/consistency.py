@@ -50,7 +50,7 @@ class StepSums(NamedTuple):
 
 
 def sums_of_steps(estimates: Estimates, steps: FloatArray, wanted: IntArray) -> dict[int, StepSums]:
-    """Return the sums of the steps `(E, 48)` of the estimates up to each wanted row, by row.
+    """Return, for each row in `wanted`, the sums of the steps `(E, 48)` of the estimates up to this row.
 
     A lost pose repeats the previous pose and has no step.
     """

@@ -295,7 +295,7 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, 
     """The statistics of n errors, which are columns of the table of figures; null if undefined.
 
     The size of an error is its absolute value, or the norm of an error vector. Every score contains each statistic of
-    this struct, and a limit can be on each but the numbers of values. `FigureKind.shown` selects the statistics in
+    this struct, and each can be limited, except the numbers of values. `FigureKind.shown` selects the statistics in
     tables and topics of the monitor, `FigureKind.compared` those in comparisons, histories and suites.
     """
 

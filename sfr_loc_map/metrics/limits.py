@@ -219,7 +219,7 @@ class Rules(Limits, frozen=True, kw_only=True, omit_defaults=False):
 
     @classmethod
     def of(cls, limits: Limits | None, *, partial: bool) -> Rules | None:
-        """Return the rules of limits and of partial judging; None if there are neither limits nor partial judging."""
+        """Return the rules of limits and of partial judging; None without limits and without partial judging."""
         if limits is None:
             return cls(partial=True) if partial else None
         return cls(

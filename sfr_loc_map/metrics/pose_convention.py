@@ -207,7 +207,7 @@ def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Trans
     """
     if truth is None:
         if not len(estimates.trajectory):
-            raise MetricsError("there is no pose to align the world frame at: give an estimate with poses")
+            raise MetricsError("the estimate has no pose to align the world frame with: give an estimate with poses")
         return estimates.trajectory.pose(0).inverse()
     frames = associate(estimates.trajectory, truth, AssociationConfig())[0]
     known = np.flatnonzero(~estimates.lost[frames.estimate_rows])

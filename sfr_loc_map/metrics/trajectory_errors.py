@@ -90,7 +90,7 @@ def error_figures(*, with_horizontal: bool = True) -> tuple[ErrorFigure, ...]:
 
 
 def select(condition: Condition, spacing: int, path: StampedPoses, length_m: Lengths) -> tuple[IntArray, IntArray]:
-    """Return the frames N and N+x of the sub-trajectories of a condition [4.1.1], whose motion is that of a path.
+    """Return the frames N and N+x of the sub-trajectories of a condition over a path [4.1.1].
 
     N+x is the first frame at which all parts of the condition hold. A start whose condition is never met is skipped.
     """

@@ -245,7 +245,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         try:
             grid = terrain_grid(fused.cloud, self._mapping.terrain, fused.poses_lm_left, fused.random_sigma)
         except SfrError as error:
-            self.status.warn(f"no elevation and no hazard of this map: {error}")
+            self.status.warn(f"this map has no elevation grid and no hazard grid: {error}")
             return
         self._elevation.publish(messages.elevation_msg(grid, stamp_ns, self._lm_frame))
         self._hazard.publish(messages.hazard_msg(grid, stamp_ns, self._lm_frame))

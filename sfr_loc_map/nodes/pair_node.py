@@ -160,7 +160,7 @@ class PairNode(ManagedNode[P], ABC):
     def subscribe(self) -> None:
         """Subscribe to the images and the camera_info, which defines the rig."""
         self.forget_waiting()
-        self._call_count_before = 0  # at the last `report_periodically`
+        self._call_count_before = 0  # number of calls at the last `report_periodically`
         self._stereo.subscribe()
 
     @contextmanager

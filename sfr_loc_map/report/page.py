@@ -53,7 +53,7 @@ class Page:
     sections: Sections = ()
     tables: Sequence[Table] = ()
     provenance: Sequence[tuple[str, str]] | None = None  #: Keys and texts; None for a page without this section.
-    every: int = 1  #: The plots have one frame of the path in this number of frames.
+    every: int = 1  #: The plots show every n-th frame of the path.
     is_sortable: bool = False  #: Whether a click on a heading sorts a table.
 
 

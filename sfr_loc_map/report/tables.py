@@ -22,7 +22,7 @@ UNKNOWN, NOT_ENOUGH, ABSENT = "unknown", "not enough data", "-"
 
 
 SHOWN_UNITS = {"mm": ("m", 1e-3), "ms": ("s", 1e-3), "%": ("1", 1e-2), "MiB": ("bytes", 2.0**20)}
-"""Displayed units, each with the unit of the values and the size of the displayed unit in this unit."""
+"""Displayed units, each with the unit of the values and with its size in that unit: 1 mm is 1e-3 m."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ STATS_SUFFIX = ".stats.csv"  #: Suffix of a file of calls, which replaces the su
 CALL_NAMES = ("stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes")
 COST_NAMES = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
 MEMORY_METHOD = "memory_method"  #: Column that states how memory was measured.
-METHOD_FIELDS = ("version", "kind", "sha256", "config_sha256", "isolation")  #: Of a `MethodRecord`, in order.
+METHOD_FIELDS = ("version", "kind", "sha256", "config_sha256", "isolation")  #: Fields of a `MethodRecord`.
 METHOD_NAMES = ("method", *(f"method_{name}" for name in METHOD_FIELDS), "finding")
 POSITION_NAMES = ("position_x_m", "position_y_m", "position_z_m")
 """Columns of the estimated position of a call. The positions identify the estimate to which the calls belong."""

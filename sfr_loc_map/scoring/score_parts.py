@@ -39,7 +39,7 @@ from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.runs.call_stats import CallStats
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
 
-FEW_TRUE_POSES = 1.0 / SPARSER  #: Ratio of true poses to images up to which a sparse truth is reported.
+FEW_TRUE_POSES = 1.0 / SPARSER  #: A truth is reported as sparse up to this ratio of true poses to images.
 UNEVEN_PERIODS, UNEVEN_SHARE = 2.5, 0.05
 """Estimates are uneven if more than this fraction of the time is between estimates that are further apart than this
 number of median periods. A single missing estimate leaves two periods."""

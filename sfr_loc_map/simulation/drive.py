@@ -114,7 +114,7 @@ def legs_of(config: DriveConfig) -> list[Leg]:
 
 
 def _course(x: float, y: float, heading: float, leg: Leg) -> list[tuple[float, float, float]]:
-    """Return positions and headings along a segment: steps of the first circle of an arc, and the end."""
+    """Return positions and headings along a segment: at steps of the first turn of an arc, and at the end."""
     length_m, turn_rad, _ = leg
     circle = min(abs(turn_rad), 2.0 * math.pi) if length_m else 0.0
     shares = [step * COURSE_STEP_RAD / abs(turn_rad) for step in range(1, math.ceil(circle / COURSE_STEP_RAD))]

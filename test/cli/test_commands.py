@@ -139,7 +139,7 @@ def test_ctrl_c_keeps_the_pairs_that_were_localised(sfr: Sfr, tmp_path: Path, mo
     assert (result.code, result.out) == (ExitCode.INTERRUPTED, "")
     assert result.err.splitlines() == [
         f"2 poses, 0 lost: {out}",
-        "sfr: interrupted: 2 of 3 pairs were localised, and written",
+        "sfr: interrupted: 2 of 3 pairs were localised and written",
     ]
     assert len(read_trajectory_file(out).trajectory) == 2
     assert len(stats.read_text().splitlines()) == 3

@@ -35,7 +35,7 @@ def test_localise_writes_the_poses_that_were_finished(source: Path, tmp_path: Pa
     count = int(run.text.split(" poses, ")[0].splitlines()[-1])
     assert 1 <= count < 120
     assert len(out.read_text().splitlines()) == count + 1
-    assert f"{count} of 120 pairs were localised, and written" in run.text
+    assert f"{count} of 120 pairs were localised and written" in run.text
     assert film.stat().st_size > 1e5
 
 

@@ -39,8 +39,9 @@ LANDMARK_PRIOR = 1e-6
 """Value added to the diagonal of a landmark's information, 1/px^2 and m^2. An unobserved landmark keeps its value."""
 GAUGE_PRIOR = 1e-9
 """Absolute and relative increase of the diagonal of the poses' information where the pose of the window is not fixed.
-It makes the matrix positive definite. The absolute part corresponds to a standard deviation of 30 km and 30 000 rad.
-The relative part limits the condition number to about 1e9, which leaves seven digits."""
+It makes the matrix positive definite. The absolute part corresponds to standard deviations of 30 km in position and 3e4
+rad in rotation, which have no effect. The relative part limits the condition number to about 1e9, which leaves seven
+digits."""
 MIN_OFFSET_INFORMATION = 1e-6
 """Minimum information of the right-image offset for an estimate, 1/px^2. The standard deviation is at most 1000 px."""
 CONVERGED_STEP = 1e-6  #: Step of the poses, metres and radians, below which the iterations end.

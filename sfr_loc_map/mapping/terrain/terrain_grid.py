@@ -33,8 +33,8 @@ that covers a smaller fraction of a cell does not cause a step. Chosen by hand."
 STEP_RADIUS_M = 0.25
 """Radius within which a difference of heights is a step, metres. Chosen by hand: with a larger radius, the shape of the
 ground would count as a step, and with a smaller radius, steps across several cells would be missed. The radius is part
-of the definition of a step; the parameters `max_step_m` and `footprint_radius_m` describe the rover. Cells larger than
-the radius are compared with no other cell: a step is then the difference of heights within a cell."""
+of the definition of a step; the parameters `max_step_m` and `footprint_radius_m` describe the rover. If cells are
+larger than the radius, no cell is compared with another: a step is then the difference of heights within a cell."""
 MIN_FOOTPRINT_FRACTION = 0.5
 """Minimum fraction of the footprint's cells with a height for slope and roughness. At the edge of the mapped ground,
 half of the footprint has heights, so that the plane is interpolated and not extrapolated. Chosen by hand."""

@@ -49,8 +49,8 @@ class Shortfall(NamedTuple):
     """Expected data of a part that are missing or cannot be judged."""
 
     part: RowPart  #: Part of the row `judged`: `drive`, `map`, `calls localisation`, ...
-    figure: str  #: Figure that exceeds its largest complete value; `judged` if the expected items are unknown.
-    most: float  #: Largest complete value of the figure.
+    figure: str  #: Figure that exceeds `most`; `judged` if the expected items are unknown.
+    most: float  #: Largest value of the figure for which the part is complete.
     value: float | None
     text: str
     row: int | None = None  #: Index of the row of the figure in the table.

@@ -27,7 +27,7 @@ quantile of a normal error, rounded up to 1, 2 or 3. The standard library is use
 
 
 class LimitedFigure(NamedTuple):
-    """A limited number, its number of values and its 95 % interval. A field is None if it is undefined."""
+    """A limited number, its number of values and its 95 % interval; None where undefined."""
 
     value: float | None = None
     n: int | None = None  #: Number of values of the statistic.

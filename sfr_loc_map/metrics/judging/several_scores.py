@@ -21,7 +21,7 @@ class Common(NamedTuple):
     """The common verdict over several scores."""
 
     state: VerdictState | None  #: None if there is no common verdict.
-    text: str = ""  #: Why there is no common verdict; empty if there is one, or if no score was judged.
+    text: str = ""  #: Reason for a missing common verdict; empty if the verdict exists or no score was judged.
 
 
 OF_PART = {DRIVE: ("trajectory", "localisation"), MAP: ("map", "mapping")}

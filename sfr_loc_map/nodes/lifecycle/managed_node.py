@@ -227,7 +227,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def start(self) -> None:
         """Configure and activate the node if `autostart` is true."""
         if not self.config.autostart:
-            self.get_logger().info("unconfigured: waits for a lifecycle manager")
+            self.get_logger().info("unconfigured: waiting for a lifecycle manager")
             return
         self._quiet = True
         try:
