@@ -1,7 +1,7 @@
 """Write docs/traceability.md: each clause of the source document, where it is implemented, verified and reported.
 
-What a clause asks and where it is implemented stands here; the tests are found by their marker
-`@pytest.mark.clause("4.2.1")`, so that the list cannot go stale. `make traceability` writes the page.
+This module states what a clause requires and where it is implemented. The tests are found by their marker
+`@pytest.mark.clause("4.2.1")`, so that the list stays up to date. `make traceability` writes the page.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ class Clause:
     Attributes:
         number: As in the document.
         title: Its heading.
-        asks: What it asks, in short words.
-        modules: Where it is implemented, below `sfr_loc_map/`; empty where it asks nothing of the software.
-        report: Where a report shows it.
-        note: Why it asks nothing, or what the document leaves open and what was decided, and why.
-        reading: How it is read, in a phrase.
-        untested: What of it no test shows; empty where the tests show all that it asks.
+        asks: Requirement of the clause.
+        modules: Modules below `sfr_loc_map/` that implement the clause; empty without a requirement for the software.
+        report: Where a report shows the result.
+        note: Reason for no requirement, or what the document does not define, the decision, and its reason.
+        reading: Interpretation of the clause, in a phrase.
+        untested: Part of the requirement that no test verifies; empty if the tests verify all of it.
     """
 
     number: str
@@ -38,76 +38,77 @@ class Clause:
     modules: tuple[str, ...] = ()
     report: str = ""
     note: str = ""
-    reading: str = "to the letter"
+    reading: str = "literal"
     untested: str = ""
 
 
 CLAUSES = (
-    Clause("1.1", "Purpose", note="Says what the document is for."),
-    Clause("1.2", "Scope", note="Names the review that the document supports."),
+    Clause("1.1", "Purpose", note="The clause states the purpose of the document."),
+    Clause("1.2", "Scope", note="The clause names the review that the document supports."),
     Clause(
         "1.3",
         "Terminology",
-        "Localisation takes a sequence of stereo pairs and gives the trajectory of the rover; mapping takes up to "
-        "three stereo pairs and gives a point cloud.",
+        "Localisation estimates the trajectory of the rover from a sequence of stereo pairs. Mapping makes one point "
+        "cloud from up to three stereo pairs.",
         ("localisation/localiser.py", "mapping/mapper.py", "nodes/localisation_node.py", "nodes/mapping_node.py"),
-        "all: a score has a part `trajectory` and a part `map`",
-        'The mapping API takes up to three pairs and returns one cloud: "up to 3" stands in the definition.',
-        "mapping of a set is one call",
+        "every table; a score has the subjects `trajectory` and `map`",
+        'The definition contains "up to 3". The mapping API therefore takes up to three pairs and returns one cloud.',
+        "one mapping call per set of pairs",
     ),
     Clause(
         "2.1",
         "Applicable documents",
-        note="A list. The applicable documents were not available: requirements that stand only there are not traced.",
+        note="A list of documents, which were not available. Requirements that only they contain are not traced.",
     ),
-    Clause("2.2", "Reference documents", note="An empty list."),
-    Clause("2.3", "Acronyms and abbreviations", note="A list; the words of the suite are in the glossary."),
+    Clause("2.2", "Reference documents", note="The list is empty."),
+    Clause("2.3", "Acronyms and abbreviations", note="A list. The terms of the suite are in the glossary."),
     Clause(
         "3.1.1",
         "Quaternions",
-        "Four elements, scalar last: q1 i + q2 j + q3 k + q4.",
-        ("geometry/rotation.py", "geometry/rotation.py"),
+        "Quaternions have four elements, scalar last: q1 i + q2 j + q3 k + q4.",
+        ("geometry/rotation.py",),
         "not shown; all files and topics are scalar last",
-        "Estimates with scalar-first quaternions are reported, and are not judged until they are converted.",
+        "Estimates with scalar-first quaternions are reported, and are judged only after a conversion.",
     ),
     Clause(
         "3.1.2",
         "Naming conventions",
-        "`rbOriginPos_m_Ds` is the position of the origin of RB in DS; `att_q_DsToRb` turns components in DS into "
+        "`rbOriginPos_m_Ds` is the position of the origin of RB in DS. `att_q_DsToRb` converts components in DS to "
         "components in RB.",
         ("geometry/transform.py", "geometry/trajectory.py", "io/tables/trajectory_file.py"),
         "columns of `estimate.csv` and `groundtruth.csv`",
-        "It is the conjugate of the orientation in a ROS message; both are converted in one place.",
-        "components are turned, not the vector",
+        "`att_q_DsToRb` is the conjugate of the orientation in a ROS message. One module converts both.",
+        "rotation of components, not of the vector",
     ),
     Clause(
         "3.2.1",
         "Rover Body (RB)",
-        "x forward, y left, z up; the ground plane is at z = -540 mm when deployed on flat ground.",
+        "x is forward, y left, z up. The ground plane is at z = -540 mm when the rover is deployed on flat ground.",
         ("simulation/rover.py",),
-        "not shown; it is the frame of all poses",
-        "The document calls its definitions TBC. The origin is what the data set says; the simulator uses 540 mm.",
-        "origin as the data set has it",
-        "That the origin is the centre of the four hold-down mechanisms: a rover's geometry, which is not here.",
+        "not shown; RB is the frame of all poses",
+        "The document marks its definitions as TBC. The data set determines the origin; the simulator uses 540 mm.",
+        "origin of the data set",
+        "Whether the origin is the centre of the four hold-down mechanisms, because the geometry of a real rover is "
+        "not available.",
     ),
     Clause(
         "3.2.2",
         "Deployable Mast Assembly (DMA)",
-        "Base of the mast at x = 0.451 m, y = 0.317 m in RB, axes as RB.",
+        "The base of the mast is at x = 0.451 m, y = 0.317 m in RB, with the axes of RB.",
         ("simulation/rover.py",),
         "not shown",
-        "The height is not given in the document and not needed.",
-        "as given; height left open",
+        "The document does not give the height, which is not required.",
+        "as given, with an undefined height",
     ),
     Clause(
         "3.2.3",
         "Stereo Bench (SB)",
-        "Origin midway between the optical centres after distortion correction; y to the left camera, x along the left "
-        "optical axis normal to y, z up.",
+        "The origin is midway between the optical centres after distortion correction. y points to the left camera, x "
+        "along the left optical axis normal to y, z up.",
         ("geometry/stereo.py",),
         "not shown",
         "Cameras are rectified, so that both optical axes are parallel and x is along them.",
-        "of the rectified cameras",
+        "frame of the rectified cameras",
     ),
     Clause(
         "3.2.4",
@@ -115,7 +116,7 @@ CLAUSES = (
         "The stereo bench frame of the localisation cameras.",
         ("geometry/stereo.py", "nodes/input/extrinsics.py"),
         "parameter `T_rb_locsb`, in the provenance",
-        "Its pose in RB is the data set's: the document gives none.",
+        "The document does not give its pose in RB. The pose is part of the data set.",
         "as 3.2.3; pose from the data set",
     ),
     Clause(
@@ -124,27 +125,29 @@ CLAUSES = (
         "The stereo bench frame of the navigation cameras.",
         ("mapping/mapper.py", "simulation/rover.py"),
         "`nav/pose`, poses in `pairs.csv`",
-        "Its pose in LM comes with each pair, as 3.2.6 says.",
+        "Each pair has the pose of NAVSB in LM, as 3.2.6 requires.",
         "as 3.2.3; pose with each pair",
     ),
     Clause(
         "3.2.6",
         "Navigation cameras: pan and tilt",
-        "Pan about z of RB through (0.451, 0.317) m; tilt axis through (0.451, 0.594) m (x, z), carried by pan.",
+        "Pan is about z of RB through (0.451, 0.317) m. The tilt axis, through (0.451, 0.594) m (x, z), turns with the "
+        "pan.",
         ("simulation/rover.py",),
         "not shown",
-        "For reference only, says the document: the data sets hold the pose of NAVSB in LM. The simulator uses it.",
-        "reference only; the simulator's mast",
+        "The clause is for reference only, because the data sets contain the pose of NAVSB in LM. The simulator uses "
+        "these axes.",
+        "reference only; mast of the simulator",
     ),
     Clause(
         "3.2.7.1",
         "Dynamics Simulation frame (DS)",
-        "Origin at the centre of the terrain, z up, x east along the grid, y north.",
+        "The origin is at the centre of the terrain, with z up, x east along the grid, and y north.",
         ("simulation/terrain.py", "geometry/trajectory.py"),
         "axes of the trajectory figures",
-        "The simulator makes its worlds so; of other sources DS is the frame of their truth.",
-        "frame of the truth",
-        "The origin and the north of a simulated terrain; that the truth of another source has its axes so.",
+        "The simulator uses this frame. For all other sources, DS is the frame of their ground truth.",
+        "frame of the ground truth",
+        "The origin and the north direction of a simulated terrain, and the axes of the ground truth of other sources.",
     ),
     Clause(
         "3.2.7.2",
@@ -152,20 +155,21 @@ CLAUSES = (
         "The frame in which the terrain around the rover is perceived.",
         ("mapping/reprojection.py", "simulation/world.py"),
         "axes of the map figures",
-        "The document leaves its axes open; here z is up.",
+        "The document does not define the axes. In this suite z is up.",
         "frame of the mapping truth, z up",
     ),
     Clause(
         "4.1.1",
         "Sub-trajectories",
-        "Start at frame N, end when the condition is met; repeat from the next start; a spacing of 10 frames is "
-        "recommended; mean, sigma and mean + 3 sigma over all.",
+        "A sub-trajectory starts at frame N and ends when the condition is met. This is repeated from the next start. "
+        "A spacing of 10 frames is recommended. Mean, sigma and mean + 3 sigma are computed over all sub-trajectories.",
         ("metrics/formulas.py", "metrics/config.py", "metrics/completeness.py"),
-        "table of figures: condition and n; What was scored: spacing of the starts; what of the drive is judged",
-        '"The conditions associated with the requirement": several may have to hold at once. Frames are true poses '
-        "that have an estimate, or images with `--frames images`. Starts go to the end of the trajectory, so that the "
-        "whole drive is judged: what is missing is a figure, and a part is incomplete.",
-        "several conditions; the whole drive",
+        "table of figures: condition and n; what was scored: spacing of the starts; what of the drive is judged",
+        'The text "the conditions associated with the requirement" allows several conditions, which must then hold '
+        "together. Frames are true poses that have an estimate, or images with `--frames images`. Starts continue to "
+        "the end of the trajectory, so that the complete drive is judged. Missing parts are reported as figures, and "
+        "an estimate of a part is incomplete.",
+        "several conditions; the complete drive",
     ),
     Clause(
         "4.1.2",
@@ -173,66 +177,76 @@ CLAUSES = (
         "The error that the estimate already has at the start does not count.",
         ("metrics/formulas.py", "metrics/config.py"),
         "note below the figures: re-based by; readings side by side",
-        '"Taken into account" is not said how. `pose` is the default, since an error of heading from before N is error '
-        "from before N. `displacement` is the letter of 4.1.1 and 4.2.3.1. `position` removes only the "
-        "position error at N and leaves the attitude error at N in. "
-        "All three are computed, and a verdict that depends on the reading is named.",
+        'The document does not define how the error is "taken into account". `pose` is the default, because a heading '
+        "error from before N is an error from before N. `displacement` follows 4.1.1 and 4.2.3.1 literally. `position` "
+        "removes the position error at N, but not the attitude error at N. All three readings are computed, and a "
+        "verdict that depends on the reading is reported.",
         "pose by default; displacement, position",
     ),
-    Clause("4.1.3", "Standard deviation", "With Bessel's correction.", ("metrics/formulas.py",), "every column sigma"),
+    Clause(
+        "4.1.3",
+        "Standard deviation",
+        "The standard deviation has Bessel's correction.",
+        ("metrics/formulas.py",),
+        "every column sigma",
+    ),
     Clause(
         "4.2.1",
         "Timing performance, localisation",
-        "Wall-clock seconds on the target from the call of the API to its return, by the mechanism of its kit.",
+        "Wall-clock seconds on the target from the call of the API to its return, measured by the mechanism of its "
+        "kit.",
         ("metrics/call_meter.py", "metrics/calls.py", "runs/calls.py", "metrics/records.py"),
-        "table of times per call, under the clock's name; calls on a target in a table of their own",
-        "A host time is never one of the target: times measured there are read in (a harness's folder, "
-        "`--target-timing`), belong to the estimates of their stamps, and keep the name of their clock.",
-        "the clock of the target's harness",
-        "A run on a GR740, and the clock of its kit: the harness is run on the host and, big-endian, in an emulator.",
+        "table of times per call, with the name of the clock; calls on a target in a separate table",
+        "A time of the host is never reported as a time of the target. Times that were measured on a target are "
+        "imported (the folder of a harness, `--target-timing`), assigned to the estimates by their stamps, and keep "
+        "the name of their clock.",
+        "clock of the target's harness",
+        "A run on a GR740, and the clock of its kit. The harness is run on the host and in a big-endian emulator.",
     ),
     Clause(
         "4.2.2",
         "RAM consumption, localisation",
         "The supplier proposes a method.",
         ("metrics/call_meter.py", "metrics/calls.py"),
-        "table of peak memory, with the method named",
-        "Proposed: the kernel's high-water mark, reset before each call (metrics.md, Time and memory); on "
-        "a target painted pages of the stack and a count of the heap. What is not known is empty, never 0.",
+        "table of peak memory, with the name of the method",
+        "The proposed method is the kernel's high-water mark, which is reset before each call (metrics.md, Time and "
+        "memory). On a target, the method is a painted stack and a count of the heap. An unknown value is empty, "
+        "never 0.",
         "peak of resident memory in the call",
-        "Memory on a GR740; the method is shown by known allocations on the host.",
+        "Memory on a GR740. Known allocations on the host verify the method.",
     ),
     Clause(
         "4.2.3.1",
         "3D position error",
-        "Vector of estimated less actual displacement of the RB origin in DS, m. Mean: norm of the mean vector. Sigma: "
-        "norm of the standard deviations of the axes.",
+        "The error is the vector of the estimated minus the actual displacement of the RB origin in DS, m. The mean is "
+        "the norm of the mean vector. Sigma is the norm of the standard deviations of the axes.",
         ("metrics/formulas.py", "metrics/trajectory_errors.py"),
         "row position error over ...",
-        "The letter is `displacement`: displacements in DS, not turned. With `pose` the estimated displacement is "
-        "turned by the attitude error at N before it is compared (4.1.2).",
-        "pose by default; letter: displacement",
+        "The literal reading is `displacement`: displacements in DS without a rotation. With `pose`, the estimated "
+        "displacement is rotated by the attitude error at N before the comparison (4.1.2).",
+        "pose by default; displacement is literal",
     ),
     Clause(
         "4.2.3.2",
         "Attitude error",
-        "Angle of the shortest rotation between both attitudes, deg, unsigned; mean and standard deviation of it.",
+        "The error is the unsigned angle of the shortest rotation between both attitudes, deg, with its mean and "
+        "standard deviation.",
         ("metrics/formulas.py", "metrics/trajectory_errors.py"),
         "row attitude error over ...",
-        "From N to N+x the change of attitude counts (4.1.1); `pose` and `displacement` agree in it, `position` "
-        "compares attitudes as they are. The scalar part alone loses digits near 0: the vector part is "
-        "used with it.",
-        "change since N; atan2 in place of acos",
+        "The change of attitude from N to N+x counts (4.1.1). `pose` and `displacement` give the same error, and "
+        "`position` compares the attitudes directly. The angle is computed by atan2 from the vector part and the "
+        "scalar part, because the scalar part alone is inaccurate near 0.",
+        "change since N; atan2 instead of acos",
     ),
     Clause(
         "4.2.3.3",
         "Heading error",
-        "atan2 of the RB x-axis in DS, deg, signed; abs(mean) + 3 sigma.",
+        "The heading is atan2 of the RB x-axis in DS. The error is signed, deg, and the figure is abs(mean) + 3 sigma.",
         ("metrics/formulas.py", "metrics/trajectory_errors.py"),
         "row heading error over ...",
-        "`displacement` takes the difference of the heading changes, `pose` the heading after re-basing, `position` "
-        "the heading as it is; differences are wrapped to (-180, 180] degrees.",
-        "pose by default; letter: displacement",
+        "`displacement` compares the changes of heading, `pose` the heading after re-basing, and `position` the "
+        "heading itself. Differences are wrapped to (-180, 180] degrees.",
+        "pose by default; displacement is literal",
     ),
     Clause(
         "4.3.1",
@@ -240,9 +254,9 @@ CLAUSES = (
         "As 4.2.1.",
         ("metrics/call_meter.py", "metrics/calls.py", "runs/calls.py"),
         "table of times per call: mapping_call; mapping and fusion are its stages",
-        "The call takes up to three pairs and returns one cloud (1.3): its time is that of the set.",
+        "The call takes up to three pairs and returns one cloud (1.3). Its time is the time for the set.",
         "one call per set of pairs",
-        "As 4.2.1: no run on a GR740.",
+        "As for 4.2.1: a run on a GR740.",
     ),
     Clause(
         "4.3.2",
@@ -250,19 +264,20 @@ CLAUSES = (
         "As 4.2.2.",
         ("metrics/call_meter.py", "metrics/calls.py"),
         "table of peak memory: mapping_call",
-        "As 4.3.1: of the call that takes the set.",
+        "As for 4.3.1, the call takes the complete set of pairs.",
         "one call per set of pairs",
-        "As 4.2.2: no run on a GR740.",
+        "As for 4.2.2: a run on a GR740.",
     ),
-    Clause("4.3.3", "Mapping accuracy performance", note="A heading; what it asks stands in 4.3.4."),
+    Clause("4.3.3", "Mapping accuracy performance", note="The clause is a heading of 4.3.4."),
     Clause(
         "4.3.4",
         "Error in the output point cloud",
-        "For each point the norm of its position less the actual one, m.",
+        "For each point, the error is the norm of the difference of its estimated and its actual position, m.",
         ("metrics/cloud_error.py",),
         "row map: point error; error over the images, over range and in space",
-        '"For each point": no nearest neighbour, which reads low. The actual position is the truth of the very pixel '
-        "that the point names; points whose pixel has none (sky) are counted, and limited.",
+        'The text requires an error "for each point". The nearest true point is therefore not used, because its '
+        "distance is too small. The actual position is the truth of the pixel that the point names. Points whose pixel "
+        "has no truth (sky) are counted, and their fraction can be limited.",
         "truth of the point's own pixel",
     ),
 )
@@ -298,13 +313,13 @@ def page() -> str:
         "# Traceability",
         "",
         *_wrapped(
-            'Each numbered clause of "Clarification of performance metrics for SFR Breadboarding": what it asks, where '
-            "it is implemented, how it is read and why, which tests verify it and which part no test covers, and where "
-            "the report shows it. The page is made by "
-            "`docs/_ext/traceability.py` (`make traceability`) from the markers of the tests; a test keeps it true."
+            'This page lists each numbered clause of "Clarification of performance metrics for SFR Breadboarding", '
+            "with its requirement, its interpretation and the reasons, the modules that implement it, the tests that "
+            "verify it, the part that no test verifies, and its place in the report. `docs/_ext/traceability.py` "
+            "(`make traceability`) writes the page from the markers of the tests. A test checks that it is up to date."
         ),
         "",
-        "| clause | title | reading | tests |",
+        "| clause | title | interpretation | tests |",
         "|---|---|---|---|",
         *(
             f"| {clause.number} | {clause.title} | {clause.reading if clause.modules else '-'} | "
@@ -319,8 +334,9 @@ def page() -> str:
 
 def _section(clause: Clause, tests: list[str]) -> list[str]:
     if not clause.modules:
-        return _wrapped(f"Asks nothing of the software. {clause.note}")
-    lines = [*_wrapped(f"**Asks:** {clause.asks}"), "", *_wrapped(f"**Read:** {clause.reading}. {clause.note}"), ""]
+        return _wrapped(f"No requirement for the software. {clause.note}")
+    read = f" ({clause.reading}): {clause.note}" if clause.note else f": {clause.reading}."
+    lines = [*_wrapped(f"**Requirement:** {clause.asks}"), "", *_wrapped(f"**Interpretation**{read}"), ""]
     lines += ["Implemented in:", ""]
     lines += [f"- [{module}]({REPOSITORY}sfr_loc_map/{module})" for module in clause.modules]
     lines += ["", "Verified by:", ""]
@@ -328,7 +344,7 @@ def _section(clause: Clause, tests: list[str]) -> list[str]:
         path, _, name = test.partition("::")
         lines += [f"- [{path}]({REPOSITORY}{path}):", f"  `{name}`"]
     if clause.untested:
-        lines += ["", *_wrapped(f"**No test shows:** {clause.untested}")]
+        lines += ["", *_wrapped(f"**Not tested:** {clause.untested}")]
     return [*lines, "", *_wrapped(f"**In the report:** {clause.report}.")]
 
 
