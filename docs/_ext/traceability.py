@@ -221,7 +221,7 @@ CLAUSES = (
         "The error is the vector of the estimated minus the actual displacement of the RB origin in DS, m. The mean is "
         "the norm of the mean vector. Sigma is the norm of the standard deviations of the axes.",
         ("metrics/formulas.py", "metrics/trajectory_errors.py"),
-        "row position error over ...",
+        "row position error over a condition",
         "The literal reading is `displacement`: displacements in DS without a rotation. With `pose`, the estimated "
         "displacement is rotated by the attitude error at N before the comparison (4.1.2).",
         "pose by default; displacement is literal",
@@ -232,7 +232,7 @@ CLAUSES = (
         "The error is the unsigned angle of the shortest rotation between both attitudes, deg, with its mean and "
         "standard deviation.",
         ("metrics/formulas.py", "metrics/trajectory_errors.py"),
-        "row attitude error over ...",
+        "row attitude error over a condition",
         "The change of attitude from N to N+x counts (4.1.1). `pose` and `displacement` give the same error, and "
         "`position` compares the attitudes directly. The angle is computed by atan2 from the vector part and the "
         "scalar part, because the scalar part alone is inaccurate near 0.",
@@ -243,7 +243,7 @@ CLAUSES = (
         "Heading error",
         "The heading is atan2 of the RB x-axis in DS. The error is signed, deg, and the figure is abs(mean) + 3 sigma.",
         ("metrics/formulas.py", "metrics/trajectory_errors.py"),
-        "row heading error over ...",
+        "row heading error over a condition",
         "`displacement` compares the changes of heading, `pose` the heading after re-basing, and `position` the "
         "heading itself. Differences are wrapped to (-180, 180] degrees.",
         "pose by default; displacement is literal",

@@ -52,7 +52,7 @@ class Honesty(StrEnum):
 
     SILENT = "silent"  #: Errors beyond the limit in pairs with a valid state.
     SAID = "said"  #: No silent errors; a problem was reported by degraded or lost pairs.
-    STATED = "stated"  #: No silent errors and no degraded or lost pairs; the sigmas state the errors.
+    STATED = "stated"  #: No silent errors and no degraded or lost pairs; the errors are within the stated sigmas.
 
 
 @dataclass(frozen=True, slots=True)

@@ -152,7 +152,7 @@ def _pairs(seen: Observation, rig: str) -> Findings:
     node = seen.node(rig)
     tolerance_ns = node.stamp_tolerance_ns if node is not None else 0
     left, right = (seen.image_stamps(rig, side) for side in SIDES)
-    if not len(left) or not len(right):  # they were received but are unusable
+    if not len(left) or not len(right):  # images were received but are unusable
         return
     share, typical_ns = _paired(left, right, tolerance_ns)
     share = min(share / (1.0 - seen.lost_share(rig)), 1.0)  # without images whose partner was lost
@@ -255,7 +255,7 @@ def _left_right_swapped(lefts: list[StampedImage], rights: list[StampedImage]) -
 def _extrinsics(seen: Observation) -> Findings:
     node = seen.node("loc")
     given = seen.extrinsics_given or seen.extrinsics_in_tf or (node is not None and node.extrinsics_given)
-    unknown = seen.broken or (node is not None and not node.state)  # it may have them
+    unknown = seen.broken or (node is not None and not node.state)  # the node may have the extrinsics
     if "loc" not in seen.rigs or given or unknown:
         return
     place = "rig.json" if seen.kind is SourceKind.FILES else "/tf_static, rb to locsb"

@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.association import StampedPoses, associate
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.consistency import Span, StepSums, relative_covariance, sums_of_steps
 
-SPACING = 5  #: Frames between starts. Half of the spacing of a score, for short recordings.
+SPACING = 5  #: Number of frames between starts: half of the spacing of a score, for short recordings.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -175,7 +175,7 @@ def parse_fault(text: str) -> Fault:
             values[name] = types[name](value)
         except (KeyError, ValueError) as error:
             known = ", ".join(types)
-            raise ConfigError(f"fault '{text}': '{item}' must be NAME=VALUE with a name of {known}") from error
+            raise ConfigError(f"fault '{text}': '{item}' must be NAME=VALUE, and NAME one of {known}") from error
         if name not in info.options:
             raise ConfigError(
                 f"fault '{text}': '{name}' applies to {APPLIES_TO[name]}, not to {kind}, which has the options "

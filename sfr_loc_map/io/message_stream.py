@@ -168,7 +168,7 @@ def end_of(source: Source) -> float:
 
 def begin_of(source: Source, part: LocSequence | NavSequence) -> int:
     """Return the stamp, ns, of the first pair or true pose of a rig. Positions count from this stamp."""
-    if source.recorded is not None:  # its first message is a camera_info
+    if source.recorded is not None:  # the first message of a recording is a camera_info
         rig = "loc" if part is source.loc else "nav"
         return next(message.stamp_ns for message in messages_of(source) if message.rig == rig)
     truth, first = getattr(part, "ground_truth", None), int(part.stamps_ns[0])

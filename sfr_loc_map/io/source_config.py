@@ -167,7 +167,7 @@ def config_beside(source: Path) -> Path | None:
     places = (source, source.parent) if source.is_dir() else (source.parent,)
     found = next((place / NAME for place in places if (place / NAME).is_file()), None)
     if found is not None and found.parent != source and not is_bag(source) and _is_of_bag(found):
-        return None  # it belongs to a bag beside the source
+        return None  # the file belongs to a bag beside the source
     return found
 
 

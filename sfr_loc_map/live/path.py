@@ -95,7 +95,7 @@ class LivePath:
             estimate, published_s = self._pending[0]
             newest_ns = self._truths[-1][0] if self._truths else estimate.stamp_ns
             if 0 < estimate.stamp_ns - newest_ns <= MAX_GAP_NS:
-                return  # its truth may still arrive
+                return  # the truth of this pose may still arrive
             self._pending.popleft()
             self._add_row(estimate, published_s, pose_at(self._truths, estimate.stamp_ns, MAX_GAP_NS))
 

@@ -26,7 +26,7 @@ COVARIANCE_SIZE = len(UPPER[0])
 DIAGONAL = UPPER[0] == UPPER[1]  #: Mask of the variances in the upper triangle of a covariance.
 POSITION_VARIANCES = np.flatnonzero(DIAGONAL & (UPPER[0] < 3))
 """Indices of the variances of x, y and z in the upper triangle."""
-AUTO_STAMPS = 16  #: Stamps of estimates and of true poses in the common span that `auto` examines.
+AUTO_STAMPS = 16  #: Number of estimates and of true poses in the common span that `auto` examines.
 IMAGE_PERIOD_SHARE = 0.4  #: Maximum difference to the stamp of the image, in median periods; files round stamps.
 MATCHES_PER_STAMP = 4  #: `auto` selects `match` if at least one in four stamps coincides.
 

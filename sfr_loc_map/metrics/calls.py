@@ -273,7 +273,7 @@ def score_target(
 
 
 def at_place(row: Figure, place: Place) -> Figure:
-    """Return a row of calls as a row of calls that were measured at another place, with the clause that applies there.
+    """Return a row of calls with its part and clause changed to those of calls at another place.
 
     The specification defines the times of calls on the target [4.2.1, 4.3.1].
     """

@@ -25,7 +25,7 @@ from sfr_loc_map.metrics.table import Figure, figure_row
 
 FOOTPRINTS = 2.0  #: Distance, in pixel footprints Z / f, within which a point of a fused cloud covers a true point.
 BATCH = 262144
-PIXEL_SAMPLES = 2000  #: Points of each pair for which the projection is compared with the pixel of the point.
+PIXEL_SAMPLES = 2000  #: Number of points per pair whose projection is compared with their pixel.
 NEES_BLOCK_PX = 32
 """Size of a block, px. One point of each block tests sigma, because errors of neighbours are correlated."""
 IMAGE_WIDTH = 128

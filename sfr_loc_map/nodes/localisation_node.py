@@ -205,8 +205,8 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
                 self.worker.enqueue(partial(self._session.set_first, pose))  # a restarted run may begin near that time
                 self.status.warn(
                     f"initialpose is {(last_ns - pose.stamp_ns) / NS_PER_S:.0f} s older than the images: use a stamp "
-                    f"at most {MAX_POSE_AGE_NS // NS_PER_S} s older, or the stamp 0 for the next pair; used only when "
-                    "a new run starts"
+                    f"at most {MAX_POSE_AGE_NS // NS_PER_S} s older, or the stamp 0 for the next pair; this pose is "
+                    "used only when a new run starts"
                 )
                 return
             self.worker.enqueue(partial(self._set_pose, pose, message))

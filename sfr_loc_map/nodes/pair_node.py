@@ -26,7 +26,7 @@ from sfr_loc_map.nodes.ros.transport import latencies
 from sfr_loc_map.run_order import AGREEING
 from sfr_loc_map.runs.calls import CallRecord, encode_call
 
-CALL_DEPTH = 1000  #: Calls kept for a slow subscriber.
+CALL_DEPTH = 1000  #: Number of calls kept for a slow subscriber.
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,7 +53,7 @@ class View(NamedTuple):
     title: str
     shows: Callable[[Score, Figure], bool]
     note: Callable[[Score], str] = lambda score: ""
-    #: Statistics of a row by the catalogue, to which those of all limits are added; None for a table of all statistics.
+    #: Shown statistics of a row, without those of the limits, which are always shown; None: all statistics.
     statistics: Callable[[Figure], Sequence[str]] | None = None
 
 

@@ -17,11 +17,11 @@ class ExternalResult:
     """The results about an external node in a replay."""
 
     method: MethodRecord
-    score: ExternalScore  # how it behaved
+    score: ExternalScore  # counts of answers, latency and resources
     findings: tuple[FindingRecord, ...]  # errors in its answers
     log: str = ""  # output of its process; empty if the process was not started here
-    convention: ConventionRecord | None = None  # conversion of its results
-    as_published: Trajectory | None = None  # its poses as it published them
+    convention: ConventionRecord | None = None  # conversion of the node's results
+    as_published: Trajectory | None = None  # poses of the node before the conversion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,5 +32,5 @@ class ReplayResult:
     cloud: PointCloud | None  # the last cloud
     records: Sequence[CallRecord]  # all calls of localiser and mapper
     mapped_ns: tuple[int, ...]  # stamps of the pairs of the cloud, in the order of the points' `pair`
-    external: ExternalResult | None = None  # its poses are converted by `nodes.replay.external_poses`
+    external: ExternalResult | None = None  # `nodes.replay.external_poses` converts the poses of the node
     points: FloatArray | None = None  # `(N, 3)` in LM, of an external mapper without pixels

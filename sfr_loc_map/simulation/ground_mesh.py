@@ -11,11 +11,11 @@ from scipy.spatial import KDTree
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.simulation.terrain import Terrain
 
-CELLS = 32  #: Cells along the edge of a tile; a power of two.
+CELLS = 32  #: Number of cells along the edge of a tile; a power of two.
 ROOT_M = 1024.0  #: Edge of the ground, m; with a power of two, every vertex is exact in binary.
 FINEST_M = ROOT_M / CELLS / 2**11  #: Smallest cell: 15.6 mm.
 CELL_PER_DISTANCE = 0.014
-"""Edge of a cell over its distance from the path: about 5 px of the localisation cameras."""
+"""Ratio of the edge of a cell to its distance from the path: an edge is about 5 px long in the localisation cameras."""
 FULL_DETAIL_POINTS = 40  #: Most path points, 0.3 m apart, at full detail; cells grow for longer paths.
 
 

@@ -80,7 +80,7 @@ def unit(value: np.uint32) -> float:
 
 @jit_inline
 def _quintic(t: float) -> float:
-    # its first two derivatives are zero at 0 and 1 (Perlin 2002)
+    # a polynomial whose first two derivatives are zero at 0 and 1 (Perlin 2002)
     return t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
 
 

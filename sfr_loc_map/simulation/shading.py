@@ -24,7 +24,7 @@ UNMESHED_M = 0.12
 UNMESHED_PER_RANGE = 0.03
 """Wavelengths below this length, m, or below this fraction of the range are too short for the mesh of the ground."""
 GRAIN_M = 0.045  #: Longest wavelength of the reflectance that counts as grain, m.
-OCTAVES = 9  #: Octaves of the fine relief and reflectance.
+OCTAVES = 9  #: Number of octaves of the fine relief and reflectance.
 LONGEST_M = 3.1  #: Longest wavelength of these octaves, m.
 _FINE, _PLATE = np.uint32(Stream.FINE_TEXTURE), np.uint32(Stream.PLATES)
 
@@ -165,7 +165,7 @@ def reflect(mu0: float, mu: float, lunar: float) -> float:
     return 2.0 * lunar / (mu0 + mu + 1e-6) + 1.0 - lunar
 
 
-RUN = 1024  #: Rays that are shaded together: their data fit into the first-level cache.
+RUN = 1024  #: Number of rays that are shaded together: their data fit into the first-level cache.
 _STONE = np.uint32(Stream.ROCK_SURFACE)
 
 

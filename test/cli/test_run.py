@@ -197,7 +197,7 @@ def test_the_unit_file_starts_the_nodes_and_ends_them_as_it_says(tmp_path: Path)
     settings.write_text(yaml.safe_dump(blocks), encoding="utf-8")
     with Process(tmp_path / "log", *COMMAND, *words) as run:
         for name in ("localisation", "mapping", "monitor"):
-            run.wait_for(f"[{name}_node]: listens to")
+            run.wait_for(f"[{name}_node]: subscribes to")
         pids = nodes_of(run.popen.pid)
         rclpy.init(args=[])
         try:

@@ -51,7 +51,7 @@ def test_odometry_has_the_same_numbers_there(ros: None, tmp_path: Path) -> None:
         Peer() as peer,
     ):
         odometry = peer.listen(Odometry, "localisation/odometry")
-        localisation.wait_for("listens to")
+        localisation.wait_for("subscribes to")
         send_infos(peer, "loc", LOC_RIG)
         for index in range(MOST):
             send_pair(peer, "loc", loc_pair(index))

@@ -217,7 +217,7 @@ def test_namespace_remapping_and_a_parameter_file_reach_the_node_and_its_results
     with Peer() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments) as node:
         odometry = peer.listen(Odometry, "/rover1/localisation/odometry")
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
-        (line,) = [line for line in node.text.splitlines() if "listens to" in line]
+        (line,) = [line for line in node.text.splitlines() if "subscribes to" in line]
         for name in ("/start", "/cam/l", "/rover1/loc/right/camera_info", "/rover1/localisation/odometry"):
             assert name in line
         first = Transform.from_quat(true_pose(0).translation, true_pose(0).quat_xyzw)

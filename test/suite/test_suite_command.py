@@ -242,7 +242,7 @@ def test_a_plan_with_edited_limits_is_refused(sfr: Sfr, missed: tuple[Path, Path
     plan["limits"]["trajectory"][0]["position_mean_plus_3sigma_m"] = 9.0
     (out / "plan.json").write_text(json.dumps(plan))
     refused = sfr("suite", "report", out)
-    assert (refused.code, "has other limits than" in refused.err) == (2, True), refused.err
+    assert (refused.code, "has limits that differ from those of" in refused.err) == (2, True), refused.err
 
 
 @pytest.mark.slow

@@ -99,7 +99,7 @@ def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera
     if right_m[0] <= 0.0 or abs(right_m[1]) > right_m[0]:
         raise _not_side_by_side(name, right_m)
     if _is_rectified(left, right, T_right_left.rotation, right_m):
-        baseline_m = round(float(right_m[0]), 12)  # without the rounding errors of the poses
+        baseline_m = round(float(right_m[0]), 12)  # removes the rounding errors of the poses
         rotations = [np.eye(3), np.eye(3)]
         projections = [np.c_[left.k, np.zeros(3)], np.c_[left.k, (-(left.intrinsics[0] * baseline_m), 0.0, 0.0)]]
     else:

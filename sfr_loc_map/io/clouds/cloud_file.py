@@ -100,7 +100,7 @@ def load_cloud(path: Path) -> LoadedCloud:
     with np.errstate(invalid="ignore"):  # signalling NaN
         xyz = np.column_stack([np.asarray(columns[name], np.float64) for name in "xyz"])
     finite = np.isfinite(xyz).all(axis=1)
-    not_finite = 0 if grid is not None else int(np.count_nonzero(~finite))  # they are normal in organised clouds
+    not_finite = 0 if grid is not None else int(np.count_nonzero(~finite))  # normal in organised clouds
     farthest = float(np.abs(xyz[finite]).max(initial=0.0))
     if farthest > MAX_POSITION_M:
         raise InputError(f"cloud '{path}' has a coordinate of {farthest:g} m: up to {MAX_POSITION_M:g} m are allowed")
@@ -243,11 +243,11 @@ def _ply_elements(header: list[list[str]], order: str) -> list[tuple[str, int, l
     for words in header:
         if words[0] == "element":
             if len(words) != 3:
-                raise ValueError(f"its line '{' '.join(words)[:40]}' is no 'element NAME COUNT'")
+                raise ValueError(f"its line '{' '.join(words)[:40]}' is not of the form 'element NAME COUNT'")
             elements.append((words[1], parse_count(words[2]), []))
         elif words[0] == "property" and elements:
             if len(words) != (5 if words[1:2] == ["list"] else 3):
-                raise ValueError(f"its line '{' '.join(words)[:40]}' is no 'property TYPE NAME'")
+                raise ValueError(f"its line '{' '.join(words)[:40]}' is not of the form 'property TYPE NAME'")
             kinds = words[2:4] if words[1] == "list" else words[1:2]
             if not all(kind in PLY_TYPES for kind in kinds):
                 raise ValueError(f"it has a property of type '{' '.join(words[1:-1])}', which is not supported")

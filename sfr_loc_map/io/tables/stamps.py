@@ -27,7 +27,7 @@ TIMES |= {"ms": 1_000_000, "msec": 1_000_000, "us": 1_000, "usec": 1_000, "ns": 
 """Units of stamps, ns."""
 UTC_UNIT = "utc"  #: Unit of times written as `2026-05-04 10:22:01.25`.
 UNIT_WORDS = {1: "nanoseconds", 1_000: "microseconds", 1_000_000: "milliseconds", NS_PER_S: "seconds"}
-NANOSECOND_DIGITS = 9  #: Decimals of a stamp in seconds with nanosecond resolution.
+NANOSECOND_DIGITS = 9  #: Number of decimals of a stamp in seconds with nanosecond resolution.
 EARLIEST_CLOCK_S = 3e8  #: Stamps of clocks are in 1979 or later; smaller stamps count from the start of a program.
 LATEST_CLOCK_S = 4.62e9  #: 146 years after 1970, the limit of stamps; larger numbers have a smaller unit.
 LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps in seconds.

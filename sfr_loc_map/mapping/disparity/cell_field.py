@@ -14,7 +14,9 @@ from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
-LEVELS = 3  #: Grids of the refinement: cells of 2, 4 and 8 pixels. Images are padded to a multiple of the largest cell.
+LEVELS = 3
+"""Number of grids of the refinement, with cells of 2, 4 and 8 pixels. Images are padded to a multiple of the largest
+cell."""
 MEAN_RADIUS_CELLS = 3
 """Half the side of the window of the edge-preserving mean, cells. A window of 14 pixels averages the noise of the
 matcher, which has steps of 1/16 or 1/8 pixel. Chosen by hand."""

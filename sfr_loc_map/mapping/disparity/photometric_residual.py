@@ -24,7 +24,7 @@ SLOPE_NOISE_GAIN = float(
     (SMOOTHING_CENTRE**2 + 2.0 * SMOOTHING_SIDE**2) * 2.0 * (DERIVATIVE_NEAR**2 + DERIVATIVE_FAR**2)
 )
 """Ratio of the variance of a slope to the variance of white noise in the image: the sum of squares of all taps."""
-SLOPE_BORDER = 2  #: Columns at either border without a slope: the smoothed central difference has five taps.
+SLOPE_BORDER = 2  #: Number of columns without a slope at either border: the smoothed central difference has five taps.
 
 
 class NormalEquations(NamedTuple):

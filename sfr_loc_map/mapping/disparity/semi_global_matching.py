@@ -15,7 +15,7 @@ WIDE_COLUMNS = 800
 """Images of at least this width, pixels, are matched at half their width. This takes a quarter of the time, gives less
 noise, and loses little, because the refinement uses cells of two pixels. Narrower images are matched at full width,
 because edges are sharper (measurements/mapper_trials.md)."""
-SUBPIXELS = 16  #: Steps per pixel of the disparities of OpenCV's matcher.
+SUBPIXELS = 16  #: Number of disparity steps per pixel of OpenCV's matcher.
 SMALL_JUMP_PENALTY = 8
 """P1 of Hirschmueller (2008): cost of a change of disparity by one pixel. OpenCV recommends 8 per channel."""
 LARGE_JUMP_PENALTY = 32  #: P2 of Hirschmueller (2008): cost of a larger change. OpenCV recommends 32 per channel.

@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MAX_PAIRS
 
 T = TypeVar("T")
-MAX_POSES = 1000  #: Poses kept for later pairs: 100 s at 10 Hz. The oldest pose is dropped first.
+MAX_POSES = 1000  #: Number of poses kept for later pairs: 100 s at 10 Hz. The oldest pose is dropped first.
 MAX_WAITING = 2 * MAX_PAIRS  #: Maximum number of pairs that wait for their poses: the pairs of two maps.
 
 

@@ -32,7 +32,7 @@ from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.topics import COMPRESSED_END
 
 LOSS_WINDOW = 40  #: Minimum number of images over which the fraction lost in transport is computed.
-RECENT = 200  #: Stamps kept of each side, to explain why its images make no pair.
+RECENT = 200  #: Number of stamps kept of each side, to explain why its images make no pair.
 ReceivedImage = tuple[Any, Mapping[str, Any]]
 """sensor_msgs/Image or CompressedImage, and the message info of the middleware."""
 

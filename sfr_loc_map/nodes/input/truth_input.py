@@ -23,7 +23,7 @@ from sfr_loc_map.nodes.ros.qos import TF_STATIC_QOS
 from sfr_loc_map.run_order import RunOrder
 from sfr_loc_map.topics import TF, TF_STATIC, TRUE_POSES
 
-MAX_WAITING = 1000  #: Transforms per frame that wait for those of other frames; the oldest are dropped.
+MAX_WAITING = 1000  #: Maximum number of transforms per frame that wait for other frames; the oldest are dropped.
 
 
 class TruthTopic:

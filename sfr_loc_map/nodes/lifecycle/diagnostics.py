@@ -33,7 +33,7 @@ from sfr_loc_map.topics import DIAGNOSTICS
 
 Value = str | bool | int | float
 HARDWARE_ID = socket.gethostname()  #: Host of the node, whose processing time and memory are reported.
-QUEUE_DEPTH = 1000  #: Statuses kept for a slow subscriber.
+QUEUE_DEPTH = 1000  #: Number of statuses kept for a slow subscriber.
 LOG_PERIOD_S = 5.0  #: Minimum interval between identical log lines.
 LATENCY_WINDOW = 200  #: Number of calls over which the 95th percentile of a latency is computed.
 MAX_MOMENTS = 10_000  #: Maximum number of arrivals or calls kept for a rate.

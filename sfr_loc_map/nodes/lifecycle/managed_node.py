@@ -329,7 +329,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         outputs = [publisher.topic_name for publisher in self.publishers if isinstance(publisher, LifecyclePublisher)]
         offered = ", ".join(service.srv_name for service in self.services if service.srv_type is Trigger)
         published = ", ".join([self.status.publisher.topic_name, *outputs])
-        self.get_logger().info(f"listens to {subscribed}; publishes {published}; offers {offered}")
+        self.get_logger().info(f"subscribes to {subscribed}; publishes {published}; offers {offered}")
 
     def _deactivate(self) -> None:
         self.endpoints.active.close()

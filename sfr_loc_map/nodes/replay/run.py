@@ -95,7 +95,7 @@ def _save(result: ReplayResult, files: ReplayFiles) -> None:
 
 def _remarks(results: ReceivedResults) -> Iterator[str]:
     """Yield remarks on missing results and on the answers of an external node."""
-    theirs = results.external_task  # its answers are counted in the score
+    theirs = results.external_task  # the score counts the answers of this task
     played = len(results.sent_stamps(Task.LOCALISATION.rig))
     if (missing := played - len(results.poses)) > 0 and theirs is not Task.LOCALISATION:
         yield f"{missing} of {played} pairs have no odometry: the nodes could not keep up"

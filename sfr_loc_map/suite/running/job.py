@@ -167,7 +167,7 @@ class WorkerRecord:
     python: str = ""
     code: str = ""  #: Fingerprint of the code of the worker.
     done: int = 0  #: Number of jobs with a result.
-    set_aside: str = ""  #: Difference of the code that excludes the worker from jobs; empty if there is none.
+    set_aside: str = ""  #: Difference of its code, because of which the worker gets no jobs; empty if there is none.
 
 
 def digest(value: object) -> str:

@@ -134,7 +134,7 @@ class Store:
         if self._plan["files"] and not absent:
             suite = Path(self._plan["files"][0]["path"])
             if to_plain(limits_in(suite)) != self._plan["limits"]:
-                raise InputError(f"'{plan}' has other limits than '{suite}': run the suite again")
+                raise InputError(f"'{plan}' has limits that differ from those of '{suite}': run the suite again")
         return tuple(absent)
 
     @property

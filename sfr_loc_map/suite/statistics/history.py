@@ -187,7 +187,7 @@ def find_changes(nights: Sequence[Night]) -> History:
         nights = [night.without_configurations() for night in nights]
     keys = list(dict.fromkeys(key for night in nights for key in night.labels))
     if not keys:
-        raise InputError(f"no drive in {len(nights)} suites: each suite must have a result")
+        raise InputError(f"none of the {len(nights)} suites has a result: give folders of finished suites")
     names = sorted({name for night in nights for figures in night.figures.values() for name in figures})
     tables = {
         name: np.array([[night.figures.get(key, {}).get(name, np.nan) for night in nights] for key in keys])

@@ -113,8 +113,8 @@ FORMS |= {
     "CAPITALS.npz": npz(X=POINTS[:, 0], Y=POINTS[:, 1], Z=POINTS[:, 2]),
 }
 REFUSED: dict[str, tuple[bytes, str]] = {
-    "no count.ply": (ply(f"element vertex\n{VERTEX}", POINTS.tobytes()), "line 'element vertex' is no 'element NAME"),
-    "no name.ply": (ply("element vertex 50\nproperty float\n", b""), "line 'property float' is no 'property TYPE"),
+    "no count.ply": (ply(f"element vertex\n{VERTEX}", POINTS.tobytes()), "is not of the form 'element NAME"),
+    "no name.ply": (ply("element vertex 50\nproperty float\n", b""), "is not of the form 'property TYPE"),
     "no format.ply": (b"ply\nformat\nend_header\n", "PLY format is ''"),
     "x twice.ply": (ply(f"element vertex 1\n{VERTEX}property float x\n", b"1 2 3 9\n", "ascii"), "field x twice"),
     "no width.pcd": (pcd(b"", "binary", "WIDTH\nHEIGHT 1"), "header has no WIDTH"),

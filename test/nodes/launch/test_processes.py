@@ -16,7 +16,7 @@ def test_a_hung_node_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     with Supervisor(tmp_path) as supervisor:
         supervisor.start("monitor_node")
         monitor = supervisor.processes["monitor_node"]
-        wait_until(lambda: "listens to" in monitor.text, "its start")
+        wait_until(lambda: "subscribes to" in monitor.text, "its start")
         supervisor.check()
         assert supervisor.restart_crashed() == []
         monitor.send(signal.SIGSTOP)  # it does not react to SIGINT and SIGTERM any more

@@ -112,7 +112,7 @@ def test_a_plan_is_compared_with_its_files(tmp_path: Path) -> None:
     planned(5)
     assert store.check_files() == ()
     planned(6)
-    with pytest.raises(InputError, match="has other limits than"):
+    with pytest.raises(InputError, match="has limits that differ from those of"):
         store.check_files()
     planned(5)
     limits.write_text("memory: {localisation_peak_bytes: 6}\n")
