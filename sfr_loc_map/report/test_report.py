@@ -217,7 +217,7 @@ def _results(score: Score, command: int) -> Iterator[ResultRow]:
 
 
 def _anomalies(score: Score) -> Iterator[str]:
-    """Yield a contradiction, the findings, and the warnings that are not caveats, which are deviations."""
+    """Yield a contradiction, the findings, and the warnings, except the caveats, which are listed as deviations."""
     if score.contradiction is not None:
         yield score.contradiction
     yield from map(str, score.findings)

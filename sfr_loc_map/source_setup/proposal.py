@@ -186,7 +186,7 @@ def _mounting_and_truth(proposal: Proposal, *, is_bag: bool) -> None:
         )
     elif "extrinsics" not in proposal.sections:
         mount = loc.mount if isinstance(loc, BagLocSequence) else None
-        if mount is not None:  # for nodes that cannot read /tf_static
+        if mount is not None:  # the configuration repeats them for nodes that cannot read /tf_static
             how = "unsure" if mount.other_bases else "sure"
             T_rb_sb = loc.rig.T_rb_sb
             proposal.set("extrinsics", "translation_m", T_rb_sb.translation.tolist(), f"from {mount.text}; {how}")

@@ -43,7 +43,7 @@ class Table:
     values: FloatArray  #: `(N, K)` finite numbers.
     missing: int = 0  #: Number of skipped rows without a value in a column that is read.
     broken: tuple[str, ...] = ()  #: The error in each invalid row, with its line number.
-    skipped_lines: tuple[int, ...] = ()  #: Ascending line numbers of the rows that were skipped when they were read.
+    skipped_lines: tuple[int, ...] = ()  #: Line numbers, ascending, of the rows that the reader skipped.
 
     def without(self, good: Mask, problems: Sequence[str]) -> Table:
         """Return the good rows; `problems` has the error in each of the other rows."""

@@ -26,15 +26,15 @@ class DriveCount:
     confidence: float
     power: float
     good: float  #: Acceptable failure rate.
-    without_failure: int  #: Required drives if none fails.
-    fixed: int  #: Required drives of the fixed plan with the given power.
-    allowed: int  #: Failures that the fixed plan allows.
-    sequential: float  #: Expected drives of the sequential test at the failure rate `good`.
-    sequential_at_none: float  #: Expected drives of the sequential test if no drive fails.
-    drives: int | None = None  #: Drives in the suite.
-    failures: int | None = None  #: Drives in the suite that exceed the limit.
-    at_the_rate_seen: int | None = None  #: Required drives at the observed failure rate.
-    if_normal: int | None = None  #: Required drives for normal errors with the observed moments.
+    without_failure: int  #: Required number of drives if none fails.
+    fixed: int  #: Required number of drives of the fixed plan with the given power.
+    allowed: int  #: Number of failures that the fixed plan allows.
+    sequential: float  #: Expected number of drives of the sequential test at the failure rate `good`.
+    sequential_at_none: float  #: Expected number of drives of the sequential test if none fails.
+    drives: int | None = None  #: Number of drives in the suite.
+    failures: int | None = None  #: Number of drives in the suite that exceed the limit.
+    at_the_rate_seen: int | None = None  #: Required number of drives at the observed failure rate.
+    if_normal: int | None = None  #: Required number of drives for normal errors with the observed moments.
     state: VerdictState | None = None  #: Decision of the sequential test.
 
 
