@@ -114,7 +114,7 @@ policy, so that splitting the kernel changes no figure. It also suits functions 
 """
 jit_rows = _policy(**_ROWS, parallel=True)
 """Loops over rows (`prange`) run on all threads. Each row is written by a single thread."""
-jit_rows_inline = _policy(**_ROWS, forceinline=True)  #: For functions called within the loops of `jit_rows` kernels.
+jit_rows_inline = _policy(**_ROWS, forceinline=True)  #: Functions that the loops of `jit_rows` kernels call.
 
 
 @contextmanager

@@ -68,7 +68,7 @@ def load_kernels(
             except _NotCompiledError:  # within the listener, because other threads may still run
                 _compile_beside(part, say, goes_on)
         guard = event.install_listener(COMPILE, _Listener(end_when_unwanted))
-        with guard, announce_compilation(say):  # for kernels that were not saved, as in a read-only cache
+        with guard, announce_compilation(say):  # kernels are compiled here if they were not saved
             PARTS[part]()
 
 

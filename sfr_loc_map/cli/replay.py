@@ -215,7 +215,7 @@ def replay(
                     page.run_is_over(report=str(files.page))
         if outcome.interrupted:
             raise InterruptedRunError(outcome.interrupted)
-        # without limits or conditions, what could not be judged is only a warning
+        # without limits and conditions, a missing judgement is only a warning
         conclude(outcome.score, by.asked, lenient=lenient or not (by.limits_file or by.conditions))
 
 

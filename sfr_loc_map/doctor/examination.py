@@ -155,7 +155,7 @@ def _pairs(seen: Observation, rig: str) -> Findings:
     if not len(left) or not len(right):  # images were received but are unusable
         return
     share, typical_ns = _paired(left, right, tolerance_ns)
-    share = min(share / (1.0 - seen.lost_share(rig)), 1.0)  # without images whose partner was lost
+    share = min(share / (1.0 - seen.lost_share(rig)), 1.0)  # not counting images whose partner was lost
     text = f"{share:.0%} of the left images have a right image with the same stamp"
     if PAIRED <= share < COMPLETE:
         fix = "check for lost images: transport, quality of service, load"

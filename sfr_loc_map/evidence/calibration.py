@@ -70,7 +70,7 @@ class CameraOffset(NamedTuple):
     low_px: float
     high_px: float
     degrees: float
-    depth_error_m: float | None  #: At RANGE_M with the present calibration file; None except for yaw.
+    depth_error_m: float | None  #: Depth error at RANGE_M with the present calibration file; None except for yaw.
 
     @property
     def advice(self) -> Advice:

@@ -42,7 +42,7 @@ class ConvertOptions:
     jpeg_quality: int | None = None  # JPEG quality of images, 1 to 100; None: raw and exact
     zstd: bool = False  # chunks are compressed (mcap only)
     truth_grid_m: float | None = None  # true points are rounded to multiples of this power of two, m; None: exact
-    layout: Layout | None = None  # of another data set; None: a bag, or a data set folder of the suite
+    layout: Layout | None = None  # layout of another data set; None: a bag, or a folder of the suite
 
 
 EXACT = ConvertOptions()

@@ -76,7 +76,7 @@ class FoxgloveServer:
 
     def _run(self) -> None:
         viewed_before: set[str] = set()
-        sent: dict[str, Media] = {}  # by topic
+        sent: dict[str, Media] = {}  # sent media by topic
         due_s = 0.0
         try:
             while not self._stopped.wait(TICK_S):

@@ -146,7 +146,7 @@ class MethodProcess:
         self._unread = b""  # bytes of the standard output
         self._method_pid = 0
         self._tree: ProcessTree | None = None
-        self._ended = TreeUsage()  # at the end of the last call
+        self._ended = TreeUsage()  # usage at the end of the last call
         self._peak_bytes = 0  # largest sampled memory of the current call
         self._resident: deque[int] = deque(maxlen=LEAK_CALLS)
         self._measured_s = self._stated_s = 0.0  # summed over the calls since the last finding

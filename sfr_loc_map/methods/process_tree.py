@@ -42,7 +42,7 @@ class ProcessTree:
         with suppress(psutil.Error):
             members += self._root.children(recursive=True)
             if self._is_supervisor:
-                cpu_s += sum(self._root.cpu_times()[2:4])  # of ended descendants
+                cpu_s += sum(self._root.cpu_times()[2:4])  # processor time of ended descendants
         for member in members:
             with suppress(psutil.Error), member.oneshot():
                 cpu_s += sum(member.cpu_times()[:4])

@@ -43,14 +43,14 @@ class MethodLimits:
 class Method:
     """A localiser or mapper that runs in its own process."""
 
-    name: str  # as selected by the user
+    name: str  # name as selected by the user
     task: Task
     kind: MethodKind
     adapter: str  # file of `adapters/`, or an absolute path
     target: str = ""  # loaded by the adapter: `package.module:Class` or the path of a library
     config: str = ""  # text of the configuration
     background: bool = False  # works between calls; a benchmark then sends pairs at the rate of the recording
-    sha256: str | None = None  # of the loaded file; None if the method is not a single file
+    sha256: str | None = None  # hash of the loaded file; None if the method is not a single file
     about: str = ""
     python: Path = field(default_factory=lambda: Path(sys.executable))  # interpreter that has the method
     vocabulary: str = ""  # vocabulary file, if required

@@ -259,7 +259,7 @@ def _of_memory(score: Score, kind: str, plots: CallPlots) -> Iterator[str]:
 
 
 def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
-    """Yield the contradictions of the statistics of times with the slowest calls of each block or the histogram."""
+    """Yield contradictions between the statistics of times and the slowest calls of each block, or the histogram."""
     times = [value for value in plots.series.processing_time_s if value is not None]
     if times and row.max is not None and max(times) != row.max:
         yield f"max of {row.label} is {row.max:.9g}, but its calls give {max(times):.9g}"

@@ -18,7 +18,7 @@ NUMBER = r"\d+(?:\.\d+)?(?:e[+-]\d+)?"  #: Pattern of a number >= 0 in the forma
 class Place(StrEnum):
     """Where calls were measured."""
 
-    HOST = "host"  #: On the computer of the run; omitted in the text of a part.
+    HOST = "host"  #: The computer of the run; omitted in the text of a part.
     TARGET = "target"  #: On a target.
     STATED = "stated"  #: Reported by an external node, which measures time and memory of its own calls.
 

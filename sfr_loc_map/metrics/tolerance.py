@@ -43,9 +43,9 @@ MOST = 1_000_000  #: Maximum number of drives that is reported.
 class BoundMethod(StrEnum):
     """How a bound was computed."""
 
-    ASSUMED = "assumed normal"  #: By the factor of a normal distribution, which the limits file declares.
-    NORMAL = "tested normal"  #: By the factor of a normal distribution, which a test of the values accepted.
-    ORDER = "order"  #: By order statistics: one of the largest values.
+    ASSUMED = "assumed normal"  #: The factor of a normal distribution, which the limits file declares.
+    NORMAL = "tested normal"  #: The factor of a normal distribution, which a test of the values accepted.
+    ORDER = "order"  #: An order statistic: one of the largest values.
 
 
 # ---- fractions of failures

@@ -104,9 +104,9 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._poses_received = 0  # since the last `report_periodically`
         self._lm_frame = config.frame(config.lm_frame)
         self._mapping = config.mapping  # parameters of the next pair that the worker processes
-        self._pairs: list[CountedPair] = []  # of the map in progress
-        self._mapped_rig: StereoRig | None = None  # of the pairs that the worker processes; `rig` may be newer
-        self._mapper: Mapper | None = None  # for the parameters and the mapped rig, created on demand
+        self._pairs: list[CountedPair] = []  # pairs of the map in progress
+        self._mapped_rig: StereoRig | None = None  # rig of the worker's pairs; `rig` may be newer
+        self._mapper: Mapper | None = None  # has the parameters and the mapped rig; created on demand
         self._matching: PoseMatching[ReceivedPair] = PoseMatching(
             config.input.stamp_tolerance_ns, config.pose_wait_s, self._report_without_pose
         )

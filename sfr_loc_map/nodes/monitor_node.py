@@ -289,7 +289,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         if (both := self._camera_infos.add(side, message)) is None:
             return
         self._score.map_inputs.set_rig(rig_of_rectified_infos(both, "nav")[0])
-        while self._early_points:  # in jobs of their own, because each message may be unusable
+        while self._early_points:  # separate jobs, because each message may be unusable
             self.worker.enqueue(partial(self._on_true_points, self._early_points.popleft()))
         self._score_maps()
 
@@ -351,7 +351,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         with self._pacing.measured():
             try:
                 self._publish_score()
-            except MetricsError as error:  # for instance two runs in one
+            except MetricsError as error:  # for example because the poses are of two runs
                 self.status.error(str(error))
 
     def _publish_score(self) -> None:

@@ -106,7 +106,7 @@ class Plot:
     title: str
     caption: str  #: Explanation for the reader.
     data: list[Trace]
-    layout: dict[str, Any]  #: Without the common settings.
+    layout: dict[str, Any]  #: Layout without the common settings.
     height: int = 380  #: In CSS pixels.
     width: str = "half"  #: Fraction of the page width: `full`, `half` or `third`.
 

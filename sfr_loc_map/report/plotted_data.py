@@ -46,7 +46,7 @@ class PlottedLimit(NamedTuple):
     """A limit on a statistic of plotted values."""
 
     title: str  #: `limit of mean + 3 sigma`.
-    value: float  #: In the unit of the figure.
+    value: float  #: Value in the unit of the figure.
 
 
 class RangeErrors(NamedTuple):

@@ -86,7 +86,7 @@ class Series:
     sizes: Sequence[float | None]  #: Sizes of the errors, before scaling.
     row: Figure | None
     limits: list[PlottedLimit]
-    factor: float  #: From the unit of the errors to the unit of the drawing.
+    factor: float  #: Factor from the unit of the errors to the unit of the drawing.
     unit: str  #: Unit of the drawing.
     mean: str = "mean"  #: Label of the mean of the row.
 
@@ -151,7 +151,7 @@ def _of_map(score: Score) -> Iterator[Series]:
 
 
 class _Line(NamedTuple):
-    value: float  #: In the unit of the drawing.
+    value: float  #: Value in the unit of the drawing.
     text: str
     style: LineStyle
 

@@ -26,7 +26,7 @@ from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid, terrain_grid
 from sfr_loc_map.runs.offline import MapRun
 
-SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png")  # of files of an elevation model
+SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png")  # suffixes of files of an elevation model
 HEIGHT_QUANTILES = (0.01, 0.99)
 """Quantiles of the heights at the ends of the colour range; heights beyond are clipped."""
 LIGHT = np.array([-1.0, 1.0, 1.5])

@@ -137,13 +137,13 @@ class MapInputs:
         self.rig: StereoRig | None = None  #: Rig of the navigation cameras; None before their camera_info.
         self._true_points = _Latest[PointImage]()  # `(H, W, 3)` of each pair, metres, LM
         self._poses = _Latest[Transform]()  # `T_lm_navsb` of each pair
-        self._clouds = _Latest[PointCloud]()  # as published; the stamp is that of the last pair
-        self._fusions = _Latest[CallRecord]()  # by the stamp of their cloud
+        self._clouds = _Latest[PointCloud]()  # clouds as published, with the stamp of the last pair
+        self._fusions = _Latest[CallRecord]()  # fusions by the stamp of their cloud
         self.begin_run()
 
     def begin_run(self) -> None:
         """Forget which pairs maps must contain. Clouds and truth are kept, because a map may be in progress."""
-        self.pair_stamps_ns = set[int]()  # of the received mapping pairs of the run, which its maps must contain
+        self.pair_stamps_ns = set[int]()  # stamps of received mapping pairs, which the maps of the run must contain
         self._mapped_until_ns = -1  # stamp of the last pair of the last map
 
     def set_rig(self, rig: StereoRig) -> None:

@@ -43,7 +43,7 @@ def save_geotiff(path: Path, bands: Sequence[Band], origin_m: tuple[float, float
         "crs": rasterio.crs.CRS.from_wkt(_LOCAL_CRS),
         "transform": rasterio.Affine(cell_m, 0.0, origin_m[0], 0.0, -cell_m, origin_m[1] + rows * cell_m),
         "compress": "deflate",
-        "predictor": 3,  # for floating-point numbers
+        "predictor": 3,  # the predictor for floating-point numbers
         "BIGTIFF": "IF_SAFER",
     }
     with rasterio.io.MemoryFile() as memory:

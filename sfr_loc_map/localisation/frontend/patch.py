@@ -109,7 +109,7 @@ def cut_patches(image: FloatImage, uv: FloatArray, half: int) -> Patch:
         y = uv[n, 1] - half - 1
         column = int(x)
         row = int(y)
-        is_whole_pixel = column == x and row == y  # as in keyframes: no interpolation
+        is_whole_pixel = column == x and row == y  # as in keyframes, where no interpolation is needed
         for j in range(side + 2):
             for i in range(side + 2):
                 grid[j, i] = image[row + j, column + i] if is_whole_pixel else sample(image, x + i, y + j)

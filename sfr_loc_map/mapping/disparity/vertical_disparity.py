@@ -37,7 +37,7 @@ class VerticalPolynomial(NamedTuple):
     where the value is positive.
     """
 
-    constant: float = 0.0  #: At the principal point.
+    constant: float = 0.0  #: Vertical disparity at the principal point.
     along_x: float = 0.0
     along_y: float = 0.0
     saddle: float = 0.0

@@ -53,7 +53,7 @@ def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]]) ->
     runs = {name: [sample for sample in samples if len(sample.errors)] for name, samples in drives.items()}
     runs = {name: samples for name, samples in runs.items() if samples}
     if not all(np.isfinite(sample.errors).all() for samples in runs.values() for sample in samples):
-        return prove_sample(terms, limit, Sample(np.empty(0), 0.0))  # with an unknown error there is no decision
+        return prove_sample(terms, limit, Sample(np.empty(0), 0.0))  # an unknown error permits no decision
     if terms.interpretation is Interpretation.TEMPORAL:
         proofs = [prove_sample(terms, limit, sample) for samples in runs.values() for sample in samples]
         if not proofs:

@@ -145,7 +145,7 @@ class StereoInput:
         self._rectifier: StereoRectifier | None = None
         self._pairing: StampPairing[ReceivedImage] = StampPairing(config.stamp_tolerance_ns, config.queue_depth)
         self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
-        self._gaps: dict[str, TransportGaps] = {}  # by topic
+        self._gaps: dict[str, TransportGaps] = {}  # gaps by topic
         self._remove_compressed: dict[Side, Callable[[], object]] = {}
         self._counts_at_last_share = 0, 0  # images lost and sent when the lost fraction was last computed
         self.reset_received()

@@ -85,7 +85,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def __init__(self, name: str = "", **options: Any) -> None:  # noqa: ANN401
         """Declare the parameters as set by files and command line; `options` are passed to `rclpy.node.Node`."""
-        self.state: str = NodeState.UNCONFIGURED  # or the transition in progress
+        self.state: str = NodeState.UNCONFIGURED  # state, or transition in progress
         super().__init__(name or f"{self.task}_node", automatically_declare_parameters_from_overrides=True, **options)
         self._origin = f"parameters of {self.get_fully_qualified_name()}"
         self._infos = {info.name: info for info in parameters(self.config_type)}
@@ -307,7 +307,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def _configure(self) -> None:
         self.check_config(self.config)  # once more, because a file that it names may have been removed
         self.get_logger().info(f"configuration {self.config_json()}")
-        self.reset_state()  # with the parameters set since the last reset
+        self.reset_state()  # uses the parameters that were set since the last reset
         self._worker = Worker(self.task, *self.config.queue(), self._on_fault)
         self._config_publisher = self.endpoints.add_publisher(String, configuration_topic(self.task), 1, latched=True)
         self.setup()

@@ -69,7 +69,7 @@ class ExternalNode(ABC):
         The poses or clouds that the node publishes are added to `results`.
         """
         self.options = options
-        self._version: str | None = None  # as its calls state
+        self._version: str | None = None  # version that the calls report
         self._peer, self._command = peer, command
         self._name = "external" if command is None else command.name  # until the graph reports the node
         self._watch: ProcessWatch | None = None

@@ -310,7 +310,7 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
 
     def end() -> None:
         worker.log_event(OVER_TIME, {"worker": worker.address, "job": job.key, "seconds": timeout_s})
-        time.sleep(0.5)  # to send the event
+        time.sleep(0.5)  # time to send the event
         os._exit(1)
 
     timer = threading.Timer(timeout_s, end)

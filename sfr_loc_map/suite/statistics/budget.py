@@ -138,8 +138,8 @@ class _Moments(NamedTuple):
     """Moments of all errors of a variant, for the original drives and for R resamplings."""
 
     mean_square: FloatArray  #: `(1 + R,)`, m^2.
-    mean: FloatArray  #: By axis `(1 + R, 3)`, m.
-    variance: FloatArray  #: By axis `(1 + R, 3)`, m^2.
+    mean: FloatArray  #: Mean by axis `(1 + R, 3)`, m.
+    variance: FloatArray  #: Variance by axis `(1 + R, 3)`, m^2.
 
 
 def _moments(sums: FloatArray) -> _Moments:

@@ -81,7 +81,7 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
         raise MetricsError(
             f"'{names[0]}' and '{names[1]}' have no drive in common: run the same sources, faults and conditions"
         )
-    ratios: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}  # by drive, with its repeats
+    ratios: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}  # ratios by drive, with its repeats
     for first_result, other_result in common:
         group = ", ".join(part for part in first_result.group_key if part)
         other_figures = figures_of(other_result.score)
