@@ -50,7 +50,7 @@ class DirectedError(MotionSize):
 
 
 class Origin(NamedTuple):
-    """The pose from which the covariance counts: start of the run or of the window, or an external pose."""
+    """The pose to which the covariance is relative: start of the run or of the window, or an external pose."""
 
     start: LocatedCovariance  #: Covariance of the origin.
     #: O: `in_window` of the past pose to which an external pose of this window applies; None if the drift counts from
@@ -83,7 +83,7 @@ class PathErrors:
     because the images of the keyframe may still be partly stale.
     """
 
-    origin: Origin  #: The pose from which the covariance counts.
+    origin: Origin  #: The pose to which the covariance is relative.
     #: Covariance that earlier windows, and the motions between windows, added since the map was placed, at the start of
     #: the window. External poses with past stamps do not reset it.
     before_window: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)

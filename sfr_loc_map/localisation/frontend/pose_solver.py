@@ -33,8 +33,8 @@ UNOBSERVED_VARIANCE = 1e8
 """Variance of a position that was not observed, px^2. Its standard deviation, 10 000 px, exceeds any image."""
 SCALE_PER_MEDIAN = 1.5
 """Ratio of the scale of the Geman-McClure weight to the median squared residual per degree of freedom. The scale is at
-least 1, the expectation of that residual. Weaker weights were tried: measurements/localiser_trials.md,
-"What limits it, and what was tried"."""
+least 1, which is the expected squared residual per degree of freedom. Weaker weights were tried:
+measurements/localiser_trials.md, "What limits it, and what was tried"."""
 FIRST_SCALE_FACTOR = 4.0
 """Factor of the scale in the first iteration. At the pose of the alignment, residuals may be twice as large as at the
 solution."""

@@ -62,7 +62,7 @@ class FusedViews(NamedTuple):
 class Comparison:
     """The N points of a view, compared with the other views that were included; `include` changes the arrays.
 
-    To add a test of points across pairs: an array of flags, its update in `include`, and its effect in
+    To add a test of points across pairs, add an array of flags, its update in `include`, and its effect in
     `_fused_points`.
     """
 
