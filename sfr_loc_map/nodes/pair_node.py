@@ -75,7 +75,7 @@ P = TypeVar("P", bound=PairNodeConfig)
 
 
 class Backoff:
-    """Reports every period with input, and of consecutive silent periods the first, second, fourth, eighth, ..."""
+    """Selects the periods to report: each with input, and the 1st, 2nd, 4th, 8th, ... consecutive silent period."""
 
     def __init__(self) -> None:
         self._silent_periods = 0
