@@ -75,8 +75,8 @@ READERS: dict[SourceFormat, Reader] = {
 }
 """The readers of all layouts, in the order of detection.
 
-Trajectories, calibrations and clouds are recognised in `tables/pose_columns.py`, `calibration/calibration_file.py` and
-`clouds/cloud_file.py`.
+Trajectories, calibrations and clouds are recognised in `tables/column_detection.py`, `calibration/calibration_file.py`
+and `clouds/cloud_file.py`.
 """
 
 

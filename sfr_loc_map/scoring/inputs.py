@@ -43,7 +43,7 @@ class ScoreInputs:
     configuration: Path | None = None  #: File of `config`, for provenance.
     truth_file: Path | None = None  #: File of the truth that the configuration names, for provenance.
     calibration: Path | None = None  #: Calibration that the configuration names, for provenance.
-    columns: str = ""  #: Columns of the estimate, if its file does not name them (`io.pose_columns`).
+    columns: str = ""  #: Columns of the estimate, if its file does not name them (`io.tables.column_names`).
     command: str | None = None  #: Command that computes the score, for provenance.
 
     @classmethod

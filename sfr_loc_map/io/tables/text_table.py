@@ -164,8 +164,7 @@ class _RowReader:
             return None
         texts = [cells[place] for place in self.places]
         try:
-            if self.separator not in (None, ","):  # decimal commas, if the separator is not a comma
-                texts = [text.replace(",", ".") for text in texts]
+            texts = [text.replace(",", ".") for text in texts]  # decimal commas
             stamp_ns = self.stamp(texts.pop(0)) if self.stamp else 0
             return stamp_ns, [parse_number(text) for text in texts]
         except (ValueError, ArithmeticError) as error:

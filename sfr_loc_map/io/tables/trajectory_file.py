@@ -7,7 +7,7 @@
 | `kitti` | twelve numbers per line, the first three rows of a pose matrix, no stamps (Geiger et al. 2012) |
 | `euroc` | csv with nanoseconds and quaternions scalar first (Burri et al. 2016); further columns are ignored |
 | `matrix` | 3 x 4 or 4 x 4 matrices after a stamp or a frame number |
-| `columns` | any other table of positions or poses; `pose_columns` detects its columns and their units |
+| `columns` | any other table of positions or poses; `column_detection` detects its columns and their units |
 
 `att_q_DsToRb` converts components in DS to components in RB: the conjugate of the orientation in ROS messages. KITTI
 has poses of the left camera in its first frame, with x right, y down, z forward. Both frames are rotated to the axes of
@@ -32,6 +32,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, read_table
+from sfr_loc_map.io.tables.column_detection import detect_columns
 from sfr_loc_map.io.tables.pose_columns import (
     COVARIANCES,
     FRAME,
@@ -39,7 +40,6 @@ from sfr_loc_map.io.tables.pose_columns import (
     QUATERNION,
     PoseColumns,
     TrajectoryFormat,
-    pose_columns,
 )
 from sfr_loc_map.io.tables.stamps import parse_seconds, parse_stamp_ns, seconds_text
 from sfr_loc_map.io.tables.text_table import BOM, Table, parse_table
@@ -125,7 +125,7 @@ class LoadedTrajectory:
 
 
 def read_trajectory_file(path: Path, columns: str = "", option: str = COLUMNS_OPTION) -> LoadedTrajectory:
-    """Read a trajectory; the format is given by its header, else by the layout that the rows fit (`pose_columns`).
+    """Read a trajectory; the format is given by its header, else by the layout that the rows fit (`column_detection`).
 
     Stamps may be in any order. `columns` names the columns if the file does not. Messages say that the user can name
     them by `option`.
@@ -142,8 +142,7 @@ def read_trajectory_file(path: Path, columns: str = "", option: str = COLUMNS_OP
             blocks, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=1, tolerant=True
         )
         return _loaded(path, table, TrajectoryFormat.CSV, signs=CONJUGATED)
-    table_columns = pose_columns(lines, name, columns, option)
-    return _read_columns(path, blocks, name, table_columns)
+    return _read_columns(path, blocks, name, detect_columns(lines, name, columns, option))
 
 
 def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseColumns) -> LoadedTrajectory:

@@ -1,0 +1,111 @@
+"""Detection of the columns of stamps, positions and attitudes in a text table, and of their units.
+
+Columns that the user names have priority (`column_names`). Otherwise a header that names columns determines them, with
+or without a comment sign. Without a header, they are those of the only layout that the rows fit (`row_layouts`). If
+several layouts fit, or none, the error message lists them and asks the user to name the columns.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.tables.column_names import columns_of_header, columns_of_user, unknown_header, without_names
+from sfr_loc_map.io.tables.pose_columns import (
+    DOWN,
+    FRAME,
+    METRES,
+    NANOSECONDS,
+    POSITION,
+    SECONDS,
+    STAMP,
+    PoseColumns,
+    TrajectoryFormat,
+)
+from sfr_loc_map.io.tables.row_layouts import columns_of_layout
+from sfr_loc_map.io.tables.stamps import TIMES, UTC_UNIT, time_unit
+from sfr_loc_map.io.tables.table_head import TableHead, is_number, is_time
+
+_THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(,[0-9]{3})+")  #: A number whose commas may separate thousands.
+_BELOW_THOUSAND = re.compile(r"[+-]?[1-9][0-9]{0,2}")
+"""A whole number without a comma. Beside numbers that all have three decimals, it would have them, too."""
+REQUIRED = ((STAMP, SECONDS, FRAME), ("x",), ("y",), ("z", DOWN))
+"""Columns of a position with a stamp; one of each is required."""
+
+
+def detect_columns(lines: Sequence[str], name: str, columns: str, option: str) -> PoseColumns:
+    """Return the columns of a table that begins with these lines.
+
+    `columns` is given by the user and may be empty; `option` names it in messages. InputError if neither a header nor
+    a unique layout determines the columns.
+    """
+    head = TableHead.of(lines, name, option)
+    found = columns_of_user(head, columns) if columns else columns_of_header(head)
+    found = found or columns_of_layout(head)
+    _check_complete(found, head)
+    _check_units(found, head)
+    _check_decimal_marks(found, head)
+    return replace(_with_time_unit(found, head), skip=len(head.before))
+
+
+def _check_complete(found: PoseColumns, head: TableHead) -> None:
+    """Raise InputError if a column of `REQUIRED` is missing."""
+    missing = [] if found.is_matrix else [keys[0] for keys in REQUIRED if not any(key in found for key in keys)]
+    if missing:
+        raise without_names(head, unknown_header(head.before) or 0, f"{', '.join(missing)} not found")
+
+
+def _check_units(found: PoseColumns, head: TableHead) -> None:
+    """Raise InputError if a unit is unknown, or if only some components of the position have a unit."""
+    scaled = [key for key in found.position_keys if METRES.get(found.units.get(key, ""), 1.0) != 1.0]
+    without_unit = [key for key in found.position_keys if key in found and not found.units.get(key)]
+    if scaled and without_unit:
+        raise InputError(
+            f"{head.name}: {scaled[0]} is in {found.units[scaled[0]]}, but {without_unit[0]} has no unit: name its "
+            f"unit in the header, or {head.named_by('t=...,x=...[mm],y=...[mm],z=...[mm]')}"
+        )
+    fractions = [unit for unit, unit_ns in TIMES.items() if unit_ns < NS_PER_S]
+    known = {STAMP: (*TIMES, UTC_UNIT, ""), NANOSECONDS: (*fractions, "")}
+    known |= dict.fromkeys((*POSITION, DOWN), tuple(METRES))
+    for key, unit in found.units.items():
+        if key in known and unit not in known[key]:
+            units = ", ".join(unit for unit in known[key] if unit)
+            raise InputError(
+                f"{head.name}: the unit of {key} is '{unit[:20]}', which is unknown: convert the column to one of "
+                f"{units}"
+            )
+
+
+def _check_decimal_marks(found: PoseColumns, head: TableHead) -> None:
+    """Raise InputError if commas in numbers may separate thousands, because they are read as decimal commas."""
+    columns = [found.index_of[key] for key in found.value_keys]
+    cells = [row[column] for row in head.rows for column in columns if column < len(row)]
+    with_comma = [cell for cell in cells if "," in cell]
+    others = [cell for cell in cells if "." in cell]
+    if all(map(_THOUSANDS.fullmatch, with_comma)):
+        others += [cell for cell in cells if _BELOW_THOUSAND.fullmatch(cell)]
+    if with_comma and others:
+        raise InputError(
+            f"{head.name} has the numbers '{with_comma[0]}' and '{others[0]}': the comma may separate thousands or "
+            "decimals: write numbers with a decimal point and without separators of thousands"
+        )
+
+
+def _with_time_unit(found: PoseColumns, head: TableHead) -> PoseColumns:
+    """Return the columns with the unit of the stamps, which is inferred from their magnitude if it is not given."""
+    if STAMP not in found or found.units.get(STAMP):
+        return found
+    column = found.index_of[STAMP]
+    texts = [cells[column] for cells in head.rows if len(cells) > column]
+    if texts and not is_number(texts[0]) and is_time(texts[0]):
+        return replace(found, units={**found.units, STAMP: UTC_UNIT}, inferred=UTC_UNIT)
+    unit = time_unit(texts, is_seconds=found.format is TrajectoryFormat.TUM)
+    if not unit:
+        raise InputError(
+            f"{head.name}: the unit of the stamps {', '.join(texts[:3])} is ambiguous: name the unit "
+            f"(s, ms, us or ns), for example {head.option.replace('COLUMNS', 't[ns],x,y,z,qx,qy,qz,qw')}"
+        )
+    return replace(found, units={**found.units, STAMP: unit}, inferred="" if unit == "s" else unit)

@@ -1,0 +1,256 @@
+"""Columns of a table by their names: the names in its header, or those that the user gives.
+
+`--columns` or `truth.columns` names the columns of a table without a known header:
+
+    t=Time[s],x=East[mm],y=North[mm],z=Height[mm]      columns by name in the header, or by number: t=#1[ns]
+    t[ns],x,y,z,qw,qx,qy,qz                            columns in order; _ skips a column
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.io.tables.pose_columns import (
+    COVARIANCE_KEYS,
+    DOWN,
+    FRAME,
+    MATRIX,
+    METRES,
+    NANOSECONDS,
+    QUATERNION,
+    SECONDS,
+    STAMP,
+    PoseColumns,
+)
+from sfr_loc_map.io.tables.stamps import TIMES, UTC_UNIT
+from sfr_loc_map.io.tables.table_head import TableHead, header_cells, separator_in
+from sfr_loc_map.io.tables.text_table import COMMENTS
+
+NAMES: dict[str, tuple[str, ...]] = {
+    STAMP: ("headerstamp", "timestamp", "stamp", "time", "t", "utime", "unixtime", "timestamps"),
+    SECONDS: ("sec", "secs", "headerstampsec", "headerstampsecs", "stampsec", "timesec", "timestampsec"),
+    NANOSECONDS: (
+        *("nsec", "nsecs", "nanosec", "nanosecs", "headerstampnanosec", "headerstampnsecs", "stampnanosec"),
+        *("usec", "usecs", "microsec", "microsecs", "microseconds", "msec", "msecs", "millisec", "millisecs"),
+    ),
+    "x": ("x", "px", "tx", "posx", "positionx", "translationx", "xenu", "east", "easting", "e", "prsrx"),
+    "y": ("y", "py", "ty", "posy", "positiony", "translationy", "yenu", "north", "northing", "n", "prsry"),
+    "z": ("z", "pz", "tz", "posz", "positionz", "translationz", "zenu", "up", "height", "h", "elevation", "prsrz"),
+    DOWN: (DOWN, "zned"),
+}
+NAMES |= {
+    f"q{axis}": (f"q{axis}", f"quat{axis}", f"quaternion{axis}", f"orientation{axis}", f"rotation{axis}", f"qrs{axis}")
+    for axis in "xyzw"
+}
+"""Names of columns in lower case without `_`, `.`, `-` and spaces; earlier names take precedence."""
+SMALLER_FRACTIONS = {"us": ("usec", "microsec"), "ms": ("msec", "millisec")}
+"""Units of the fraction of a second other than ns, by the beginning of the name of the column."""
+UNITS = {*METRES, *TIMES, UTC_UNIT, "rad", "deg", "-", "1"}  #: Contents of a line of units below a header.
+SKIPPED = "_"
+_UNIT = re.compile(
+    r"^[#%/\s]*(.*?)\s*(?:\[([^\[\]]*)\]|\((\w*)\)|_(m|cm|mm|km|s|sec|ms|msec|us|usec|ns|nsec|utc))?$", re.IGNORECASE
+)
+_PREFIXES = ("field", "poseposepose", "posepose", "pose", "transform")
+
+
+def split_unit(cell: str) -> tuple[str, str]:
+    """Return the name and the unit of a cell of a header: `East [mm]`, `time_ns`, `Height (m)`, `usec`."""
+    match = _UNIT.match(cell.strip())
+    title, *units = match.groups("") if match else (cell, "")
+    name, unit = str(title).strip(), "".join(units).strip().lower()
+    in_name = (unit for unit, starts in SMALLER_FRACTIONS.items() if name.lower().startswith(starts))
+    return name, unit or next(in_name, "")
+
+
+def key_of(cell: str) -> tuple[str, int] | None:
+    """Return the content of a column by its name, and the precedence of the name; None if the name is unknown."""
+    title = split_unit(cell)[0]
+    word = re.sub(r"[^a-z0-9]", "", title.lower())
+    words = [word]
+    words += [word.removeprefix(prefix) for prefix in _PREFIXES if word.startswith(prefix)]
+    words += [word.removeprefix("field").removeprefix(prefix) for prefix in _PREFIXES if word.startswith("field")]
+    for key, names in NAMES.items():
+        for candidate in words:
+            if candidate in names:
+                return key, names.index(candidate)
+    return (title, 0) if title in COVARIANCE_KEYS else None
+
+
+def named_columns(cells: Sequence[str]) -> dict[str, int]:
+    """Return the columns with known names, from 0; of several columns of one key, the preferred name decides."""
+    ranked: dict[str, tuple[int, int]] = {}
+    for index, cell in enumerate(cells):
+        known = key_of(cell)
+        if known is None:
+            continue
+        key, rank = known
+        if key not in ranked or rank < ranked[key][0]:
+            ranked[key] = (rank, index)
+    return {key: index for key, (_, index) in ranked.items()}
+
+
+# ---- names in the header
+
+
+def columns_of_header(head: TableHead) -> PoseColumns | None:
+    """Return the columns named by the header, or None without a header; InputError if a name occurs twice.
+
+    The header is the last line before the rows that names a stamp, x, y, and z or down. A line of units may follow.
+    """
+    for number, line in reversed([*enumerate(head.before)]):
+        cells = _aligned(head.cells_of(line), head)
+        found = named_columns(cells)
+        if found.keys() & {STAMP, SECONDS} and {"x", "y"} <= found.keys() and found.keys() & {"z", DOWN}:
+            _check_names_differ(cells, found, head, number)
+            return _of_header(cells, found, _units_below(head, number, len(cells)), head)
+    return None
+
+
+def _aligned(cells: Sequence[str], head: TableHead) -> list[str]:
+    """Return the names of a header, one for each column of the rows.
+
+    A label before the names (`format: t x y z`) is ignored, as are names beyond the last column. Rows may begin with
+    a row number that the header does not name (`write.table` of R).
+    """
+    names = list(cells)
+    if len(names) > 1 and names[0].endswith(":"):
+        names = names[1:]
+    row_numbers = [str(number + 1) for number in range(len(head.rows))]
+    if len(names) == head.width - 1 and [row[0].strip('"') for row in head.rows] == row_numbers:
+        names = ["", *names]
+    return names[: head.width]
+
+
+def _check_names_differ(cells: Sequence[str], found: Mapping[str, int], head: TableHead, number: int) -> None:
+    """Raise InputError if several columns of the header have the name of a column that would be read."""
+    for index in found.values():
+        indices = [other for other, cell in enumerate(cells) if key_of(cell) == key_of(cells[index])]
+        if len(indices) > 1:
+            numbers = " and ".join(f"#{other + 1}" for other in indices)
+            raise InputError(
+                f"{head.name} line {number + 1}: columns {numbers} are both '{cells[index]}': "
+                f"{head.named_by('t=#NUMBER[s],x=#NUMBER,y=#NUMBER,z=#NUMBER')}"
+            )
+
+
+def _units_below(head: TableHead, number: int, count: int) -> list[str]:
+    """Return the units of `count` columns in a line between the header and the rows; empty without such a line.
+
+    In a line with a unit of time, other units may be unknown. `column_detection` refuses them.
+    """
+    for line in head.before[number + 1 :]:
+        units = [cell.strip("()[] ").lower() for cell in head.cells_of(line)]
+        are_known = any(units) and all(unit in UNITS for unit in units)
+        if len(units) == count and (are_known or any(unit in TIMES for unit in units)):
+            return units
+    return []
+
+
+def _of_header(cells: Sequence[str], found: Mapping[str, int], below: Sequence[str], head: TableHead) -> PoseColumns:
+    """Return the columns of a header; `below` has the units in the line below the header, or is empty."""
+    index_of = dict(found)
+    units = {key: split_unit(cells[index])[1] for key, index in index_of.items()}
+    if below:
+        units = {key: unit or below[index_of[key]] for key, unit in units.items()}
+    if SECONDS in index_of and NANOSECONDS not in index_of and STAMP not in index_of:
+        index_of[STAMP], units[STAMP] = index_of.pop(SECONDS), "s"
+    if {SECONDS, NANOSECONDS} <= index_of.keys():
+        index_of.pop(STAMP, None)
+    if not all(key in index_of for key in QUATERNION) or DOWN in index_of:  # attitudes in NED are of another body
+        index_of = {key: index for key, index in index_of.items() if key not in QUATERNION}
+    units = {key: unit for key, unit in units.items() if key in index_of and unit}
+    ignored = tuple(cell for index, cell in enumerate(cells) if index not in index_of.values())
+    width = max(head.width, len(cells))
+    return PoseColumns(
+        "columns by their names", head.separator, index_of, units, width, by_header=True, ignored=ignored
+    )
+
+
+# ---- names given by the user
+
+
+def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
+    """Return the columns that the user names as `NAME=HEADER[UNIT]`, or as `NAME[UNIT]` in the order of columns."""
+    header = max((head.cells_of(line) for line in head.before), key=len, default=[])
+    items = [item.strip() for item in columns.split(",")]
+    is_ordered = not any("=" in item for item in items)
+    index_of: dict[str, int] = {}
+    units: dict[str, str] = {}
+    for number, item in enumerate(items):
+        if is_ordered:
+            key, unit = split_unit(item)
+            index: int | None = number
+        else:
+            key, _, text = (part.strip() for part in item.partition("="))
+            index, unit = _column(text, header)
+        if key == SKIPPED:
+            continue
+        if key in index_of:
+            raise InputError(f"{head.name}: the columns name {key} twice, the second time by '{item}': name it once")
+        if key not in {*NAMES, FRAME, *MATRIX} or index is None or index >= max(head.width, len(header)):
+            shown = ", ".join(header) or f"{head.width} columns without a header"
+            raise InputError(
+                f"{head.name}: no column for '{item}': give NAME=HEADER, where NAME is t, sec, nsec, x, y, z, qx, qy, "
+                f"qz or qw (_: a column that is not read), and HEADER is the title or #NUMBER of a column; "
+                f"found {shown[:200]}"
+            )
+        index_of[key] = index
+        if unit:
+            units[key] = unit
+    titles = [*header, *(f"#{number + 1}" for number in range(len(header), head.width))]
+    ignored = tuple(title for index, title in enumerate(titles) if index not in index_of.values())
+    return PoseColumns("columns as given", head.separator, index_of, units, head.width, by_header=True, ignored=ignored)
+
+
+def _column(text: str, header: Sequence[str]) -> tuple[int | None, str]:
+    """Return the index and the unit of a column that the user names: `#3[mm]`, `East [mm]` or `East`.
+
+    A column is named by its number, or by its title in the header with or without its unit. A given unit has priority
+    over the unit in the header. The index is None if there is no such column.
+    """
+    title, unit = split_unit(text)
+    without_bracket = text.rpartition("[")[0] if text.endswith("]") else text
+    if re.fullmatch(r"#?[0-9]{1,4}", without_bracket.strip()) and (text.startswith("#") or not header):
+        return int(without_bracket.strip(" #")) - 1, unit
+    titles = [_compact(cell) for cell in header]
+    titles_without_unit = [_compact(split_unit(cell)[0]) for cell in header]
+    for names in (titles, titles_without_unit):
+        for wanted in (text, without_bracket, title):
+            if _compact(wanted) in names:
+                index = names.index(_compact(wanted))
+                return index, unit or split_unit(header[index])[1]
+    return None, ""
+
+
+def _compact(title: str) -> str:
+    """Return a title in lower case without spaces and comment signs."""
+    return re.sub(r"[\s#%]", "", title).lower()
+
+
+# ---- a header without known names
+
+
+def unknown_header(before: Sequence[str]) -> int | None:
+    """Return the index of the line before the rows that is probably the header; None without such a line.
+
+    The line is not a comment. Of several lines, the first of those that name the most columns is returned.
+    """
+    texts = [number for number, line in enumerate(before) if line.strip() and not line.strip().startswith(COMMENTS)]
+    return max(texts, key=lambda number: len(named_columns(header_cells(before[number], None))), default=None)
+
+
+def without_names(head: TableHead, number: int, problem: str = "") -> InputError:
+    """Return the error for a header that does not name stamps and positions; the message quotes the header's names."""
+    header = head.before[number].strip() if head.before else ""
+    cells = header_cells(header, separator_in(header))
+    found = named_columns(cells)
+    needed = (STAMP, "x", "y", "z")
+    problem = problem or f"{', '.join(key for key in needed if key not in found)} not found"
+    own = [cells[found[key]] if key in found else "HEADER" for key in needed]
+    example = ",".join(f"{key}={cell}" for key, cell in zip(needed, own, strict=True))
+    return InputError(
+        f"{head.name} line {number + 1} is '{header[:80]}': the header has no known names for t, x, y, z "
+        f"({problem}): {head.named_by(example)}"
+    )
