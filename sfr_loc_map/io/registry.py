@@ -13,7 +13,6 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import check_regular, refusing
 from sfr_loc_map.io.bag.files import is_bag
-from sfr_loc_map.io.images.files import ImageFileSequence
 from sfr_loc_map.io.layouts.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.layouts.folder import is_folder, open_folder
 from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_folder
@@ -21,8 +20,7 @@ from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig, source_config
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
-from sfr_loc_map.io.truth.read import truth_of_data_set, truth_of_path
-from sfr_loc_map.io.truth.tracked_body import RB_ITSELF
+from sfr_loc_map.io.truth.read import truth_of_path
 
 _log = logging.getLogger(__name__)
 
@@ -35,42 +33,22 @@ def _open_bag(path: Path, config: SourceConfig) -> Source:
     return open_bag(path, config)
 
 
-def _configured(open_files: Opener) -> Opener:
-    """Return an opener that also applies the extrinsics and the truth of the configuration."""
-
-    def open_configured(path: Path, config: SourceConfig) -> Source:
-        source = open_files(path, config)
-        loc = source.loc
-        if loc is None:
-            return source
-        assert isinstance(loc, ImageFileSequence)  # as in every layout of files
-        loc = replace(loc, ground_truth=truth_of_data_set(path, loc.ground_truth, config.truth))
-        T_rb_sb = config.extrinsics.transform()
-        if T_rb_sb is not None:
-            loc = replace(loc, rig=replace(loc.rig, T_rb_sb=T_rb_sb))
-        return replace(source, loc=loc)
-
-    return open_configured
-
-
 class Reader(NamedTuple):
     """The reader of a layout."""
 
     matches: Callable[[Path], bool]  #: Whether a path has this layout.
-    open: Opener  #: The drive of a layout of files must be an `ImageFileSequence`, see `_configured`.
+    open: Opener
     ignored: tuple[str, ...] = ()  #: Beginnings of the settings that do not apply, because the files have the values.
 
 
 _STATED = ("sync.", "calibration.")  #: Files that list the stereo pairs and contain the calibration.
 READERS: dict[SourceFormat, Reader] = {
     SourceFormat.BAG: Reader(is_bag, _open_bag),
-    SourceFormat.FOLDER: Reader(is_folder, _configured(lambda path, _: open_folder(path)), _STATED),
-    SourceFormat.KITTI: Reader(is_kitti, _configured(lambda path, _: open_kitti(path)), _STATED),
-    SourceFormat.EUROC: Reader(is_euroc, _configured(open_euroc), ("sync.stamps", "calibration.")),
+    SourceFormat.FOLDER: Reader(is_folder, open_folder, _STATED),
+    SourceFormat.KITTI: Reader(is_kitti, open_kitti, _STATED),
+    SourceFormat.EUROC: Reader(is_euroc, open_euroc, ("sync.stamps", "calibration.")),
     SourceFormat.IMAGES: Reader(
-        is_image_folder,
-        _configured(open_image_folder),
-        ("sync.stamps", "calibration.baseline_m", "calibration.stereo_layout"),
+        is_image_folder, open_image_folder, ("sync.stamps", "calibration.baseline_m", "calibration.stereo_layout")
     ),
 }
 """The readers of all layouts, in the order of detection.
@@ -133,4 +111,5 @@ def read_truth(place: Path, config: TruthConfig | None = None, remap: Mapping[st
     found = open_source(place, how if config is None else replace(how, truth=config)).truth
     if found is None:
         raise InputError(f"'{place}' has no true poses (groundtruth.csv): give a source with truth")
-    return found if isinstance(found, Truth) else RB_ITSELF.applied(found, read_from=str(place))
+    assert isinstance(found, Truth)  # of every source in files
+    return found

@@ -27,7 +27,7 @@ from sfr_loc_map.errors import InputError, MetricsError, SfrError
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, parse_json, stamp_of
 from sfr_loc_map.io.calibration.rectification import rig_of_rectified_infos
 from sfr_loc_map.io.clouds.point_image import points_image
-from sfr_loc_map.io.truth.config import LiveTruth
+from sfr_loc_map.io.truth.config import LiveTruthConfig
 from sfr_loc_map.io.truth.messages import TrueRow
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.message_types import Level
@@ -98,7 +98,7 @@ class MonitorNodeConfig(NodeConfig):
     )
     input: MonitorInputConfig = field(default_factory=MonitorInputConfig)
     score: ScoreConfig = field(default_factory=ScoreConfig)
-    truth: LiveTruth = field(default_factory=LiveTruth)
+    truth: LiveTruthConfig = field(default_factory=LiveTruthConfig)
 
     def queue(self) -> tuple[Overload, int]:
         """Return a queue that keeps every message up to the queue depth."""

@@ -23,8 +23,9 @@ from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, source_config
 from sfr_loc_map.io.tables.trajectory_file import ESTIMATE_OPTION, TRUTH_OPTION, LoadedTrajectory, read_trajectory_file
-from sfr_loc_map.io.truth.pose_checks import possible_truth
+from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.read import truth_of_path
+from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, truths_of
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TargetRecord
@@ -226,11 +227,9 @@ def _as_declared(true: LoadedTrajectory, place: Path | None, how: SourceConfig) 
     if isinstance(poses, Truth):
         sigma_m, sigma_deg = how.truth.sigma_m or poses.sigma_m, how.truth.sigma_deg or poses.sigma_deg
         return replace(true, trajectory=replace(poses, sigma_m=sigma_m, sigma_deg=sigma_deg))
-    if how.truth != AS_IT_IS.truth:
-        return replace(true, trajectory=how.truth.applied(poses, read_from=true.text))
-    if place is not None and place.is_file():
-        return replace(true, trajectory=possible_truth(poses, f"of '{place}'").trajectory)
-    return true
+    if how.truth == AS_IT_IS.truth and (place is None or not place.is_file()):
+        return true
+    return replace(true, trajectory=truth_of_rb(RecordedTruth(poses, true.text), how.truth))
 
 
 def _images_of(source: Source | None) -> tuple[StereoRig | None, IntArray | None]:

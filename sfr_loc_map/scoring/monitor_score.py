@@ -23,7 +23,9 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.io.truth.tracked_body import RB_ITSELF, TrackedBody
+from sfr_loc_map.io.truth.config import RB_ITSELF, TrackedBodyConfig
+from sfr_loc_map.io.truth.conversion import truth_of_rb
+from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates
 from sfr_loc_map.metrics.call_meter import METHOD
@@ -190,7 +192,7 @@ class MapInputs:
 class MonitorScore:
     """Collects poses, truth, clouds and calls, and scores them; `map_score` is the score of the last complete map."""
 
-    def __init__(self, config: ScoreConfig, limits: Limits | None, body: TrackedBody = RB_ITSELF) -> None:
+    def __init__(self, config: ScoreConfig, limits: Limits | None, body: TrackedBodyConfig = RB_ITSELF) -> None:
         """Start a run, judged by limits if there are any. `body` is the tracked body of the true poses."""
         self.map_inputs = MapInputs()
         self._config, self._limits, self._body = config, limits, body
@@ -304,7 +306,7 @@ class MonitorScore:
             return None
         rows = self._truth.all()
         poses = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
-        return self._body.applied(poses, rows["variances"])
+        return truth_of_rb(RecordedTruth(poses, "", rows["variances"]), self._body)
 
     def _given_estimates(self, stats: CallStats | None, *, is_under_way: bool = False) -> Estimates | None:
         """Return the estimates with the states and covariances of their calls.

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES
-from sfr_loc_map.io.truth.tracked_body import TrackedBody
+from sfr_loc_map.io.truth.config import TrackedBodyConfig
 from sfr_loc_map.live.media import cloud_samples, with_layer
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
@@ -75,7 +75,7 @@ def frame(number: int, now_s: float, *, lost: bool = False) -> list[Update]:
 
 def scored(count: int, config: ScoreConfig | None = None) -> Score:
     """What the monitor publishes of the first poses."""
-    on_a_plane = TrackedBody(unknown="none")
+    on_a_plane = TrackedBodyConfig(unknown="none")
     score = MonitorScore(config or ScoreConfig(), parse_limits(LIMITS, "made"), on_a_plane)
     for pose in poses(count, 0.0):
         if pose.covariance is None:

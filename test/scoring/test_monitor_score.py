@@ -23,7 +23,9 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, Task
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.messages import odometry
-from sfr_loc_map.io.truth.tracked_body import TrackedBody
+from sfr_loc_map.io.truth.config import TrackedBodyConfig
+from sfr_loc_map.io.truth.conversion import truth_of_rb
+from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_types import STRING
 from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
@@ -298,9 +300,9 @@ def test_the_report_of_a_run_before_is_kept_once(tmp_path: Path) -> None:
 def test_a_live_score_by_positions_alone_is_that_of_the_file() -> None:
     """A quaternion of zeros carries that there is no attitude; an estimate that has none is refused."""
     estimates, truth = small_drive(3)
-    body = TrackedBody((0.2, 0.1, 1.5), clock_offset_s=0.25, sigma_m=0.01)
+    body = TrackedBodyConfig((0.2, 0.1, 1.5), clock_offset_s=0.25, sigma_m=0.01)
     shifted = Trajectory(truth.stamps_ns - 250_000_000, truth.positions, np.zeros((len(truth), 4)))
-    offline = score_trajectory(estimates, body.applied(shifted), CONFIG)
+    offline = score_trajectory(estimates, truth_of_rb(RecordedTruth(shifted, ""), body), CONFIG)
     monitor = MonitorScore(ScoreConfig(CONFIG), None, body)
     for name, arguments in messages_of((estimates, shifted)):
         getattr(monitor, name)(*arguments)

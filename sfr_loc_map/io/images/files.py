@@ -17,6 +17,7 @@ from sfr_loc_map.io.tables.stamps import check_order
 
 _log = logging.getLogger(__name__)
 NAMED_FILES = 3  #: Maximum number of missing files in a message.
+Rectify = Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,21 +31,20 @@ class ImagePair:
     truth: Path | None = None
 
 
-def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], tuple[int, ...]]:
+def complete_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], tuple[int, ...]]:
     """Return the pairs that have both images, and the stamps of the other pairs, which are reported in a warning."""
     check_order([entry.stamp_ns for entry in entries], name, strict=True)
     missing = [file for entry in entries for file in (entry.left, entry.right) if not file.is_file()]
     if not missing:
         return list(entries), ()
-    gone = set(missing)
-    whole = [entry for entry in entries if entry.left not in gone and entry.right not in gone]
+    incomplete_ns = {entry.stamp_ns for entry in entries if not {entry.left, entry.right}.isdisjoint(missing)}
+    complete = [entry for entry in entries if entry.stamp_ns not in incomplete_ns]
     rest = f" and {len(missing) - NAMED_FILES} more" if len(missing) > NAMED_FILES else ""
     files = f"{', '.join(map(str, missing[:NAMED_FILES]))}{rest}"
-    if not whole:
+    if not complete:
         raise InputError(f"{name} lists missing images: {files}; restore them")
-    missing_ns = tuple(entry.stamp_ns for entry in entries if entry.left in gone or entry.right in gone)
-    _log.warning("%s: %d of %d pairs skipped, missing images: %s", name, len(missing_ns), len(entries), files)
-    return whole, missing_ns
+    _log.warning("%s: %d of %d pairs skipped, missing images: %s", name, len(incomplete_ns), len(entries), files)
+    return complete, tuple(sorted(incomplete_ns))
 
 
 def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:
@@ -88,7 +88,7 @@ class ImageFileSequence(ImageFiles):
 
     ground_truth: Trajectory | None = None  #: True poses of RB in DS, or None.
     #: Rectifies the left and right image; None if the files are rectified.
-    rectify: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]] | None = None
+    rectify: Rectify | None = None
 
     def pairs(self) -> Iterator[StereoPair]:
         """Yield the pairs, with one pair in memory at a time."""

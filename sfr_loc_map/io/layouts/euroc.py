@@ -18,14 +18,14 @@ import numpy as np
 
 from sfr_loc_map.errors import naming
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.calibration.calibration_file import parse_opencv_yaml, read_sensor_yaml
 from sfr_loc_map.io.calibration.rectification import StereoRectifier
 from sfr_loc_map.io.calibration.stereo_calibration import Calibration, pose_of_rig, rectified_cameras
 from sfr_loc_map.io.images.codec import encode_png
-from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, whole_pairs
+from sfr_loc_map.io.images.files import ImagePair, complete_pairs
+from sfr_loc_map.io.layouts.configured_drive import configured_drive
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
@@ -34,7 +34,7 @@ from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
 from sfr_loc_map.io.tables.stamps import check_order, parse_stamp_ns
 from sfr_loc_map.io.tables.text_table import read_lines
 from sfr_loc_map.io.tables.trajectory_file import TRUTH_OPTION, read_trajectory_file, save_trajectory
-from sfr_loc_map.io.truth.tracked_body import TrackedPoses
+from sfr_loc_map.io.truth.recorded import RecordedTruth
 
 CAMERAS = ("cam0", "cam1")
 TRUTH = "state_groundtruth_estimate0"
@@ -56,9 +56,9 @@ def open_euroc(path: Path, config: SourceConfig) -> Source:
     left, right = (_load_list(folder / name / "data.csv") for name in CAMERAS)
     stamps = stereo_pairs(list(left), list(right), config.sync, f"'{folder}'")
     pairs = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in stamps.items()]
-    entries, missing_ns = whole_pairs(pairs, f"'{folder}'")
-    truth = _load_truth(folder)
-    loc = ImageFileSequence(rig, entries, truth, None if rectifier is None else rectifier.rectify)
+    complete, missing_ns = complete_pairs(pairs, f"'{folder}'")
+    rectify = None if rectifier is None else rectifier.rectify
+    loc = configured_drive(path, config, rig, complete, _load_truth(folder), rectify)
     return Source(path, SourceFormat.EUROC, loc, None, missing_ns)
 
 
@@ -74,25 +74,20 @@ def _rig_of(folder: Path) -> tuple[StereoRig, StereoRectifier | None]:
         return replace(rig, T_rb_sb=pose_of_rig(left, cameras[0], rig)), rectifier
 
 
-def _load_truth(folder: Path) -> Trajectory | None:
+def _load_truth(folder: Path) -> RecordedTruth | None:
     """Return the first truth of `TRUTHS` found; a tracker gives poses of its marker, whose pose in B is T_BS."""
     file = next((file for name in TRUTHS if (file := folder / name / "data.csv").is_file()), None)
     if file is None:
         return None
     loaded = read_trajectory_file(file, option=TRUTH_OPTION)
     check_order(loaded.trajectory.stamps_ns, f"'{file}'", strict=False)
-    if file.parent.name == TRUTH:
-        return loaded.trajectory
-    place = file.with_name("sensor.yaml")
-    T_rb_marker = Transform.identity()
-    if place.is_file():
-        with refusing(f"'{place}' is not a sensor.yaml"):
-            numbers = np.array(parse_opencv_yaml(read_text(place))["T_BS"]["data"], np.float64)
-            T_rb_marker = Transform.from_matrix(numbers.reshape(4, 4))
-    poses = loaded.trajectory
-    return TrackedPoses(
-        poses.stamps_ns, poses.positions, poses.quats_xyzw, T_rb_body=T_rb_marker, read_from=loaded.text
-    )
+    sensor = file.with_name("sensor.yaml")
+    if file.parent.name == TRUTH or not sensor.is_file():
+        return RecordedTruth(loaded.trajectory, loaded.text)
+    with refusing(f"'{sensor}' is not a sensor.yaml"):
+        numbers = np.array(parse_opencv_yaml(read_text(sensor))["T_BS"]["data"], np.float64)
+        T_rb_marker = Transform.from_matrix(numbers.reshape(4, 4))
+    return RecordedTruth(loaded.trajectory, loaded.text, T_rb_body=T_rb_marker)
 
 
 def _load_list(path: Path) -> dict[int, Path]:

@@ -19,20 +19,22 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, read_bytes, read_table, refusing
 from sfr_loc_map.io.calibration.rig_file import read_rig, rig_json
 from sfr_loc_map.io.clouds.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.clouds.point_image import checked_points
 from sfr_loc_map.io.images.codec import encode_png
-from sfr_loc_map.io.images.files import ImageFiles, ImageFileSequence, ImagePair, read_pair, whole_pairs
+from sfr_loc_map.io.images.files import ImageFiles, ImagePair, complete_pairs, read_pair
+from sfr_loc_map.io.layouts.configured_drive import configured_drive
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
+from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.number_text import parse_number
 from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
 from sfr_loc_map.io.tables.stamps import check_order, parse_stamp_ns
 from sfr_loc_map.io.tables.trajectory_file import CSV_HEADER, read_trajectory_file, save_trajectory
+from sfr_loc_map.io.truth.recorded import RecordedTruth
 
 LOC_COLUMNS = ("stamp_ns", "left", "right")
 NAV_COLUMNS = (
@@ -78,17 +80,18 @@ class _Part:
     missing_ns: tuple[int, ...]  #: Stamps of pairs that are listed but have no images.
 
 
-def open_folder(path: Path) -> Source:
+def open_folder(path: Path, config: SourceConfig) -> Source:
     """Open a data set folder of one task, or of both tasks in `loc/` and `nav/`."""
     if (path / "pairs.csv").exists() or (path / "rig.json").exists():
         part = _read_part(path)
         loc, nav = (None, part) if part.has_poses else (part, None)
     else:
         loc, nav = (_read_part(path / name) if (path / name).is_dir() else None for name in ("loc", "nav"))
+    drive = None if loc is None else configured_drive(path, config, loc.rig, loc.pairs, _read_truth(loc.folder))
     return Source(
         path,
         SourceFormat.FOLDER,
-        loc=None if loc is None else ImageFileSequence(loc.rig, loc.pairs, _read_truth(loc.folder)),
+        loc=drive,
         nav=None if nav is None else FolderNavSequence(nav.rig, nav.pairs),
         missing_loc_ns=() if loc is None else loc.missing_ns,
         missing_nav_ns=() if nav is None else nav.missing_ns,
@@ -111,7 +114,7 @@ def _read_part(folder: Path) -> _Part:
         pairs.append(_parse_pair(table, number, dict(zip(header, row, strict=True))))
     if not pairs:
         raise InputError(f"'{table}' lists no pair: at least one is required")
-    found, missing_ns = whole_pairs(pairs, f"'{table}'")
+    found, missing_ns = complete_pairs(pairs, f"'{table}'")
     return _Part(folder, rig, len(header) > len(LOC_COLUMNS), found, missing_ns)
 
 
@@ -129,7 +132,7 @@ def _parse_pair(table: Path, number: int, row: Mapping[str, str]) -> ImagePair:
     return ImagePair(stamp_ns, table.parent / row["left"], table.parent / row["right"], T_lm_navsb, points)
 
 
-def _read_truth(folder: Path) -> Trajectory | None:
+def _read_truth(folder: Path) -> RecordedTruth | None:
     """Return the poses of groundtruth.csv; None without this file."""
     file = folder / "groundtruth.csv"
     if not file.exists():
@@ -138,7 +141,7 @@ def _read_truth(folder: Path) -> Trajectory | None:
     if loaded.format is not TrajectoryFormat.CSV:
         raise InputError(f"'{file}' line 1 is not '{CSV_HEADER}': the truth of a data set folder requires this header")
     check_order(loaded.trajectory.stamps_ns, f"'{file}'", strict=False)
-    return loaded.trajectory
+    return RecordedTruth(loaded.trajectory, str(file))
 
 
 def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:

@@ -12,7 +12,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import IMAGE_ENDINGS, refusing
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.images.codec import read_grey
-from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair
+from sfr_loc_map.io.images.files import ImagePair
+from sfr_loc_map.io.layouts.configured_drive import configured_drive
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
@@ -44,7 +45,7 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
     found = read_calibration(Path(config.calibration.file), (width, height))
     rig, rectifier = found.rig("loc")
     rig = replace(rig, T_rb_sb=found.T_rb_sb)
-    loc = ImageFileSequence(rig, entries, None, None if rectifier is None else rectifier.rectify)
+    loc = configured_drive(path, config, rig, entries, None, None if rectifier is None else rectifier.rectify)
     return Source(path, SourceFormat.IMAGES, loc, None, calibration=found.text)
 
 

@@ -24,13 +24,16 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, read_table, refusing
 from sfr_loc_map.io.calibration.camera_info import projection, rig_from_projections
 from sfr_loc_map.io.images.codec import encode_png, read_grey
-from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, whole_pairs
+from sfr_loc_map.io.images.files import ImagePair, complete_pairs
+from sfr_loc_map.io.layouts.configured_drive import configured_drive
 from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
+from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.number_text import parse_number
 from sfr_loc_map.io.tables.stamps import seconds_text
 from sfr_loc_map.io.tables.text_table import parse_table, read_lines
 from sfr_loc_map.io.tables.trajectory_file import read_times
+from sfr_loc_map.io.truth.recorded import RecordedTruth
 
 CAMERAS = ((0, 1), (2, 3))  #: Numbers of the left and right cameras, in the order of preference: grey, colour.
 _log = logging.getLogger(__name__)
@@ -41,7 +44,7 @@ def is_kitti(path: Path) -> bool:
     return (path / "calib.txt").exists() and any((path / f"image_{left}").is_dir() for left, _ in CAMERAS)
 
 
-def open_kitti(path: Path) -> Source:
+def open_kitti(path: Path, config: SourceConfig) -> Source:
     """Open a KITTI odometry sequence."""
     left, right = next(pair for pair in CAMERAS if (path / f"image_{pair[0]}").is_dir())
     times, calibration = path / "times.txt", path / "calib.txt"
@@ -52,8 +55,8 @@ def open_kitti(path: Path) -> Source:
         ImagePair(stamp, path / f"image_{left}" / f"{i:06d}.png", path / f"image_{right}" / f"{i:06d}.png")
         for i, stamp in enumerate(stamps)
     ]
-    whole, missing_ns = whole_pairs(entries, f"'{times}'")
-    height, width = read_grey(whole[0].left).shape
+    pairs, missing_ns = complete_pairs(entries, f"'{times}'")
+    height, width = read_grey(pairs[0].left).shape
     cameras = {}
     for line in read_lines(calibration):
         name, _, rest = line.partition(":")
@@ -67,8 +70,8 @@ def open_kitti(path: Path) -> Source:
     rig = rig_from_projections(cameras[left], cameras[right], size, where, names)
     rig = replace(rig, T_rb_sb=Transform.identity())
     truth = _load_poses(path, stamps, rig, -cameras[left][3] / cameras[left][0])
+    loc = configured_drive(path, config, rig, pairs, truth)
     beside = tuple(file for file in _pose_files(path) if file.is_file())
-    loc = ImageFileSequence(rig, whole, truth)
     return Source(path, SourceFormat.KITTI, loc, None, missing_ns, truth_files=beside)
 
 
@@ -77,7 +80,7 @@ def _pose_files(path: Path) -> list[Path]:
     return [path / "poses.txt", path.parent.parent / "poses" / f"{path.resolve().name}.txt"]
 
 
-def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) -> Trajectory | None:
+def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) -> RecordedTruth | None:
     """Return the poses of RB from those of camera 0; the left camera is at x = `offset_m` in camera 0."""
     file = next((file for file in _pose_files(path) if file.is_file()), None)
     if file is None:
@@ -90,7 +93,8 @@ def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) 
         matrices = [Transform.from_matrix(row.reshape(3, 4)) for row in rows]
     poses = [T_cam0_left.inverse() @ pose @ T_cam0_left for pose in matrices]
     start, T_left_sb = rig.T_sb_left @ poses[0].inverse(), rig.T_sb_left.inverse()
-    return Trajectory.from_poses((stamp, start @ pose @ T_left_sb) for stamp, pose in zip(stamps, poses, strict=True))
+    stamped = zip(stamps, poses, strict=True)
+    return RecordedTruth(Trajectory.from_poses((stamp, start @ pose @ T_left_sb) for stamp, pose in stamped), str(file))
 
 
 class KittiWriter(TableWriter):

@@ -4,13 +4,70 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from sfr_loc_map.config import param
+import numpy as np
+
+from sfr_loc_map.config import changed, param
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.truth.tracked_body import TrackedBody
+
+NO_LEVER = (0.0, 0.0, 0.0)
+NO_TURN = (0.0, 0.0, 0.0, 1.0)
+ORIGIN_SETTINGS = ("truth.source", "truth.frame")  #: Settings of the origin of the truth.
 
 
 @dataclass(frozen=True, slots=True)
-class LiveTruth(TrackedBody):
+class TrackedBodyConfig:
+    """The body that a truth tracks, and the accuracy of the truth."""
+
+    lever_arm_m: tuple[float, ...] = param(
+        NO_LEVER, unit="m", doc="Position of the tracked body (prism, antenna, marker) in RB.", low=-100.0, high=100.0
+    )
+    lever_quat_xyzw: tuple[float, ...] = param(
+        NO_TURN, doc="Orientation of the tracked body in RB, as in ROS messages.", low=-1.01, high=1.01
+    )
+    clock_offset_s: float = param(
+        0.0, unit="s", doc="Offset that is added to the stamps of the truth.", low=-4e9, high=4e9
+    )
+    sigma_m: float = param(
+        0.0,
+        unit="m",
+        doc="Standard deviation of a true position along each axis. 0: from the messages, otherwise exact.",
+        low=0.0,
+        high=1000.0,
+    )
+    sigma_deg: float = param(
+        0.0, unit="deg", doc="Standard deviation of a true attitude about each axis, like sigma_m.", low=0.0, high=180.0
+    )
+    attitude: str = param(
+        "auto", doc="Whether the truth has attitudes: inferred (auto), yes or no.", choices=("auto", "yes", "no")
+    )
+    unknown: str = param(
+        "auto",
+        doc="Unknown components of the truth: none, the height, roll and pitch (tilt), or both (planar). auto: "
+        "components that its variances mark as unknown, or that never change along its path.",
+        choices=("auto", "none", "height", "tilt", "planar"),
+    )
+
+    def __post_init__(self) -> None:
+        if len(self.lever_arm_m) != 3 or len(self.lever_quat_xyzw) != 4:
+            raise ConfigError("truth.lever_arm_m needs [x, y, z] and truth.lever_quat_xyzw needs [x, y, z, w]")
+        if abs(float(np.linalg.norm(self.lever_quat_xyzw)) - 1.0) > 1e-2:
+            raise ConfigError(f"truth.lever_quat_xyzw is {self.lever_quat_xyzw}: a unit quaternion is required")
+
+    @property
+    def has_lever(self) -> bool:
+        """Whether the pose of the tracked body in RB differs from the identity."""
+        return (self.lever_arm_m, self.lever_quat_xyzw) != (NO_LEVER, NO_TURN)
+
+    @property
+    def declared(self) -> tuple[str, ...]:
+        """The settings `truth.NAME=VALUE` that change poses, without `ORIGIN_SETTINGS`."""
+        values = changed(self, "truth.").items()
+        return tuple(f"{name}={value}" for name, value in values if name not in ORIGIN_SETTINGS)
+
+
+@dataclass(frozen=True, slots=True)
+class LiveTruthConfig(TrackedBodyConfig):
     """The tracked body of a truth on a ROS graph, and its frame on /tf."""
 
     frame: str = param(
@@ -21,7 +78,7 @@ class LiveTruth(TrackedBody):
 
 
 @dataclass(frozen=True, slots=True)
-class TruthConfig(LiveTruth):
+class TruthConfig(LiveTruthConfig):
     """The origin of the truth, and its tracked body."""
 
     source: str = param("", doc="Topic of the bag, or file, with the truth; empty: the truth of the source itself.")
@@ -36,12 +93,14 @@ class TruthConfig(LiveTruth):
         "(or sec and nsec), x, y, z, qx, qy, qz or qw; or NAME[UNIT] in the order of the columns, with _ for others.",
     )
 
-    def at(self, T_rb_body: Transform) -> TruthConfig:
-        """Return the configuration with the source's pose of the tracked body, unless a pose is configured."""
-        if self.has_lever:
-            return self
-        lever_arm_m, lever_quat_xyzw = (tuple(part.tolist()) for part in (T_rb_body.translation, T_rb_body.quat_xyzw))
-        return replace(self, lever_arm_m=lever_arm_m, lever_quat_xyzw=lever_quat_xyzw)
+
+def with_lever_of(config: TrackedBodyConfig, T_rb_body: Transform | None) -> TrackedBodyConfig:
+    """Return the configuration with the source's pose of the tracked body, unless a pose is configured."""
+    if config.has_lever or T_rb_body is None:
+        return config
+    lever_arm_m, lever_quat_xyzw = (tuple(part.tolist()) for part in (T_rb_body.translation, T_rb_body.quat_xyzw))
+    return replace(config, lever_arm_m=lever_arm_m, lever_quat_xyzw=lever_quat_xyzw)
 
 
 DEFAULT_TRUTH = TruthConfig()  #: The truth of the source itself, which tracks RB.
+RB_ITSELF = TrackedBodyConfig()  #: The tracked body is RB; the accuracy is that in the messages.

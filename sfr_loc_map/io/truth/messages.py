@@ -24,7 +24,7 @@ TrueRow = tuple[int, tuple[float, ...], tuple[float, ...]]
 unknown)."""
 
 
-class TruePoses:
+class TruthReader:
     """Converts the messages of a topic to true poses; `invalid` counts fixes without a position.
 
     The variance in z of a fix without altitude is that of an unknown component.
@@ -96,14 +96,14 @@ class TruePoses:
         yield stamp_of(message), pose, (*variances.tolist(), np.nan, np.nan, np.nan)
 
 
-TRUTH_TYPES: Mapping[str, Callable[[TruePoses, Any], Iterator[TrueRow]]] = {
-    ODOMETRY: TruePoses._with_covariance,
-    POSE_WITH_COVARIANCE: TruePoses._with_covariance,
-    POSE: TruePoses._plain,
-    TRANSFORM: TruePoses._plain,
-    PATH: TruePoses._path,
-    POINT: TruePoses._point,
-    FIX: TruePoses._fix,
+TRUTH_TYPES: Mapping[str, Callable[[TruthReader, Any], Iterator[TrueRow]]] = {
+    ODOMETRY: TruthReader._with_covariance,
+    POSE_WITH_COVARIANCE: TruthReader._with_covariance,
+    POSE: TruthReader._plain,
+    TRANSFORM: TruthReader._plain,
+    PATH: TruthReader._path,
+    POINT: TruthReader._point,
+    FIX: TruthReader._fix,
 }
 """Readers of true poses by message type, live and in bags; if one body has several types, the first is preferred."""
 

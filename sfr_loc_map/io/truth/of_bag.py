@@ -11,22 +11,23 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic, read_frames, read_odometry
 from sfr_loc_map.io.bag.frames import chain_above, chain_poses, trajectory_of, valid_indices
 from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
-from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TruePoses
+from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TruthReader
 from sfr_loc_map.io.truth.names import is_own
+from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_types import ODOMETRY, PATH, POSE_WITH_COVARIANCE
 from sfr_loc_map.topics import TRUE_POSES
 
 _log = logging.getLogger(__name__)
 
 
-def truth_of_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> Truth:
-    """Read the truth of an opened bag; InputError if the bag has no truth.
+def recorded_in_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> RecordedTruth:
+    """Read the true poses of an opened bag; InputError if the bag has no truth.
 
     The topic `truth.source` has priority over the frame `truth.frame`. `truth.stamps` determines the stamps, even if
     the images of the bag are read by the times of recording.
@@ -35,7 +36,7 @@ def truth_of_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> Truth:
     if config.frame and not config.source:
         if uses_record:
             raise _no_times_of_recording(f"frame {config.frame} on /tf of bag '{bag.path}'")
-        return config.applied(_tf_poses(bag, config.frame), None, f"{bag.path}, frame {config.frame} on /tf")
+        return RecordedTruth(_tf_poses(bag, config.frame), f"{bag.path}, frame {config.frame} on /tf")
     if config.frame:
         _log.warning(f"truth.frame={config.frame} ignored: truth.source={config.source} has priority")
     bag = bag.stamped_by(config.stamps)
@@ -56,7 +57,7 @@ def truth_of_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> Truth:
         )
     check_order(poses.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'", strict=False)
     kind = topic.msgtype.rpartition("/")[2]
-    return config.applied(poses, variances, f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses")
+    return RecordedTruth(poses, f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses", variances)
 
 
 def _no_times_of_recording(where: str) -> InputError:
@@ -82,7 +83,7 @@ def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
     messages: Iterable[Any] = (message for _, _, message in bag.messages([topic]))
     if topic.msgtype == PATH:  # the last path contains all earlier poses, possibly corrected
         messages = _last_message(bag, topic)
-    reader = TruePoses(topic.msgtype, where)
+    reader = TruthReader(topic.msgtype, where)
     rows = [row for message in messages for row in reader.rows(message)]
     if reader.invalid:
         text = f"{reader.invalid} fixes at 0, 0 or with NaN are ignored, {len(rows)} are used"

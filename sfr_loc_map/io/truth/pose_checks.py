@@ -9,13 +9,14 @@ kept. A height that never changes, or zero roll and pitch, along such a path are
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.io.truth.recorded import RecordedTruth
 
 _log = logging.getLogger(__name__)
 
@@ -143,70 +144,60 @@ def possible_poses(poses: Trajectory) -> tuple[Mask, tuple[str, ...]]:
     return kept, tuple(findings)
 
 
-def rows_of(poses: Trajectory, kept: Mask) -> Trajectory:
-    """Return the poses that a mask `(N,)` selects."""
-    parts = {name: getattr(poses, name)[kept] for name in ("stamps_ns", "positions", "quats_xyzw")}
-    return replace(poses, **parts)
-
-
 def _of(wrong: Mask) -> str:
     return f"{int(wrong.sum())} of {len(wrong)}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PossibleTruth:
+class CheckedTruth:
     """The possible poses of a truth, and their known components."""
 
-    kept: Mask  #: `(N,)`, which of the given poses are possible.
-    poses: Trajectory  #: The possible poses, without attitudes if the attitudes are placeholders.
+    recorded: RecordedTruth  #: The possible poses, without attitudes if the attitudes are placeholders.
     has_height: bool = True  #: Whether z is known.
     has_tilt: bool = True  #: Whether roll and pitch are known.
 
-    @property
-    def trajectory(self) -> Trajectory:
-        """The possible poses; as a `Truth` if height or tilt is unknown."""
-        if self.has_height and self.has_tilt:
-            return self.poses
-        values = self.poses.stamps_ns, self.poses.positions, self.poses.quats_xyzw
-        return Truth(*values, has_height=self.has_height, has_tilt=self.has_tilt)
 
-
-def possible_truth(
-    poses: Trajectory,
-    read_from: str,
-    attitude: str = "auto",
-    unknown: str = "auto",
-    variances: FloatArray | None = None,
-) -> PossibleTruth:
+def check_poses(recorded: RecordedTruth, attitude: str = "auto", unknown: str = "auto") -> CheckedTruth:
     """Return the possible poses of a truth; warnings report the others.
 
     An attitude that never changes along a path that turns is invalid. Only the positions are then kept, unless
-    `attitude` is yes. `unknown` names the unknown components (`TrackedBody.unknown`); auto infers them.
+    `attitude` is yes. `unknown` names the unknown components (`TrackedBodyConfig.unknown`); auto infers them.
     """
-    if not len(poses):
-        return PossibleTruth(np.zeros(0, np.bool_), poses)
-    kept, findings = possible_poses(poses)
-    without_height = np.zeros(len(poses), np.bool_) if variances is None else variances[:, 2] >= LOST_VARIANCE
-    if 0.0 < without_height.mean() <= 0.5:
-        kept &= ~without_height
-        findings = (*findings, f"{int(without_height.sum())} of {len(poses)} positions have no height: ignored")
-    poses = poses if kept.all() else rows_of(poses, kept)
-    if attitude == "auto" and has_constant_attitude(poses):
-        poses = replace(poses, quats_xyzw=np.zeros_like(poses.quats_xyzw))
+    if not len(recorded.poses):
+        return CheckedTruth(recorded)
+    kept, findings = possible_poses(recorded.poses)
+    variances = recorded.variances
+    if variances is not None:
+        has_no_height = variances[:, 2] >= LOST_VARIANCE
+        if 0.0 < has_no_height.mean() <= 0.5:
+            kept &= ~has_no_height
+            findings = (*findings, f"{_of(has_no_height)} positions have no height: ignored")
+    if not kept.all():
+        recorded = recorded.where(kept)
+    if attitude == "auto" and has_constant_attitude(recorded.poses):
+        recorded = recorded.without_attitudes()
         same = "all poses have the same attitude although the path turns: only positions are used"
         findings = (*findings, f"{same} (truth.attitude=yes keeps the attitudes)")
     has_height, has_tilt = unknown in ("none", "tilt"), unknown in ("none", "height")
     if unknown == "auto":
-        no_height, no_tilt = marked_as_unknown(variances[kept]) if variances is not None else (False, False)
-        has_height = not no_height and not has_constant_height(poses)
-        has_tilt = not poses.has_attitude or not (no_tilt or has_no_tilt(poses))
+        has_height, has_tilt = known_components(recorded)
         names = [name for name, is_known in (("height", has_height), ("roll and pitch", has_tilt)) if not is_known]
         if names:
             text = f"unknown components: {', '.join(names)} (constant along a path that turns, or marked by variances)"
             findings = (*findings, f"{text}: they are not judged; set truth.unknown=none to judge them")
+    name = f"truth {recorded.read_from}".rstrip()
     for text in findings:
-        _log.warning(f"truth {read_from}: {text}")
-    return PossibleTruth(kept, poses, has_height, has_tilt)
+        _log.warning(f"{name}: {text}")
+    return CheckedTruth(recorded, has_height, has_tilt)
+
+
+def known_components(recorded: RecordedTruth) -> tuple[bool, bool]:
+    """Return whether the height, and roll and pitch, of true poses are known."""
+    poses, variances = recorded.poses, recorded.variances
+    no_height, no_tilt = (False, False) if variances is None else marked_as_unknown(variances)
+    has_height = not no_height and not has_constant_height(poses)
+    has_tilt = not poses.has_attitude or not (no_tilt or has_no_tilt(poses))
+    return has_height, has_tilt
 
 
 def marked_as_unknown(variances: FloatArray) -> tuple[bool, bool]:

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.tables.trajectory_file import CONFIGURED_OPTION, TRUTH_OPTION, read_trajectory_file
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
-from sfr_loc_map.io.truth.pose_checks import possible_truth
-from sfr_loc_map.io.truth.tracked_body import TrackedPoses
+from sfr_loc_map.io.truth.conversion import truth_of_rb
+from sfr_loc_map.io.truth.recorded import RecordedTruth
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.bag.bag import Bag
@@ -28,24 +28,18 @@ if TYPE_CHECKING:
 
 def truth_of_recording(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> Truth:
     """Return the truth of an opened bag; InputError if there is no truth."""
-    from sfr_loc_map.io.truth.of_bag import truth_of_bag  # rosbags is imported only for bags
+    from sfr_loc_map.io.truth.of_bag import recorded_in_bag  # rosbags is imported only for bags
 
     if not config.source or bag.matches(config.source.strip("/")):
-        return truth_of_bag(bag, config)
+        return truth_of_rb(recorded_in_bag(bag, config), config)
     return _configured_truth(bag.path, config)
 
 
-def truth_of_data_set(place: Path, own: Trajectory | None, config: TruthConfig = DEFAULT_TRUTH) -> Trajectory | None:
-    """Return the truth of a data set whose files have the poses `own`; None without truth."""
+def truth_of_data_set(place: Path, own: RecordedTruth | None, config: TruthConfig = DEFAULT_TRUTH) -> Truth | None:
+    """Return the truth of a data set whose files have the true poses `own`; None without truth."""
     if config.source:
         return _configured_truth(place, config)
-    if own is None:
-        return None
-    if isinstance(own, TrackedPoses):
-        return config.at(own.T_rb_body).applied(own, read_from=own.read_from)
-    if config != DEFAULT_TRUTH:
-        return config.applied(own, read_from=str(place))
-    return possible_truth(own, f"of '{place}'").trajectory
+    return None if own is None else truth_of_rb(own, config)
 
 
 def truth_of_path(place: Path, config: TruthConfig = DEFAULT_TRUTH, remap: Mapping[str, str] | None = None) -> Truth:
@@ -74,4 +68,4 @@ def _configured_truth(place: Path, config: TruthConfig) -> Truth:
 
 def _poses_of_file(file: Path, config: TruthConfig, option: str) -> Truth:
     loaded = read_trajectory_file(file, config.columns, option)
-    return config.applied(loaded.trajectory, read_from=loaded.text)
+    return truth_of_rb(RecordedTruth(loaded.trajectory, loaded.text), config)

@@ -15,7 +15,7 @@ from sfr_loc_map.doctor.silence import Reliability, silence_of
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.frames import FrameSeries, PoseRow, chain_above, chain_poses, pose_row
-from sfr_loc_map.io.truth.messages import TRUTH_TYPES, UNKNOWN, TruePoses, TrueRow
+from sfr_loc_map.io.truth.messages import TRUTH_TYPES, UNKNOWN, TrueRow, TruthReader
 from sfr_loc_map.message_types import ODOMETRY
 from sfr_loc_map.nodes.ros.messages import message_type, tf_message_type
 from sfr_loc_map.nodes.ros.publishers import publishers_of
@@ -152,14 +152,14 @@ class TopicTruthInput(TruthInput):
         """Receive nothing yet."""
         self._node, self._reliability = node, reliability
         self._msgtype = ODOMETRY
-        self._reader = TruePoses(ODOMETRY)
+        self._reader = TruthReader(ODOMETRY)
 
     def subscribe(self, add_subscription: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
         """Receive true poses of the published type, at another activation first of the last type."""
 
         def subscribe_to(msgtype: str) -> Callable[[], object]:
             if msgtype != self._msgtype:
-                self._msgtype, self._reader = msgtype, TruePoses(msgtype)
+                self._msgtype, self._reader = msgtype, TruthReader(msgtype)
             reader = self._reader
             return add_subscription(message_type(msgtype), TRUE_POSES, lambda message: add(reader.rows(message)), qos)
 

@@ -9,7 +9,7 @@ from sfr_loc_map.config import changed, node_parameters
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import MONITOR_NODE, Task
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.truth.tracked_body import TrackedBody
+from sfr_loc_map.io.truth.config import TrackedBodyConfig
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.nodes.launch.run_arguments import write_parameters
 from sfr_loc_map.nodes.replay.options import ReplayOptions
@@ -63,7 +63,7 @@ def _tracked_body(source: Source) -> dict[str, Any]:
     if not isinstance(truth, Truth):
         return {}
     unknown = {(True, True): "none", (False, True): "height", (True, False): "tilt", (False, False): "planar"}
-    body = TrackedBody(
+    body = TrackedBodyConfig(
         truth.lever_arm_m,
         sigma_m=truth.sigma_m,
         sigma_deg=truth.sigma_deg,

@@ -25,7 +25,7 @@ from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, SUITE_NODES, Task, refusing, serialised_stamp
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
-from sfr_loc_map.io.truth.messages import TruePoses
+from sfr_loc_map.io.truth.messages import TruthReader
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
@@ -130,7 +130,7 @@ class RosFeed(Peer):
     def _receive_truth(self, msgtype: str) -> Callable[[], object]:
         """Subscribe to true poses of a type; return the function that unsubscribes."""
         kind = messages.message_type(msgtype)
-        subscription = self._receive(kind, TRUE_POSES, partial(self._on_truth, TruePoses(msgtype), kind), BEST_EFFORT)
+        subscription = self._receive(kind, TRUE_POSES, partial(self._on_truth, TruthReader(msgtype), kind), BEST_EFFORT)
         return partial(self.ros_node.destroy_subscription, subscription)
 
     def _follow_viewers(self, wanted: frozenset[updates.MediaKind]) -> None:
@@ -214,7 +214,7 @@ class RosFeed(Peer):
         covariance = messages.covariance_of(message)
         self._state.put(updates.PoseSample(updates.Track.ESTIMATE, stamp_ns, position, quat, time.time(), covariance))
 
-    def _on_truth(self, reader: TruePoses, kind: type[Any], raw: bytes, _: float) -> None:
+    def _on_truth(self, reader: TruthReader, kind: type[Any], raw: bytes, _: float) -> None:
         for stamp_ns, pose, _variances in reader.rows(deserialize_message(raw, kind)):
             x, y, z, *rotation = pose
             position, quat = (x, y, z), (rotation[0], rotation[1], rotation[2], rotation[3])

@@ -7,18 +7,19 @@ import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_normalised
-from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.io.truth.pose_checks import (
+    check_poses,
     has_constant_attitude,
     has_constant_height,
     has_no_tilt,
     jumping_positions,
     marked_as_unknown,
     path_turns,
-    possible_truth,
     stray_stamps,
 )
+from sfr_loc_map.io.truth.recorded import RecordedTruth
 
 COUNT = 60
 STAMPS = 1_700_000_000 * NS_PER_S + np.arange(COUNT) * NS_PER_S
@@ -36,6 +37,10 @@ def bent(angle_deg: float) -> FloatArray:
 
 def poses(positions: FloatArray, quats: FloatArray = IDENTITY) -> Trajectory:
     return Trajectory(STAMPS, positions, quats)
+
+
+def recorded(positions: FloatArray, quats: FloatArray = IDENTITY, of: FloatArray | None = None) -> RecordedTruth:
+    return RecordedTruth(poses(positions, quats), "x", of)
 
 
 def yaws(tilt: float = 0.0) -> FloatArray:
@@ -154,25 +159,24 @@ def test_positions_without_height_are_ignored_if_most_have_a_height() -> None:
     few[:5, 2] = LOST_VARIANCE
     most[:50, 2] = LOST_VARIANCE
     rough = bent(90.0) + np.column_stack((0.0 * ALONG, 0.0 * ALONG, 0.1 * np.sin(ALONG)))
-    checked = possible_truth(poses(rough, yaws(0.01)), "x", variances=few)
-    kept, found = checked.kept, checked.trajectory
-    assert np.flatnonzero(~kept).tolist() == [0, 1, 2, 3, 4]
-    assert len(found) == COUNT - 5
-    checked = possible_truth(poses(rough, yaws(0.01)), "x", variances=most)
-    kept, found = checked.kept, checked.trajectory
-    assert kept.all()
-    assert isinstance(found, Truth)
-    assert not found.has_height
-    assert found.has_tilt
+    checked = check_poses(recorded(rough, yaws(0.01), few))
+    assert checked.recorded.poses.stamps_ns.tolist() == STAMPS[5:].tolist()
+    assert checked.recorded.variances is not None
+    assert len(checked.recorded.variances) == COUNT - 5
+    checked = check_poses(recorded(rough, yaws(0.01), most))
+    assert len(checked.recorded.poses) == COUNT
+    assert not checked.has_height
+    assert checked.has_tilt
 
 
 def test_settings_override_the_detection(caplog: pytest.LogCaptureFixture) -> None:
-    flat = poses(bent(90.0))
-    assert not possible_truth(flat, "x").trajectory.has_attitude
+    flat = recorded(bent(90.0))
+    assert not check_poses(flat).recorded.poses.has_attitude
     assert "all poses have the same attitude" in caplog.text
-    assert possible_truth(flat, "x", attitude="yes").trajectory.has_attitude
-    found = possible_truth(poses(bent(90.0), yaws()), "x").trajectory
-    assert isinstance(found, Truth)
+    assert check_poses(flat, attitude="yes").recorded.poses.has_attitude
+    found = check_poses(recorded(bent(90.0), yaws()))
     assert not found.has_height
     assert not found.has_tilt
-    assert not isinstance(possible_truth(poses(bent(90.0), yaws()), "x", unknown="none").trajectory, Truth)
+    found = check_poses(recorded(bent(90.0), yaws()), unknown="none")
+    assert found.has_height
+    assert found.has_tilt

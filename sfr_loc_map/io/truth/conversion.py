@@ -1,0 +1,64 @@
+"""Conversion of recorded true poses to the truth of RB.
+
+A tracker measures its own body, such as a prism or an antenna, with its own clock. Only `truth_of_rb` converts poses of
+this body to poses of RB. Positions without attitude remain those of the body; the score then evaluates the estimate at
+the body.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
+from sfr_loc_map.geometry.trajectory import Truth
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TrackedBodyConfig, with_lever_of
+from sfr_loc_map.io.truth.pose_checks import check_poses
+from sfr_loc_map.io.truth.recorded import RecordedTruth
+
+
+def truth_of_rb(recorded: RecordedTruth, config: TrackedBodyConfig = DEFAULT_TRUTH) -> Truth:
+    """Return recorded poses as the truth of RB, without impossible poses; InputError if `config` does not fit."""
+    config = with_lever_of(config, recorded.T_rb_body)
+    checked = check_poses(recorded, config.attitude, config.unknown)
+    poses = checked.recorded.poses
+    variances = checked.recorded.variances
+    if variances is None:
+        variances = np.full((len(poses), 6), np.nan)
+    has_attitude = {"yes": True, "no": False}.get(config.attitude, poses.has_attitude and _is_stated(variances[:, 3:]))
+    if has_attitude and not poses.has_attitude:
+        raise InputError(f"truth {recorded.read_from} has no attitudes: set truth.attitude to auto or no")
+    positions = poses.positions
+    quats = poses.quats_xyzw if has_attitude else np.zeros((len(poses), 4))
+    lever = np.array(config.lever_arm_m)
+    if has_attitude and config.has_lever:
+        quats = quat_multiply(quats, quat_conjugate(np.array(config.lever_quat_xyzw)))
+        positions = positions - quat_rotate(quats, lever)
+        lever = np.zeros(3)
+    sigma_deg = float(np.degrees(sigma_of(variances[:, 3:]))) if has_attitude else 0.0
+    return Truth(
+        poses.stamps_ns + round(config.clock_offset_s * NS_PER_S),
+        positions,
+        quats,
+        sigma_m=config.sigma_m or sigma_of(variances[:, :3]),
+        sigma_deg=config.sigma_deg or sigma_deg,
+        lever_arm_m=tuple(lever.tolist()),
+        has_height=checked.has_height,
+        has_tilt=checked.has_tilt or not has_attitude,
+        read_from=recorded.read_from,
+        declared=config.declared,
+    )
+
+
+def _is_stated(variances: FloatArray) -> bool:
+    """Return whether variances of attitudes `(N, 3)` do not mark all attitudes as unknown."""
+    is_known = (variances < LOST_VARIANCE).any(axis=1) & (variances >= 0.0).all(axis=1)
+    return bool(is_known.any() or np.isnan(variances).any())
+
+
+def sigma_of(variances: FloatArray) -> float:
+    """Return the median standard deviation per axis of messages with variances `(N, 3)`; 0: unknown."""
+    known = variances[(variances > 0.0).all(axis=1) & (variances < LOST_VARIANCE).all(axis=1)]
+    return float(np.sqrt(np.median(known.mean(axis=1)))) if len(known) else 0.0
