@@ -30,10 +30,10 @@ SAME_DIRECTION = 1e-5  #: Smaller changes of a distortion coefficient or an entr
 
 
 @dataclass(frozen=True, slots=True)
-class RawCamera:
+class RectifiableCamera:
     """A camera with the rectification of its images: distortion, K, R and P of sensor_msgs/CameraInfo.
 
-    `stereo_calibration.CalibratedCamera` is a camera for which R and P are not yet computed.
+    `stereo_calibration.PosedCamera` is a camera for which R and P are not yet computed.
     """
 
     size: tuple[int, int]  #: Width and height, pixels.
@@ -44,13 +44,13 @@ class RawCamera:
     p: tuple[float, ...]  #: Projection matrix of the rectified image `(12,)`, row-major, pixels.
 
     @classmethod
-    def of_rectified(cls, size: tuple[int, int], p: FloatArray) -> RawCamera:
+    def of_rectified(cls, size: tuple[int, int], p: FloatArray) -> RectifiableCamera:
         """Return a camera of images that are already rectified, from its P `(12,)`."""
         k, r, p_row = (tuple(np.ravel(matrix).tolist()) for matrix in (np.reshape(p, (3, 4))[:, :3], np.eye(3), p))
         return cls(size, "plumb_bob", (0.0,) * 5, k, r, p_row)
 
     @classmethod
-    def of(cls, name: str, info: Any) -> RawCamera:  # noqa: ANN401 - a CameraInfo of any library
+    def of(cls, name: str, info: Any) -> RectifiableCamera:  # noqa: ANN401 - a CameraInfo of any library
         """Return the calibration in a sensor_msgs/CameraInfo; `name` is its topic (`loc/left/camera_info`)."""
         lists = (np.asarray(values, np.float64).reshape(-1).tolist() for values in (info.d, info.k, info.r, info.p))
         d, k, r, p = (tuple(values) for values in lists)
@@ -61,7 +61,7 @@ class RawCamera:
             raise InputError(f"{name} has binning or a region of interest: send full images without binning")
         return cls((int(info.width), int(info.height)), str(info.distortion_model), d, k, r, p).checked(name)
 
-    def checked(self, name: str) -> RawCamera:
+    def checked(self, name: str) -> RectifiableCamera:
         """Return the calibration, with default values for a lens without distortion and for an empty R.
 
         InputError, which begins with `name`, if the images cannot be rectified by it.
@@ -90,7 +90,7 @@ class RawCamera:
         make = cv2.fisheye.initUndistortRectifyMap if self.model in FISHEYE else cv2.initUndistortRectifyMap
         return make(k, np.array(self.d), r, p, self.size, cv2.CV_16SC2)
 
-    def is_same(self, other: RawCamera) -> bool:
+    def is_same(self, other: RectifiableCamera) -> bool:
         """Return whether both calibrations agree within `SAME_PX`, because drivers round the values of each message."""
         if (self.size, self.model, len(self.d)) != (other.size, other.model, len(other.d)):
             return False
@@ -128,7 +128,7 @@ def _largest_difference(numbers: ArrayLike, others: ArrayLike) -> float:
 class StereoRectifier:
     """Rectifies the image pairs of a left and a right camera."""
 
-    def __init__(self, cameras: tuple[RawCamera, RawCamera], name: str = "the camera") -> None:
+    def __init__(self, cameras: tuple[RectifiableCamera, RectifiableCamera], name: str = "the camera") -> None:
         """Compute the maps; InputError if raw pixels cover less than `MIN_VALID` of a rectified image."""
         self.cameras = cameras
         self._maps = tuple(camera.maps() for camera in cameras)
@@ -147,9 +147,11 @@ class StereoRectifier:
         return _remapped(left, self._maps[0]), _remapped(right, self._maps[1])
 
 
-def raw_cameras_of(infos: Sequence[Any], name: str) -> tuple[RawCamera, RawCamera]:
+def rectifiable_cameras(infos: Sequence[Any], name: str) -> tuple[RectifiableCamera, RectifiableCamera]:
     """Return the cameras of raw images of two CameraInfo (`loc` or `nav`)."""
-    left, right = (RawCamera.of(f"{name}/{side}/camera_info", info) for side, info in zip(SIDES, infos, strict=True))
+    left, right = (
+        RectifiableCamera.of(f"{name}/{side}/camera_info", info) for side, info in zip(SIDES, infos, strict=True)
+    )
     return left, right
 
 
@@ -157,7 +159,7 @@ def rig_of_raw_infos(
     infos: Sequence[Any], name: str, before: StereoRectifier | None = None
 ) -> tuple[StereoRig, StereoRectifier]:
     """Return the rig and the rectifier of raw images, from two CameraInfo; see `rig_of_raw`."""
-    return rig_of_raw(raw_cameras_of(infos, name), name, before)
+    return rig_of_raw(rectifiable_cameras(infos, name), name, before)
 
 
 def rig_of_rectified_infos(
@@ -169,7 +171,7 @@ def rig_of_rectified_infos(
 
 
 def rig_of_raw(
-    cameras: tuple[RawCamera, RawCamera], name: str, before: StereoRectifier | None = None
+    cameras: tuple[RectifiableCamera, RectifiableCamera], name: str, before: StereoRectifier | None = None
 ) -> tuple[StereoRig, StereoRectifier]:
     """Return the rig (`loc` or `nav`) and the rectifier of raw images; reuse `before` if its cameras are equal.
 
@@ -202,11 +204,11 @@ def rig_of_rectified(
     rig = rig_of_one_projection(left, replace(right, p=common), name)
     if _largest_shift_px(p_left, p_right, left.size) <= SAME_PX:
         return rig, None
-    remapped = replace(RawCamera.of_rectified(right.size, p_right), p=tuple(common.tolist()))
-    return rig, _rectifier((RawCamera.of_rectified(left.size, p_left), remapped), name, before)
+    remapped = replace(RectifiableCamera.of_rectified(right.size, p_right), p=tuple(common.tolist()))
+    return rig, _rectifier((RectifiableCamera.of_rectified(left.size, p_left), remapped), name, before)
 
 
-def common_projection(left: RawCamera, right: RawCamera) -> FloatArray:
+def common_projection(left: RectifiableCamera, right: RectifiableCamera) -> FloatArray:
     """Return the P `(12,)` of the right camera with the camera matrix of the left camera; unchanged if P is invalid."""
     p_left, p_right = np.array(left.p), np.array(right.p)
     is_valid = np.isfinite([p_left, p_right]).all() and min(p_left[0], p_right[0], p_right[5]) > 0.0
@@ -224,9 +226,11 @@ def _in_common(p_left: FloatArray, p_right: FloatArray) -> FloatArray:
     return common
 
 
-def _rectifier(cameras: tuple[RawCamera, RawCamera], name: str, before: StereoRectifier | None) -> StereoRectifier:
+def _rectifier(
+    cameras: tuple[RectifiableCamera, RectifiableCamera], name: str, before: StereoRectifier | None
+) -> StereoRectifier:
     """Return a rectifier of two cameras; reuse `before` if its cameras are equal, because maps are slow to compute."""
-    if before is not None and all(map(RawCamera.is_same, before.cameras, cameras)):
+    if before is not None and all(map(RectifiableCamera.is_same, before.cameras, cameras)):
         return before
     return StereoRectifier(cameras, name)
 

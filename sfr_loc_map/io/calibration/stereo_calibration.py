@@ -17,7 +17,7 @@ from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.calibration.rectification import (
     FISHEYE,
     MIN_VALID,
-    RawCamera,
+    RectifiableCamera,
     StereoRectifier,
     check_coefficients,
     rig_of_raw,
@@ -32,10 +32,10 @@ RECTIFIED_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Calibration:
+class StereoCalibration:
     """The calibration of a stereo pair, of any origin: files of other programs or camera_info."""
 
-    cameras: tuple[RawCamera, RawCamera]  #: Left and right.
+    cameras: tuple[RectifiableCamera, RectifiableCamera]  #: Left and right.
     is_rectified: bool  #: Whether the images are rectified; only P of the cameras is then used.
     T_rb_sb: Transform | None  #: Pose of the rig in RB, if the origin has it.
     text: str  #: Program, file, left and right camera: `Kalibr 'camchain.yaml', cam0 and cam1`.
@@ -47,7 +47,7 @@ class Calibration:
             return rig_of_rectified((left.rectified, right.rectified), name)
         return rig_of_raw(self.cameras, name)
 
-    def with_baseline(self, baseline_m: float) -> Calibration:
+    def with_baseline(self, baseline_m: float) -> StereoCalibration:
         """Return the calibration with P[3] of the right camera from a baseline."""
         left, right = self.cameras
         p = (*right.p[:3], -right.p[0] * baseline_m, *right.p[4:])
@@ -55,7 +55,7 @@ class Calibration:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CalibratedCamera:
+class PosedCamera:
     """A camera with its intrinsics and its pose, for which R and P of a rectification can be computed."""
 
     size: tuple[int, int]
@@ -80,13 +80,13 @@ class CalibratedCamera:
         fx, fy, cx, cy = self.intrinsics
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
-    def as_raw(self, rotation: FloatArray, projection: FloatArray) -> RawCamera:
+    def as_raw(self, rotation: FloatArray, projection: FloatArray) -> RectifiableCamera:
         """Return the camera with the R `(3, 3)` and P `(3, 4)` that rectify its images."""
         numbers = (tuple(np.ravel(matrix).tolist()) for matrix in (self.k, rotation, projection))
-        return RawCamera(self.size, self.model, self.distortion, *numbers)
+        return RectifiableCamera(self.size, self.model, self.distortion, *numbers)
 
 
-def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[RawCamera, RawCamera]:
+def rectified_cameras(name: str, left: PosedCamera, right: PosedCamera) -> tuple[RectifiableCamera, RectifiableCamera]:
     """Return both cameras with the R and P that rectify them; R = I if the pair is already rectified."""
     if left.size != right.size:
         raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}: both must have one size")
@@ -106,7 +106,7 @@ def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera
         rotations, projections = _bouguet(name, left, right, T_right_left)
         if not projections[1][0, 3] < 0 or projections[1][1, 3] != 0:
             raise _not_side_by_side(name, right_m)
-    one, other = map(CalibratedCamera.as_raw, (left, right), rotations, projections)
+    one, other = map(PosedCamera.as_raw, (left, right), rotations, projections)
     return one, other
 
 
@@ -119,7 +119,7 @@ def _not_side_by_side(name: str, right_m: FloatArray) -> InputError:
     )
 
 
-def _is_rectified(left: CalibratedCamera, right: CalibratedCamera, rotation: FloatArray, right_m: FloatArray) -> bool:
+def _is_rectified(left: PosedCamera, right: PosedCamera, rotation: FloatArray, right_m: FloatArray) -> bool:
     """Return whether the images need no rectification; `rotation` and `right_m` are the pose between the cameras."""
     has_distortion = any(left.distortion) or any(right.distortion)
     turn = float(np.abs(rotation - np.eye(3)).max())
@@ -129,7 +129,7 @@ def _is_rectified(left: CalibratedCamera, right: CalibratedCamera, rotation: Flo
 
 
 def _bouguet(
-    name: str, left: CalibratedCamera, right: CalibratedCamera, T_right_left: Transform
+    name: str, left: PosedCamera, right: PosedCamera, T_right_left: Transform
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return R and P of both cameras by Bouguet's method in OpenCV, without black borders.
 
@@ -155,7 +155,7 @@ def _bouguet(
 
 
 def _kept_projections(
-    cameras: Sequence[CalibratedCamera], rotations: Sequence[FloatArray], shift: float
+    cameras: Sequence[PosedCamera], rotations: Sequence[FloatArray], shift: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return projections with the mean focal length that keep the cameras' principal points in place on average."""
     focal = float(np.mean([camera.intrinsics[:2] for camera in cameras]))
@@ -169,7 +169,7 @@ def _kept_projections(
 
 
 def _coverage_problem(
-    cameras: Sequence[CalibratedCamera], rotations: Sequence[FloatArray], projections: Sequence[FloatArray]
+    cameras: Sequence[PosedCamera], rotations: Sequence[FloatArray], projections: Sequence[FloatArray]
 ) -> str:
     """Return why a rectification does not cover the field of view of the cameras; empty if there is no problem."""
     for camera, rotation, projection in zip(cameras, rotations, projections, strict=True):
@@ -187,7 +187,7 @@ def _coverage_problem(
     return ""
 
 
-def pose_of_rig(left: CalibratedCamera, rectified: RawCamera, rig: StereoRig) -> Transform:
+def pose_of_rig(left: PosedCamera, rectified: RectifiableCamera, rig: StereoRig) -> Transform:
     """Return the pose of a rectified rig in the body; `rectified` is the left camera with its R and P."""
     T_body_left = Transform(left.T_body_cam.rotation @ np.reshape(rectified.r, (3, 3)).T, left.T_body_cam.translation)
     T_body_sb = T_body_left @ rig.T_sb_left.inverse()

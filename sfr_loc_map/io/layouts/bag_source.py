@@ -22,8 +22,8 @@ from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, refusing
 from sfr_loc_map.io.bag.bag import Bag, Topic, pose_of, read_extrinsics
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.calibration.camera_info import RectifiedCamera
-from sfr_loc_map.io.calibration.rectification import RawCamera, StereoRectifier, raw_cameras_of
-from sfr_loc_map.io.calibration.stereo_calibration import Calibration
+from sfr_loc_map.io.calibration.rectification import RectifiableCamera, StereoRectifier, rectifiable_cameras
+from sfr_loc_map.io.calibration.stereo_calibration import StereoCalibration
 from sfr_loc_map.io.clouds.point_image import points_image
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.io.images.files import check_size
@@ -105,7 +105,7 @@ class _BagPairs:
             rig = replace(rig, T_rb_sb=T_rb_sb)
         return _BagRig(rig, rectifier, frame, calibration.text, mount)
 
-    def _calibrated(self, config: CalibrationConfig, is_rectified: bool) -> tuple[Calibration, str]:
+    def _calibrated(self, config: CalibrationConfig, is_rectified: bool) -> tuple[StereoCalibration, str]:
         if config.file:
             first = next(iter(self._bag.first(self._sides[:1]).values()), None)
             if first is None:
@@ -120,11 +120,11 @@ class _BagPairs:
         left, right = (infos[topic.name] for topic in topics)
         if is_rectified:
             rectified = (RectifiedCamera.of(info) for info in (left, right))
-            first, second = (RawCamera.of_rectified(camera.size, camera.p) for camera in rectified)
+            first, second = (RectifiableCamera.of_rectified(camera.size, camera.p) for camera in rectified)
         else:
             with _naming_bag(self._bag):
-                first, second = raw_cameras_of((left, right), self._rig_name)
-        return Calibration((first, second), is_rectified, None, "camera_info"), str(left.header.frame_id)
+                first, second = rectifiable_cameras((left, right), self._rig_name)
+        return StereoCalibration((first, second), is_rectified, None, "camera_info"), str(left.header.frame_id)
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:

@@ -20,9 +20,10 @@ from sfr_loc_map.errors import naming
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text, refusing
-from sfr_loc_map.io.calibration.calibration_file import parse_opencv_yaml, read_sensor_yaml
+from sfr_loc_map.io.calibration.opened_file import parse_opencv_yaml
+from sfr_loc_map.io.calibration.programs import read_sensor_yaml
 from sfr_loc_map.io.calibration.rectification import StereoRectifier
-from sfr_loc_map.io.calibration.stereo_calibration import Calibration, pose_of_rig, rectified_cameras
+from sfr_loc_map.io.calibration.stereo_calibration import StereoCalibration, pose_of_rig, rectified_cameras
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.images.files import ImagePair, complete_pairs
 from sfr_loc_map.io.layouts.configured_drive import configured_drive
@@ -69,7 +70,7 @@ def _rig_of(folder: Path) -> tuple[StereoRig, StereoRectifier | None]:
     cameras = rectified_cameras(name, left, right)
     is_rectified = all(camera.is_rectified for camera in cameras)
     with naming(folder):
-        rig, rectifier = Calibration(cameras, is_rectified, None, "EuRoC").rig("loc")
+        rig, rectifier = StereoCalibration(cameras, is_rectified, None, "EuRoC").rig("loc")
     with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
         return replace(rig, T_rb_sb=pose_of_rig(left, cameras[0], rig)), rectifier
 

@@ -24,7 +24,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.calibration.calibration_file import Calibration, read_calibration
+from sfr_loc_map.io.calibration.calibration_file import StereoCalibration, read_calibration
 
 SIZE = (200, 160)
 D = {
@@ -357,4 +357,4 @@ def test_a_broken_file_is_read_or_refused(name: str, start: int, count: int, put
         at = start % len(text)
         file.write_text(text[:at] + put + text[at + count :])
         with suppress(InputError):
-            assert isinstance(read_calibration(path, SIZE), Calibration)
+            assert isinstance(read_calibration(path, SIZE), StereoCalibration)

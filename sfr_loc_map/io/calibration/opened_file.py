@@ -1,0 +1,123 @@
+"""The content of calibration files: YAML, JSON or XML with names of values, and the second file of a calibration."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from sfr_loc_map.inputs import parse_yaml, read_text
+
+PARTNERS = (("left", "right"), ("cam0", "cam1"), ("intrinsics", "extrinsics"), ("cameras.txt", "rig_config.json"))
+"""Words in which the names of the two files of a calibration, or of their folders, differ."""
+COLMAP_FILE = "cameras.txt"  #: Name of the file of COLMAP with intrinsics; the other file has the poses in the rig.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenedFile:
+    """A calibration file with its content, and the second file of the calibration."""
+
+    file: Path
+    other: Path | None  #: The second file, found by its name; None if there is none.
+    content: Any  #: YAML, JSON or XML; a mapping has plain names (`plain_name`).
+    shown_names: list[str]  #: The names in the content as written, in alphabetical order.
+    size: tuple[int, int] | None  #: Width and height of the images, if known.
+
+    @property
+    def files(self) -> list[Path]:
+        """The one or two files of the calibration, in the order of their names."""
+        return sorted([self.file.absolute(), *([self.other] if self.other else [])])
+
+
+def open_calibration(file: Path, size: tuple[int, int] | None) -> OpenedFile:
+    """Open a calibration file; COLMAP's list of cameras is neither YAML nor JSON, and is read later."""
+    content = None if file.name.endswith(COLMAP_FILE) else content_of(file)
+    names = sorted(str(name) for name in content) if isinstance(content, dict) else []
+    plain = _with_plain_names(content) if isinstance(content, dict) else content
+    return OpenedFile(file, partner_of(file), plain, names, size)
+
+
+def plain_name(name: str) -> str:
+    """Return a name in lower case without underscores; programs and their versions differ in both."""
+    return name.lower().replace("_", "")
+
+
+def _with_plain_names(content: Mapping[Any, Any]) -> dict[str, Any]:
+    return {plain_name(str(name)): value for name, value in content.items()}
+
+
+def partner_of(file: Path) -> Path | None:
+    """Return the second file of the calibration to which a file belongs; None if there is no second file."""
+    file, places = file.absolute(), []
+    for one, other in (*PARTNERS, *(pair[::-1] for pair in PARTNERS)):
+        places.append(file.with_name(file.name.replace(one, other)))
+        places.append(file.parent.with_name(file.parent.name.replace(one, other)) / file.name)
+    return next((place for place in places if place != file and place.is_file()), None)
+
+
+def content_of(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
+    """Return the content of YAML, JSON (which is YAML, except for tabs) or OpenCV's XML."""
+    text = read_text(file).strip()
+    if text.startswith("<"):
+        if "<!" in text.replace("<!--", ""):
+            raise ValueError("XML with declarations is not supported")
+        root = ET.fromstring(text)
+        return {item.tag: {part.tag: part.text for part in item} if len(item) else item.text for item in root}
+    try:
+        return parse_opencv_yaml(text.removesuffix("---"))  # `ros2 topic echo` ends messages by `---`
+    except yaml.YAMLError as error:
+        line = getattr(getattr(error, "problem_mark", None), "line", None)
+        place = "" if line is None else f" (line {line + 1})"
+        reason = "" if line is not None else f": {error}"
+        raise ValueError(f"it is not YAML, JSON or XML{place}{reason}") from error
+
+
+def named_values(file: Path) -> dict[str, Any]:
+    """Return the values in a file by their plain names (`plain_name`); ValueError if it has no names."""
+    content = content_of(file)
+    if not isinstance(content, dict):
+        raise ValueError("it has no names of values")
+    return _with_plain_names(content)
+
+
+def parse_opencv_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
+    """Return the value of a YAML text as cv::FileStorage reads it: `%YAML:1.0`, `data:[`, tags and tabs."""
+    text = re.sub(r"^%.*$|!!opencv-\S+|\t", " ", text, flags=re.MULTILINE)
+    return parse_yaml(re.sub(r"^(\s*[A-Za-z][\w.]*):(?=[\[\d.+-])", r"\1: ", text, flags=re.MULTILINE))
+
+
+def numbers_of(content: Mapping[str, Any], *names: str) -> tuple[float, ...]:
+    """Return the numbers, row by row, of the first matrix of `names` in the content; ValueError if there is none."""
+    name = next((name for name in names if plain_name(name) in content), None)
+    if name is None:
+        raise ValueError(f"it has no {' or '.join(names)}")
+    item = content[plain_name(name)]
+    value = item["data"] if isinstance(item, dict) else item
+    numbers = np.array(value.split() if isinstance(value, str) else value, np.float64).reshape(-1)
+    if isinstance(item, dict) and {"rows", "cols"} <= item.keys():
+        rows, columns = int(item["rows"]), int(item["cols"])
+        if rows * columns != len(numbers):
+            raise ValueError(f"{name} has {len(numbers)} numbers for {rows} rows and {columns} columns")
+    return tuple(numbers.tolist())
+
+
+def number_of(content: Mapping[str, Any], name: str) -> float:
+    """Return the number with a name; ValueError if there is none."""
+    if plain_name(name) not in content:
+        raise ValueError(f"it has no {name}")
+    return float(content[plain_name(name)])
+
+
+def size_of(content: Mapping[str, Any]) -> tuple[int, int]:
+    """Return the width and height of the images, in the file or `given`; ValueError if unknown."""
+    names = ("image_size", "image_width", "width", "image_height", "height", "given")
+    found = [number for name in names if plain_name(name) in content for number in numbers_of(content, name)]
+    if len(found) < 2:
+        raise ValueError("it has no image_width and image_height")
+    return int(found[0]), int(found[1])

@@ -1,0 +1,376 @@
+"""The calibrations of other programs: one function for each program, and how its files are recognised."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import SIDES, read_text, refusing
+from sfr_loc_map.io.calibration.camera_info import projection
+from sfr_loc_map.io.calibration.opened_file import (
+    COLMAP_FILE,
+    OpenedFile,
+    content_of,
+    named_values,
+    number_of,
+    numbers_of,
+    parse_opencv_yaml,
+    plain_name,
+    size_of,
+)
+from sfr_loc_map.io.calibration.rectification import RectifiableCamera
+from sfr_loc_map.io.calibration.rig_file import read_rig
+from sfr_loc_map.io.calibration.stereo_calibration import PosedCamera, rectified_cameras
+
+_log = logging.getLogger(__name__)
+PINHOLE_MODELS = ("radtan", "radial-tangential", "plumb_bob", "equidistant", "equi", "none")
+"""Distortion models of Kalibr and EuRoC."""
+ONE_FOCAL = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
+TWO_FOCALS = ("PINHOLE", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE")
+"""Models of COLMAP by number of focal lengths; principal point and distortion in OpenCV's order follow."""
+
+
+class CameraPair(NamedTuple):
+    """The cameras in a calibration, with R and P."""
+
+    left: RectifiableCamera
+    right: RectifiableCamera
+    text: str  #: Program, file, left and right camera.
+    T_rb_sb: Transform | None = None  #: Pose of the rig in RB, if the file has it.
+
+
+class Reader(NamedTuple):
+    """The reader of the files of a program, and how they are recognised."""
+
+    shown: str  #: Program, and names of its files for messages.
+    read: Callable[[OpenedFile], CameraPair]
+    recognises: Callable[[OpenedFile], bool]  #: Whether a file is of this program.
+
+
+def _side_by_side(name: str, cameras: list[PosedCamera], names: list[str]) -> CameraPair:
+    """Return the pair of two cameras; their poses determine which camera is the left one."""
+    if (cameras[0].T_body_cam.inverse() @ cameras[1].T_body_cam).translation[0] < 0:
+        cameras, names = cameras[::-1], names[::-1]
+    return CameraPair(*rectified_cameras(name, *cameras), f"{name}, {names[0]} and {names[1]}")
+
+
+def _two_files(opened: OpenedFile, names: str) -> list[Path]:
+    """Return the files of the two cameras; InputError if there is only one."""
+    if opened.other is None:
+        raise InputError(
+            f"calibration '{opened.file}' has one camera: add the file of the other camera beside it, named as {names}"
+        )
+    return opened.files
+
+
+def _lens(d: Sequence[float], is_fisheye: bool) -> str:
+    """Return the distortion model of coefficients, one of `rectification.COEFFICIENTS`."""
+    return "equidistant" if is_fisheye else "plumb_bob" if len(d) <= 5 else "rational_polynomial"
+
+
+def _pinhole_lens(
+    name: str, camera_model: str, model: str, coefficients: Sequence[float]
+) -> tuple[tuple[float, ...], str]:
+    """Return coefficients and distortion model of a pinhole camera of Kalibr or EuRoC; ValueError for other cameras."""
+    if camera_model != "pinhole":
+        raise ValueError(f"{name} has the camera_model '{camera_model[:40]}': pinhole is required")
+    if model not in PINHOLE_MODELS:
+        raise ValueError(f"{name} has the distortion_model '{model[:40]}': {' or '.join(PINHOLE_MODELS)} is required")
+    if model == "none" and any(coefficients):
+        raise ValueError(f"{name} has the distortion_model none, but coefficients that are not 0: name the model")
+    d = tuple(coefficients) or (0.0,) * 4
+    return d, _lens(d, model.startswith("equi"))
+
+
+def _four(intrinsics: Sequence[float]) -> tuple[float, float, float, float]:
+    if len(intrinsics) != 4:
+        raise ValueError(f"{len(intrinsics)} intrinsics found where fx, fy, cx, cy are required")
+    fx, fy, cx, cy = intrinsics
+    return fx, fy, cx, cy
+
+
+def _matrix(rows: list[list[float]]) -> Transform:
+    return Transform.from_matrix(np.array(rows, np.float64).reshape(4, 4))
+
+
+# ---- Kalibr
+
+
+class _KalibrCamera(msgspec.Struct):
+    camera_model: str
+    intrinsics: tuple[float, ...]
+    distortion_model: str
+    distortion_coeffs: tuple[float, ...]
+    resolution: tuple[int, int]
+    T_cn_cnm1: list[list[float]] | None = None
+    T_cam_imu: list[list[float]] | None = None
+    T_imu_cam: list[list[float]] | None = None
+
+    def calibrated(self, name: str, T_body_cam: Transform) -> PosedCamera:
+        """Return the camera with its pose."""
+        d, lens = _pinhole_lens(name, self.camera_model, self.distortion_model, self.distortion_coeffs)
+        return PosedCamera(self.resolution, _four(self.intrinsics), d, T_body_cam, lens)
+
+    def pose_in_imu(self) -> Transform | None:
+        """Return the pose of the camera in the IMU; None if the file does not give it."""
+        if self.T_imu_cam is not None:
+            return _matrix(self.T_imu_cam)
+        return None if self.T_cam_imu is None else _matrix(self.T_cam_imu).inverse()
+
+
+def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera) -> Transform:
+    """Return the pose of cam1 in cam0 from T_cn_cnm1 of cam1, else from the poses of both cameras in the IMU."""
+    if other.T_cn_cnm1 is not None:
+        return _matrix(other.T_cn_cnm1).inverse()
+    in_imu, other_in_imu = one.pose_in_imu(), other.pose_in_imu()
+    if in_imu is None or other_in_imu is None:
+        raise ValueError("cam1 has no T_cn_cnm1, and cam0 and cam1 do not both have T_cam_imu or T_imu_cam")
+    return in_imu.inverse() @ other_in_imu
+
+
+def _kalibr(opened: OpenedFile) -> CameraPair:
+    content = opened.content
+    if "cam1" not in content:
+        raise ValueError("it has only cam0: a stereo pair needs cam0 and cam1")
+    one, other = (msgspec.convert(content.get(name), _KalibrCamera, strict=False) for name in ("cam0", "cam1"))
+    if further := [name for name in opened.shown_names if re.fullmatch(r"cam(?:[2-9]|[1-9][0-9]+)", name)]:
+        _log.warning(f"calibration '{opened.file}': cam0 and cam1 are used, not {', '.join(further)}")
+    poses = Transform.identity(), _pose_of_right(one, other)
+    cameras = [one.calibrated("cam0", poses[0]), other.calibrated("cam1", poses[1])]
+    return _side_by_side(f"Kalibr '{opened.file.name}'", cameras, ["cam0", "cam1"])
+
+
+# ---- EuRoC
+
+
+class _SensorPose(msgspec.Struct):
+    data: Annotated[list[float], msgspec.Meta(min_length=16, max_length=16)]
+
+
+class _SensorYaml(msgspec.Struct):
+    T_BS: _SensorPose
+    resolution: tuple[int, int]
+    camera_model: str
+    intrinsics: tuple[float, ...]
+    distortion_model: str
+    distortion_coefficients: Annotated[tuple[float, ...], msgspec.Meta(max_length=8)] = (0.0,) * 4
+
+
+def read_sensor_yaml(path: Path) -> PosedCamera:
+    """Read the sensor.yaml of an EuRoC camera."""
+    with refusing(f"'{path}' is not a sensor.yaml of an EuRoC camera"):
+        content = parse_opencv_yaml(read_text(path))
+        camera = msgspec.convert(content, _SensorYaml, strict=False)  # YAML reads 1e-5 as text
+        pose = Transform.from_matrix(np.array(camera.T_BS.data).reshape(4, 4))
+        d, lens = _pinhole_lens("it", camera.camera_model, camera.distortion_model, camera.distortion_coefficients)
+        return PosedCamera(camera.resolution, _four(camera.intrinsics), d, pose, lens)
+
+
+def _euroc(opened: OpenedFile) -> CameraPair:
+    files = _two_files(opened, "cam0 and cam1")
+    cameras = [read_sensor_yaml(path) for path in files]
+    return _side_by_side("EuRoC", cameras, [f"'{path.parent.name}/{path.name}'" for path in files])
+
+
+# ---- ORB-SLAM
+
+
+def _orbslam(opened: OpenedFile) -> CameraPair:
+    """Read settings of ORB-SLAM: R and P of raw images (LEFT.K, ...), two raw cameras, or one rectified camera."""
+    text = f"ORB-SLAM '{opened.file.name}'"
+    if "left.k" in opened.content:
+        left, right = (_orbslam_side(opened.content, side.upper()).checked(text) for side in SIDES)
+        return CameraPair(left, right, f"{text}, LEFT and RIGHT")
+    first = "Camera1" if "camera1.fx" in opened.content else "Camera"
+    if "camera2.fx" in opened.content:
+        return _orbslam_raw(opened, first, text)
+    return _orbslam_rectified(opened, first, text)
+
+
+def _orbslam_side(content: Mapping[str, Any], side: str) -> RectifiableCamera:
+    """Return the camera of `LEFT` or `RIGHT` in older settings."""
+    k, d, r, p = (numbers_of(content, f"{side}.{name}") for name in "KDRP")
+    size = int(number_of(content, f"{side}.width")), int(number_of(content, f"{side}.height"))
+    return RectifiableCamera(size, _lens(d, False), d, k, r, p)
+
+
+def _orbslam_raw(opened: OpenedFile, first: str, text: str) -> CameraPair:
+    """Return two raw cameras with the pose Stereo.T_c1_c2 of the right camera, which older files call Tlr."""
+    content, size = opened.content, _orbslam_size(opened)
+    T_left_right = np.eye(4)
+    T_left_right[:3] = np.array(numbers_of(content, "Stereo.T_c1_c2", "Tlr")[:12]).reshape(3, 4)
+    is_fisheye = _is_kannala_brandt(content)
+    cameras = []
+    for name, pose in ((first, np.eye(4)), ("Camera2", T_left_right)):
+        d = _orbslam_distortion(content, name)
+        intrinsics = _orbslam_intrinsics(content, name)
+        cameras.append(PosedCamera(size, intrinsics, d, Transform.from_matrix(pose), _lens(d, is_fisheye)))
+    return CameraPair(*rectified_cameras(text, *cameras), f"{text}, {first} and Camera2")
+
+
+def _orbslam_rectified(opened: OpenedFile, name: str, text: str) -> CameraPair:
+    """Return the pair of rectified images, whose camera has no distortion, with Camera.bf or Stereo.b."""
+    content, size = opened.content, _orbslam_size(opened)
+    if _is_kannala_brandt(content) or any(_orbslam_distortion(content, name)):
+        raise ValueError(
+            f"{name} has a distortion but there is no Camera2: the settings are of one raw camera, not "
+            "of a stereo pair; give the calibration of both cameras"
+        )
+    fx, fy, cx, cy = _orbslam_intrinsics(content, name)
+    shift = fx * number_of(content, "Stereo.b") if "stereo.b" in content else number_of(content, "Camera.bf")
+    ps = [(fx, 0.0, cx, -move, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0) for move in (0.0, shift)]
+    left, right = (RectifiableCamera.of_rectified(size, np.array(p)) for p in ps)
+    return CameraPair(left, right, f"{text}, rectified")
+
+
+def _orbslam_size(opened: OpenedFile) -> tuple[int, int]:
+    """Return the size in the settings, or that of the images if the settings have no size."""
+    if opened.size is not None and "camera.width" not in opened.content:
+        return opened.size
+    return int(number_of(opened.content, "Camera.width")), int(number_of(opened.content, "Camera.height"))
+
+
+def _orbslam_intrinsics(content: Mapping[str, Any], name: str) -> tuple[float, float, float, float]:
+    return _four([number_of(content, f"{name}.{item}") for item in ("fx", "fy", "cx", "cy")])
+
+
+def _orbslam_distortion(content: Mapping[str, Any], name: str) -> tuple[float, ...]:
+    """Return the coefficients in OpenCV's order; missing coefficients are 0."""
+    names = ("k1", "k2", "k3", "k4") if _is_kannala_brandt(content) else ("k1", "k2", "p1", "p2", "k3")
+    return tuple(float(content.get(plain_name(f"{name}.{item}"), 0.0)) for item in names)
+
+
+def _is_kannala_brandt(content: Mapping[str, Any]) -> bool:
+    return "kannala" in str(content.get("camera.type", "")).lower()
+
+
+# ---- OpenCV
+
+
+def _opencv(opened: OpenedFile) -> CameraPair:
+    """Read M1, D1, M2, D2 with R1, P1, R2, P2, or else with R and T, from one file or two."""
+    files = [opened.file, *([opened.other] if opened.other else [])]
+    values: dict[str, Any] = {"given": opened.size or ()}
+    for file in reversed(files):
+        with refusing(f"calibration '{file}'"):
+            values |= named_values(file)
+    text = "OpenCV " + " and ".join(f"'{file.name}'" for file in files)
+    size, is_fisheye = size_of(values), _names_fisheye(values)
+    ks = [numbers_of(values, f"M{n}", f"K{n}", f"cameraMatrix{n}") for n in (1, 2)]
+    ds = [numbers_of(values, f"D{n}", f"distCoeffs{n}", f"distortion_coefficients_{n}") for n in (1, 2)]
+    if values.keys() >= {"r1", "r2", "p1", "p2"}:
+        left, right = (
+            RectifiableCamera(
+                size, _lens(d, is_fisheye), d, k, numbers_of(values, f"R{n}"), numbers_of(values, f"P{n}")
+            ).checked(text)
+            for n, k, d in zip((1, 2), ks, ds, strict=True)
+        )
+        return CameraPair(left, right, text)
+    rotation, translation = (np.array(numbers_of(values, name)) for name in ("R", "T"))
+    T_right_left = Transform.from_matrix(np.c_[rotation.reshape(3, 3), translation])
+    cameras = [
+        PosedCamera(size, (k[0], k[4], k[2], k[5]), d, pose, _lens(d, is_fisheye))
+        for k, d, pose in zip(ks, ds, (Transform.identity(), T_right_left.inverse()), strict=True)
+    ]
+    return CameraPair(*rectified_cameras(text, *cameras), text)
+
+
+def _names_fisheye(values: Mapping[str, Any]) -> bool:
+    """Return whether a name or a text in the file names a fisheye lens; OpenCV itself has no such name."""
+    stated = [f"{name} {value}".lower() for name, value in values.items() if value not in (0, "0")]
+    return any(re.search(r"fisheye|\bequi", text) for text in stated)
+
+
+# ---- ROS
+
+
+def _ros(opened: OpenedFile) -> CameraPair:
+    """Read two files of camera_calibration, or two messages of camera_info as `ros2 topic echo` prints them."""
+    cameras = []
+    for path in _two_files(opened, "left and right"):
+        with refusing(f"calibration '{path}'"):
+            cameras.append((_ros_camera(path), path))
+    (left, one), (right, two) = sorted(cameras, key=lambda item: -item[0].p[3])
+    return CameraPair(left, right, f"ROS '{one.name}' and '{two.name}'")
+
+
+def _ros_camera(path: Path) -> RectifiableCamera:
+    values = named_values(path)
+    names = (("camera_matrix", "k"), ("rectification_matrix", "r"), ("projection_matrix", "p"))
+    k, r, p = (numbers_of(values, *each) for each in names)
+    model, d = str(values.get("distortionmodel", "")), numbers_of(values, "distortion_coefficients", "d")
+    return RectifiableCamera(size_of(values), model, d, k, r, p).checked(f"'{path}'")
+
+
+# ---- COLMAP
+
+
+def _colmap(opened: OpenedFile) -> CameraPair:
+    file, rig_file = opened.files
+    of_rig = msgspec.convert(content_of(rig_file)[0]["cameras"], list[dict[str, Any]])
+    rows = [line.split() for line in read_text(file).splitlines() if line.strip() and line.strip()[0] != "#"]
+    rows.sort(key=lambda row: int(row[0]))  # by CAMERA_ID; COLMAP writes cameras in any order
+    if len(of_rig) != 2 or len(rows) not in (1, 2):
+        raise ValueError(f"the first rig has {len(of_rig)} cameras and '{file.name}' {len(rows)}: two are required")
+    found, names = [], []
+    for row, camera in zip((rows[0], rows[-1]), of_rig, strict=True):
+        lens = str(camera.get("camera_model_name", row[1]))
+        if lens not in ONE_FOCAL + TWO_FOCALS:
+            raise ValueError(f"camera model {lens} is not supported; supported are {', '.join(ONE_FOCAL + TWO_FOCALS)}")
+        fx, *rest = map(float, camera.get("camera_params", row[4:]))
+        fy, cx, cy, *d = (fx, *rest) if lens in ONE_FOCAL else rest
+        d += [0.0] * (4 - len(d))
+        w, x, y, z = camera.get("cam_from_rig_rotation", (1, 0, 0, 0))
+        T_cam_rig = Transform.from_quat(camera.get("cam_from_rig_translation", (0, 0, 0)), (x, y, z, w))
+        intrinsics = (fx, fy, cx - 0.5, cy - 0.5)  # the centre of COLMAP's first pixel is (0.5, 0.5)
+        size, model = (int(row[2]), int(row[3])), _lens(d, "FISHEYE" in lens)
+        found.append(PosedCamera(size, intrinsics, tuple(d), T_cam_rig.inverse(), model))
+        names.append(str(camera.get("image_prefix", f"camera {row[0]}")))
+    return _side_by_side(f"COLMAP '{file.parent.name}'", found, names)
+
+
+# ---- rig.json
+
+
+def _rig(opened: OpenedFile) -> CameraPair:
+    rig = read_rig(opened.file)
+    left, right = (RectifiableCamera.of_rectified((rig.width, rig.height), projection(rig, side)) for side in SIDES)
+    return CameraPair(left, right, f"rig '{opened.file.name}'", rig.T_rb_sb)
+
+
+# ---- recognition
+
+
+def _has(*alternatives: str) -> Callable[[OpenedFile], bool]:
+    """Return a test whether the content has all names of one alternative, such as `T_BS intrinsics`."""
+    sets = [{plain_name(name) for name in names.split()} for names in alternatives]
+
+    def is_named(opened: OpenedFile) -> bool:
+        return isinstance(opened.content, dict) and any(names <= opened.content.keys() for names in sets)
+
+    return is_named
+
+
+def _is_colmap(opened: OpenedFile) -> bool:
+    """Return whether two files have the names of COLMAP."""
+    return opened.other is not None and opened.files[0].name.endswith(COLMAP_FILE)
+
+
+READERS = (
+    Reader("Kalibr (cam0, cam1)", _kalibr, _has("cam0")),
+    Reader("EuRoC", _euroc, _has("T_BS intrinsics")),
+    Reader("ORB-SLAM", _orbslam, _has("LEFT.K", "Camera.fx", "Camera1.fx")),
+    Reader("OpenCV (M1, D1, M2, D2, R, T)", _opencv, _has("M1", "K1", "cameraMatrix1", "R1", "T")),
+    Reader("ROS (camera_matrix, projection_matrix)", _ros, _has("projection_matrix", "k r p")),
+    Reader("COLMAP (cameras.txt and rig_config.json)", _colmap, _is_colmap),
+    Reader("a rig.json", _rig, _has("baseline_m")),
+)
+"""The readers of calibrations. The first reader that recognises a file reads it."""
