@@ -1,0 +1,79 @@
+"""The fields of a cloud in a file: values, comments that state properties, and tables of numbers in text."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.io.tables.stamps import parse_stamp_ns
+
+Columns = dict[str, NDArray[Any]]  # values of each field, one per point
+FUSED, PAIR_STAMPS = "fused", "pair_stamps_ns"
+"""Names of properties of a cloud: comments `sfr fused true` and `sfr pair_stamps_ns 1 2 3`, or members of NPZ."""
+MAX_PAIR_STAMPS = 256  #: Number of pairs that the field `pair` of points can distinguish.
+PLAIN_NAN = re.compile(rb"[-+]?(?:nan\([a-z0-9_]*\)|1\.#(?:qnan|snan|ind)[a-z0-9]*)", re.IGNORECASE)
+"""NaN in the notation of C and of Windows."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CloudFields:
+    """The fields of a cloud as read from a file."""
+
+    columns: Columns
+    comments: list[str]  #: Comments of the file.
+    grid: tuple[int, int] | None = None  #: Width and height of an organised cloud.
+    notes: tuple[str, ...] = ()  #: Content of the file that is ignored, for warnings.
+
+
+def comments_of(cloud: PointCloud) -> list[str]:
+    """Return the comments that state the properties of a cloud."""
+    comments = [] if cloud.fused is None else [f"sfr {FUSED} {str(cloud.fused).lower()}"]
+    if cloud.pair_stamps_ns is not None:
+        comments.append(f"sfr {PAIR_STAMPS} {' '.join(map(str, cloud.pair_stamps_ns))}")
+    return comments
+
+
+def stated_in(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | None]:
+    """Return whether a cloud is fused, and the stamps of its pairs, by its comments; None if not stated."""
+    stated: dict[str, str] = {}
+    for text in comments:
+        sign, name, value = (*text.split(" ", 2), "", "")[:3]
+        if sign == "sfr" and stated.setdefault(name, value.strip()) != value.strip():
+            raise ValueError(f"its comments 'sfr {name}' contradict each other")
+    fused, stamps = stated.get(FUSED), stated.get(PAIR_STAMPS)
+    if fused not in (None, "true", "false"):
+        raise ValueError(f"'sfr {FUSED} {fused[:40]}' must end in true or false")
+    words = (stamps or "").split()
+    if len(words) > MAX_PAIR_STAMPS:
+        raise ValueError(f"'sfr {PAIR_STAMPS}' lists {len(words)} stamps: at most {MAX_PAIR_STAMPS} are allowed")
+    try:
+        stamps_ns = tuple(map(parse_stamp_ns, words))
+    except ValueError as error:
+        raise ValueError(f"'sfr {PAIR_STAMPS}': {error}") from error
+    return None if fused is None else fused == "true", None if stamps is None else stamps_ns
+
+
+def check_names_differ(names: Sequence[str], where: str) -> None:
+    """Raise ValueError if a name occurs twice, because either field might have the values."""
+    if doubled := sorted(name for name, count in Counter(names).items() if count > 1):
+        raise ValueError(f"{where} has the field {doubled[0]} twice")
+
+
+def number_table(body: bytes, count: int, width: int) -> FloatArray:
+    """Return `count` lines of `width` numbers; NaN may be in the notation of Windows."""
+    if not count or not width:
+        return np.zeros((count, width))
+    lines = b"\n".join(line for line in body.splitlines() if line.partition(b"#")[0].strip())  # numpy warns of them
+    table = np.loadtxt(io.BytesIO(PLAIN_NAN.sub(b"nan", lines)), np.float64, ndmin=2, max_rows=count)
+    if table.shape != (count, width):
+        raise ValueError(f"{table.shape} numbers found where {(count, width)} are required")
+    return table

@@ -1,0 +1,41 @@
+"""Clouds as NPZ: one array for each field."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+
+from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
+from sfr_loc_map.io.clouds.array_file import npz_names, parse_npz
+from sfr_loc_map.io.clouds.fields import FUSED, PAIR_STAMPS, CloudFields, check_names_differ
+
+
+def npz_bytes(cloud: PointCloud) -> bytes:
+    """Return a cloud as an NPZ archive."""
+    records, buffer = cloud.to_structured(), io.BytesIO()
+    members = {name: np.ascontiguousarray(records[name]) for name in FIELD_TYPES}
+    if cloud.fused is not None:
+        members[FUSED] = np.array(cloud.fused)
+    if cloud.pair_stamps_ns is not None:
+        members[PAIR_STAMPS] = np.array(cloud.pair_stamps_ns, np.int64)
+    np.savez(buffer, **members)  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+def read_npz(data: bytes) -> CloudFields:
+    """Return the fields of a cloud and its stated properties as comments."""
+    members = parse_npz(data, (*FIELD_TYPES, FUSED, PAIR_STAMPS))
+    names = npz_names(data)
+    if not members.keys() >= set("xyz"):
+        raise ValueError(f"it has the arrays {', '.join(names)[:80] or 'none'}: x, y and z are required")
+    check_names_differ([name.lower() for name in names if name.lower() in members], "it")
+    columns = {name: values for name, values in members.items() if name in FIELD_TYPES}
+    if several := [name for name, values in columns.items() if values.ndim != 1]:
+        raise ValueError(f"its array {several[0]} has the shape {columns[several[0]].shape}: one number per point (N,)")
+    lengths = {name: len(values) for name, values in columns.items()}
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"its arrays differ in length: {lengths}")
+    stated = {name: members[name].reshape(-1).tolist() for name in (FUSED, PAIR_STAMPS) if name in members}
+    comments = [f"sfr {name} {' '.join(map(str, values)).lower()}" for name, values in stated.items()]
+    return CloudFields(columns, comments)
