@@ -16,9 +16,10 @@ from sfr_loc_map.doctor.silence import Publisher, Reliability
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.inputs import SIDES, Task
-from sfr_loc_map.io.bag.bag import Bag, Topic, read_extrinsics
+from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.bag.poses import read_extrinsics
 from sfr_loc_map.io.message_stream import messages_of
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.io.bag.bag import Bag, Topic, read_odometry
+from sfr_loc_map.io.bag.bag import Bag, Topic
+from sfr_loc_map.io.bag.poses import read_odometry
 from sfr_loc_map.message_types import ODOMETRY, STRING, TF
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.runs.call_stats import estimates_of, stats_of

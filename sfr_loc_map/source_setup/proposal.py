@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,15 @@ import numpy as np
 
 from sfr_loc_map.config import flatten, yaml_text
 from sfr_loc_map.errors import SfrError
+from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
-from sfr_loc_map.io.bag.bag import Bag, read_frame_tree
+from sfr_loc_map.io.bag.bag import Bag
+from sfr_loc_map.io.bag.poses import read_frame_tree
 from sfr_loc_map.io.calibration.calibration_file import CalibrationError
 from sfr_loc_map.io.layouts.bag_source import BagLocSequence, image_name
 from sfr_loc_map.io.registry import format_of, open_source
-from sfr_loc_map.io.sequence import SourceFormat
+from sfr_loc_map.io.sequence import LocSequence, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig, is_file_or_bag
 from sfr_loc_map.io.truth.names import is_tracker
 from sfr_loc_map.io.truth.of_bag import could_be_truth
@@ -29,6 +31,7 @@ from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, below_half_period
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
 SHORT_M = 12.0  #: Shorter drives, m, have too few sub-trajectories of 5 m, so that 1 m is proposed.
+FEWEST_STAMPS = 3  #: Smallest number of stamps of a side from which an offset is inferred.
 STEADY = 0.1  #: Largest variation of a constant offset of the right stamps, as a fraction of the period.
 
 
@@ -80,28 +83,36 @@ def propose_config(
     The reason for a given value is "as before" if `before` has the same value. Files in or below the folder of `path`
     are named relative to this folder. InputError if the source or the given calibration is invalid or corrupt.
     """
-    is_bag = format_of(source) is SourceFormat.BAG
-    proposal = Proposal(source, {name: dict(v) if isinstance(v, Mapping) else v for name, v in given.items()}, path)
-    values = flatten(proposal.sections)
-    kept = {name for name, value in flatten(before or {}).items() if values.get(name) == value}
-    proposal.reasons |= dict.fromkeys(kept, "as before")
-    proposal.sections.setdefault("topics", {})
-    folder = None if path is None else path.parent.resolve()
-    for section, name in (("calibration", "file"), ("truth", "source")):
-        file = Path(str(proposal.sections.get(section, {}).get(name, "")))
-        if folder is not None and is_file_or_bag(file) and file.is_relative_to(folder):
-            proposal.sections[section][name] = str(file.relative_to(folder))
-    if is_bag:
-        bag = Bag(source)
-        _topics(proposal, bag)
+    proposal = _given(source, given, path, before or {})
+    recorded = Bag(source) if format_of(source) is SourceFormat.BAG else None
+    if recorded is not None:
+        _topics(proposal, recorded)
         bag = Bag(source, proposal.config.remap)
         _calibration(proposal, bag)
         _sync(proposal, bag)
-    _mounting_and_truth(proposal, is_bag=is_bag)
+    loc = _opened_drive(proposal)
+    if loc is not None:
+        _extrinsics(proposal, loc)
+        _truth(proposal, loc, recorded)
     return proposal
 
 
+def _given(source: Path, given: Mapping[str, Any], path: Path | None, before: Mapping[str, Any]) -> Proposal:
+    """Return the proposal with the given values alone."""
+    sections = {name: dict(value) if isinstance(value, Mapping) else value for name, value in given.items()}
+    sections.setdefault("topics", {})
+    values = flatten(sections)
+    reasons = {name: "as before" for name, value in flatten(before).items() if values.get(name) == value}
+    folder = None if path is None else path.parent.resolve()
+    for section, name in (("calibration", "file"), ("truth", "source")):
+        file = Path(str(sections.get(section, {}).get(name, "")))
+        if folder is not None and is_file_or_bag(file) and file.is_relative_to(folder):
+            sections[section][name] = str(file.relative_to(folder))
+    return Proposal(source, sections, path, reasons)
+
+
 def _topics(proposal: Proposal, bag: Bag) -> None:
+    """Propose the topics of images, calibration and truth that the bag has under other names."""
     guess = guess_topics(seen_topics(bag))
     for name, topic in guess.topics.items():
         if bag.topics.get(topic) == COMPRESSED and not name.endswith(COMPRESSED_END):
@@ -118,6 +129,7 @@ def _topics(proposal: Proposal, bag: Bag) -> None:
 
 
 def _calibration(proposal: Proposal, bag: Bag) -> None:
+    """Propose the baseline from /tf_static if camera_info has none; a missing calibration is added to the missing."""
     infos = [bag.find(f"loc/{side}/camera_info", CAMERA_INFO) for side in SIDES]
     there = bag.first([topic for topic in infos if topic is not None])
     if image_name(bag, "loc") is None or "file" in proposal.sections.get("calibration", {}):
@@ -136,11 +148,7 @@ def _calibration(proposal: Proposal, bag: Bag) -> None:
 
 
 def _sync(proposal: Proposal, bag: Bag) -> None:
-    """Propose an offset or a tolerance of stamps if the stamps of left and right differ.
-
-    A constant difference is an offset of the right stamps. A varying difference requires a larger tolerance, which must
-    stay below half a period; otherwise nothing is proposed.
-    """
+    """Propose an offset or a tolerance of stamps if the stamps of left and right differ."""
     image = image_name(bag, "loc")
     if image is None:
         return
@@ -149,56 +157,74 @@ def _sync(proposal: Proposal, bag: Bag) -> None:
     topics = [topic for topic in images if topic is not None]
     for topic, stamp_ns, _ in bag.stream(topics):
         stamps.setdefault(topic.name, []).append(stamp_ns)
-    if len(stamps) < len(SIDES):
-        return
-    left, right = (np.array(stamps[topic.name], np.int64) for topic in topics)
-    if min(len(left), len(right)) < 3:
-        return
-    period = min(np.median(np.diff(side)) for side in (left, right))
-    near = right[nearest_stamps(left, right)[0]] - left
-    typical, spread = float(np.median(near)), float(np.percentile(np.abs(near - np.median(near)), 95))
-    limit = below_half_period(round(STAMP_TOLERANCE_S * NS_PER_S), [int(period)])
-    if abs(typical) + spread > limit and spread < STEADY * period:
-        late = f"{abs(typical) / NS_PER_S:.4g} s {'late' if typical > 0.0 else 'early'}"
-        text = f"right stamps are {late}, within {spread / NS_PER_S:.2g} s, modulo the period"
-        proposal.set("sync", "right_offset_s", round(-typical / NS_PER_S, 6), text)
-    elif abs(typical) + spread > limit and 2 * (abs(typical) + spread) < period:
-        tolerance = round(1.5 * (abs(typical) + spread) / NS_PER_S, 4)
-        proposal.set("sync", "stamp_tolerance_s", tolerance, f"stamps vary by {spread / NS_PER_S:.2g} s")
+    if len(stamps) == len(SIDES) and min(map(len, stamps.values())) >= FEWEST_STAMPS:
+        left_ns, right_ns = (np.array(stamps[topic.name], np.int64) for topic in topics)
+        for name, value, reason in _offset_or_tolerance(left_ns, right_ns):
+            proposal.set("sync", name, value, reason)
 
 
-def _mounting_and_truth(proposal: Proposal, *, is_bag: bool) -> None:
-    """Open the source as proposed, and add extrinsics, conditions, remarks, and the values that are still missing."""
+def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray) -> Iterator[tuple[str, float, str]]:
+    """Yield the setting of `sync` that pairs left and right stamps, with its value and reason; at most one.
+
+    A constant difference is an offset of the right stamps. A varying difference requires a larger tolerance, which must
+    stay below half a period; otherwise no setting is proposed.
+    """
+    period_ns = float(min(np.median(np.diff(side)) for side in (left_ns, right_ns)))
+    difference_ns = right_ns[nearest_stamps(left_ns, right_ns)[0]] - left_ns
+    typical_ns = float(np.median(difference_ns))
+    spread_ns = float(np.percentile(np.abs(difference_ns - typical_ns), 95))
+    largest_ns = abs(typical_ns) + spread_ns
+    if largest_ns <= below_half_period(round(STAMP_TOLERANCE_S * NS_PER_S), [int(period_ns)]):
+        return
+    if spread_ns < STEADY * period_ns:
+        late = f"{abs(typical_ns) / NS_PER_S:.4g} s {'late' if typical_ns > 0.0 else 'early'}"
+        text = f"right stamps are {late}, within {spread_ns / NS_PER_S:.2g} s, modulo the period"
+        yield "right_offset_s", round(-typical_ns / NS_PER_S, 6), text
+    elif 2 * largest_ns < period_ns:
+        tolerance_s = round(1.5 * largest_ns / NS_PER_S, 4)
+        yield "stamp_tolerance_s", tolerance_s, f"stamps vary by {spread_ns / NS_PER_S:.2g} s"
+
+
+def _opened_drive(proposal: Proposal) -> LocSequence | None:
+    """Open the source as proposed; without a drive, return None and add the reason to the missing values."""
     try:
-        loc = open_source(proposal.source, proposal.config).loc
+        return open_source(proposal.source, proposal.config).loc
     except CalibrationError:
         raise
     except SfrError as error:
         if not proposal.missing:  # otherwise the missing value is the cause
             proposal.missing.append(str(error))
-        return
-    if loc is None:
-        return
-    if loc.rig.T_rb_sb is None:
+        return None
+
+
+def _extrinsics(proposal: Proposal, loc: LocSequence) -> None:
+    """Propose the extrinsics that the bag has, because some nodes cannot read /tf_static."""
+    T_rb_sb = loc.rig.T_rb_sb
+    if T_rb_sb is None:
         proposal.missing.append(
             "no extrinsics of the cameras on the rover: give --set 'extrinsics.translation_m=[X, Y, Z]' "
             "--set 'extrinsics.quat_xyzw=[X, Y, Z, W]' (LOCSB in RB)"
         )
-    elif "extrinsics" not in proposal.sections:
-        mount = loc.mount if isinstance(loc, BagLocSequence) else None
-        if mount is not None:  # the configuration repeats them for nodes that cannot read /tf_static
-            how = "unsure" if mount.other_bases else "sure"
-            T_rb_sb = loc.rig.T_rb_sb
-            proposal.set("extrinsics", "translation_m", T_rb_sb.translation.tolist(), f"from {mount.text}; {how}")
-            proposal.set("extrinsics", "quat_xyzw", T_rb_sb.quat_xyzw.tolist(), f"from {mount.text}; {how}")
-            if mount.other_bases:
-                proposal.remarks.append(f"extrinsics are from {mount.text}: --set frames.base=NAME")
-        else:
-            proposal.remarks.append("extrinsics are those of the source (rig.json or the calibration)")
+        return
+    if "extrinsics" in proposal.sections:
+        return
+    mount = loc.mount if isinstance(loc, BagLocSequence) else None
+    if mount is None:
+        proposal.remarks.append("extrinsics are those of the source (rig.json or the calibration)")
+        return
+    reason = f"from {mount.text}; {'unsure' if mount.other_bases else 'sure'}"
+    proposal.set("extrinsics", "translation_m", T_rb_sb.translation.tolist(), reason)
+    proposal.set("extrinsics", "quat_xyzw", T_rb_sb.quat_xyzw.tolist(), reason)
+    if mount.other_bases:
+        proposal.remarks.append(f"extrinsics are from {mount.text}: --set frames.base=NAME")
+
+
+def _truth(proposal: Proposal, loc: LocSequence, recorded: Bag | None) -> None:
+    """Add the known components of the truth, remarks about a missing truth or lever arm, and a condition."""
     truth = loc.ground_truth
-    if truth is None and is_bag:
-        could = could_be_truth(Bag(proposal.source))
-        proposal.remarks.append(f"no truth: a score requires --set truth.source=TOPIC or FILE{could}")
+    if truth is None and recorded is not None:
+        text = f"no truth: a score requires --set truth.source=TOPIC or FILE{could_be_truth(recorded)}"
+        proposal.remarks.append(text)
     if truth is None or len(truth) < 2:
         return
     given = proposal.sections.get("truth", {})

@@ -1,1 +1,6 @@
-"""Reading and writing of ROS 1 and ROS 2 bags: storage, messages, topics and frames."""
+"""Bags of ROS 2 and ROS 1, and the conversion between their messages and the values of the suite.
+
+`files`, `encoding`, `unpacking` and `mcap_file` are the parts of `readers`, which open one file or folder. `bag` reads
+the topics of a bag as a stream, and `poses` its poses and frames. `frames` collects frames from messages of a bag or of
+a graph. `messages` makes messages, and `writer` writes them.
+"""

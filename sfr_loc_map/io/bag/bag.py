@@ -9,23 +9,14 @@ import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
-from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.extrinsics import RigInBody, rig_in_body
-from sfr_loc_map.geometry.frame_tree import FrameTree
-from sfr_loc_map.geometry.plausibility import check_extrinsics
-from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S, Task, parse_json, refusing, serialised_stamp
+from sfr_loc_map.inputs import NS_PER_S, serialised_stamp
 from sfr_loc_map.io.bag.encoding import TYPESTORE, readable
 from sfr_loc_map.io.bag.files import is_unfinished, reader_paths
-from sfr_loc_map.io.bag.frames import Frame, FrameSeries, pose_row, trajectory_of, valid_indices
 from sfr_loc_map.io.bag.readers import BagReader, reader_of
 from sfr_loc_map.message_types import (
     CAMERA_INFO,
@@ -39,11 +30,9 @@ from sfr_loc_map.message_types import (
     POINTS,
     POSE,
     POSE_WITH_COVARIANCE,
-    STRING,
-    TF,
     TRANSFORM,
 )
-from sfr_loc_map.topics import COMPRESSED_END, RECTIFIED, configuration_topic, names
+from sfr_loc_map.topics import COMPRESSED_END, RECTIFIED, names
 
 TOPICS_READ = tuple(name.strip("/") for name in names(read=True))
 """Names of the topics that are read from a bag, in any namespace."""
@@ -219,71 +208,3 @@ def _near(name: str, known: Sequence[str]) -> str:
 def _line(error: Exception) -> str:
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}"[:300] if text else type(error).__name__
-
-
-def pose_of(position: Any, orientation: Any) -> Transform:  # noqa: ANN401 - of a message of any library
-    """Return the transform of a position (or translation) and a quaternion of a message."""
-    quat = orientation
-    return Transform.from_quat((position.x, position.y, position.z), (quat.x, quat.y, quat.z, quat.w))
-
-
-def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
-    """Read the poses and covariances `(N, 6, 6)` (m^2, rad^2) of a topic in the order of recording.
-
-    Invalid poses among valid ones are skipped, as in the monitor, and a warning reports their number.
-    """
-    rows, covariances = [], []
-    for _, _, message in bag.messages([topic]):
-        rows.append(pose_row(message, message.pose.pose))
-        covariances.append(message.pose.covariance)
-    where = f"'{topic.bag_name}' of bag '{bag.path}'"
-    valid = valid_indices(rows, where)
-    with refusing(where, "record it again"):
-        trajectory = trajectory_of([rows[k] for k in valid])
-    return trajectory, np.array([covariances[k] for k in valid], np.float64).reshape(-1, 6, 6)
-
-
-def read_frame_tree(bag: Bag) -> FrameTree:
-    """Return the tree of the frames in `/tf_static`; empty if the bag does not have this topic."""
-    frames, topic = FrameTree(), bag.find("tf_static", TF)
-    for _, _, message in () if topic is None else bag.messages([topic]):
-        for item in message.transforms:
-            with refusing(f"/tf_static of bag '{bag.path}': '{item.child_frame_id}'", "record it again"):
-                pose = pose_of(item.transform.translation, item.transform.rotation)
-            frames.add(item.header.frame_id.strip("/"), item.child_frame_id.strip("/"), pose)
-    return frames
-
-
-def read_frames(bag: Bag, child: str = "", parent: str = "") -> dict[str, Frame]:
-    """Return the frames in `/tf` and `/tf_static` that have a parent, with their poses; see `FrameSeries.chosen`."""
-    series = FrameSeries()
-    for name in ("tf_static", "tf"):
-        topic = bag.find(name, TF)
-        for _, _, message in () if topic is None else bag.messages([topic]):
-            for item in message.transforms:
-                frame = series.frame_of(item, is_static=name == "tf_static")
-                frame.rows.append(pose_row(item, item.transform))
-    return series.chosen(child, parent)
-
-
-def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: str = "") -> RigInBody | None:
-    """Return the pose of the rig from /tf_static, or else from a recorded localisation node; None without either."""
-    if (found := rig_in_body(read_frame_tree(bag), camera_frame, baseline_m, base_frame)) is not None:
-        return replace(found, read_from=f"/tf_static, {found.read_from}")
-    configuration = configuration_topic(Task.LOCALISATION)
-    found_in = [name for name in bag.matches(configuration) if bag.topics[name] == STRING]
-    if len(found_in) != 1:  # no such topic, or topics of several rovers
-        return None
-    message = bag.first([Topic(configuration, found_in[0], STRING)]).get(configuration)
-    if message is None:
-        return None
-    with refusing(f"'{found_in[0]}' of bag '{bag.path}': T_rb_locsb cannot be read", "omit the topic"):
-        values = parse_json(message.data)
-        if not isinstance(values, dict):
-            raise TypeError("its text is not a JSON object")
-        translation, quat = (values.get(f"T_rb_locsb.{name}", []) for name in ("translation_m", "quat_xyzw"))
-        if not any(quat):  # not given
-            return None
-        transform = Transform.from_quat(np.array(translation, np.float64), np.array(quat, np.float64))
-        check_extrinsics(transform.translation)
-    return RigInBody(transform, found_in[0])

@@ -19,7 +19,8 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, refusing
-from sfr_loc_map.io.bag.bag import Bag, Topic, pose_of, read_extrinsics
+from sfr_loc_map.io.bag.bag import Bag, Topic
+from sfr_loc_map.io.bag.poses import pose_of, read_extrinsics
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.calibration.camera_info import RectifiedCamera
 from sfr_loc_map.io.calibration.rectification import RectifiableCamera, StereoRectifier, rectifiable_cameras

@@ -14,8 +14,9 @@ from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.stamped_poses import covered, sampled
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing, stamp_of
-from sfr_loc_map.io.bag.bag import Bag, Topic, read_frames
+from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.frames import chain_above
+from sfr_loc_map.io.bag.poses import read_frames
 from sfr_loc_map.io.source_config import FramesConfig
 from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.message_types import JOINTS

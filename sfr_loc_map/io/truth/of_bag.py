@@ -13,8 +13,9 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import refusing
-from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic, read_frames, read_odometry
+from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic
 from sfr_loc_map.io.bag.frames import chain_above, chain_poses, trajectory_of, valid_indices
+from sfr_loc_map.io.bag.poses import read_frames, read_odometry
 from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TruthReader

@@ -16,8 +16,9 @@ from helpers.message_bags import write_messages
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import messages
-from sfr_loc_map.io.bag.bag import Bag, read_odometry
+from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.encoding import TYPESTORE
+from sfr_loc_map.io.bag.poses import read_odometry
 from sfr_loc_map.io.bag.writer import BagWriter, CheckedWriter
 from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos
 from sfr_loc_map.io.layouts.bag_source import open_bag
