@@ -137,7 +137,10 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
                 problems.append(str(error))
     if problems:
         raise ConfigError(f"{origin}: " + "; ".join(problems))
-    return _construct(config_type, checked, "")
+    try:
+        return _construct(config_type, checked, "")
+    except ConfigError as error:
+        raise ConfigError(f"{origin}: {error}") from error
 
 
 def _checked(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type
@@ -227,6 +230,7 @@ NODE_SECTIONS = {
     "sync": NodeSection("input", (_LOCALISER, _MAPPER)),
 }
 """Sections that contain node parameters."""
+ROS_PARAMETERS = "ros__parameters"  #: Name of the parameters of a node in a ROS parameter file.
 _SECTION_OF_PREFIX = {known.prefix: name for name, known in NODE_SECTIONS.items() if known.prefix}
 
 
@@ -249,26 +253,39 @@ def read_sections(path: Path) -> dict[str, Any]:
     ConfigError.
     """
     flat = flatten(load_yaml(path))
-    of_nodes = [(*name.split(".ros__parameters.", 1), value) for name, value in flat.items() if ".ros__para" in name]
+    if any(ROS_PARAMETERS in name.split(".") for name in flat):
+        return _sections_of_nodes(flat)
+    return _sections_of_file(flat, path)
+
+
+def _sections_of_nodes(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the sections of a ROS parameter file; values of a node have priority over those of all nodes (`/**`)."""
     sections: dict[str, Any] = {}
-    for node, name, value in sorted(of_nodes, key=lambda item: not item[0].startswith("/**")):  # "/**" first
-        first, _, rest = name.partition(".")
-        section = _SECTION_OF_PREFIX.get(first)
-        if section is None or (section == "sync" and rest != "stamp_tolerance_s"):
+    for key, value in sorted(flat.items(), key=lambda item: not item[0].startswith("/**")):
+        node, _, name = key.partition(f".{ROS_PARAMETERS}.")
+        prefix, _, parameter = name.partition(".")
+        section = _SECTION_OF_PREFIX.get(prefix)
+        if section is None or (section == "sync" and parameter != "stamp_tolerance_s"):
             continue
         if node.rpartition("/")[2] in ("**", NODE_SECTIONS[section].nodes[0]):
-            sections.setdefault(section, {})[rest] = value
-    for name, value in () if of_nodes else flat.items():
-        section, _, rest = name.partition(".")
+            sections.setdefault(section, {})[parameter] = value
+    return sections
+
+
+def _sections_of_file(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Return the sections of an `sfr.yaml`, or a plain mapping as the section with an empty name."""
+    sections: dict[str, Any] = {}
+    for key, value in flat.items():
+        section, _, name = key.partition(".")
         section = "extrinsics" if section == NODE_SECTIONS["extrinsics"].prefix else section
-        if section in SECTIONS and not rest:
-            if section not in ("conditions", "limits") and value is not None:
-                raise ConfigError(f"{path}: '{section}' is {value!r:.40}: names with values are required")
+        if section not in SECTIONS:
+            sections.setdefault("", {})[key] = value
+        elif name:
+            sections.setdefault(section, {})[name] = value
+        elif section in ("conditions", "limits") or value is None:
             sections[section] = value or {}
-        elif section in SECTIONS:
-            sections.setdefault(section, {})[rest] = value
         else:
-            sections.setdefault("", {})[name] = value
+            raise ConfigError(f"{path}: '{section}' is {value!r:.40}: names with values are required")
     if "" in sections and sections.keys() - {"", "localisation", "mapping"}:
         wrong = next(iter(sections[""])).partition(".")[0]
         raise ConfigError(f"{path}: unknown section '{wrong}'{suggestion(wrong, SECTIONS)}")

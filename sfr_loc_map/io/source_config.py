@@ -144,6 +144,7 @@ class SourceConfig:
             if item.name in SECTIONS
         }
         config = cls(path, {topic: name for name, topic in topics.items()}, **parts)
+        config.extrinsics.transform(f"{origin}, extrinsics")  # reports invalid extrinsics with the name of the file
         if config.truth.source and is_file_or_bag(file := folder / config.truth.source):
             config = replace(config, truth=replace(config.truth, source=str(file)))
         if name := config.calibration.file:

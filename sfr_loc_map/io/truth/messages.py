@@ -1,6 +1,7 @@
 """True poses from the messages of a topic, live or in a bag.
 
-A bag of Odometry or PoseWithCovariance is read by `bag.poses.read_odometry`. Invalid poses in bags of all types are skipped.
+Odometry and PoseWithCovariance in bags are read by `bag.poses.read_odometry`. Invalid poses in bags of all types are
+skipped.
 """
 
 from __future__ import annotations
