@@ -82,8 +82,9 @@ def flatten(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - 
 
 def changed(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - any configuration dataclass
     """Return the values of a configuration that differ from the defaults, by dotted name; tuples become lists."""
-    usual, values = flatten(type(config)(), prefix), flatten(config, prefix)
-    return {n: list(v) if isinstance(v, tuple) else v for n, v in values.items() if v != usual[n]}
+    defaults = flatten(type(config)(), prefix)
+    values = {name: value for name, value in flatten(config, prefix).items() if value != defaults[name]}
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
 
 def to_yaml_lines(config_type: type, indent: str) -> list[str]:

@@ -253,5 +253,5 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
         extrinsics_in_tf=source.loc is not None and source.loc.rig.T_rb_sb is not None,
         truth_has_attitude=truth is not None and truth.has_attitude,
         broken=broken,
-        skipped_pairs=source.left_out,
+        skipped_pairs=source.skipped_pairs,
     )

@@ -99,17 +99,17 @@ def format_of(path: Path) -> SourceFormat:
     )
 
 
-def read_truth(place: Path, config: TruthConfig | None = None, remap: Mapping[str, str] | None = None) -> Truth:
+def read_truth(path: Path, config: TruthConfig | None = None, remap: Mapping[str, str] | None = None) -> Truth:
     """Read the truth of a source (bag, folder or pose file), or the truth that `config` names.
 
     Without `config`, a folder is read by the `sfr.yaml` beside it; a bag or a file is read without configuration.
     InputError if there is no truth.
     """
-    if place.is_file() or is_bag(place) or (config is not None and config.source):
-        return truth_of_path(place, config or DEFAULT_TRUTH, remap)
-    how = source_config(place)
-    found = open_source(place, how if config is None else replace(how, truth=config)).truth
+    if path.is_file() or is_bag(path) or (config is not None and config.source):
+        return truth_of_path(path, config or DEFAULT_TRUTH, remap)
+    beside = source_config(path)
+    found = open_source(path, beside if config is None else replace(beside, truth=config)).truth
     if found is None:
-        raise InputError(f"'{place}' has no true poses (groundtruth.csv): give a source with truth")
+        raise InputError(f"'{path}' has no true poses (groundtruth.csv): give a source with truth")
     assert isinstance(found, Truth)  # of every source in files
     return found

@@ -93,7 +93,7 @@ class Source(Shown):
     recorded: RecordedBag | None = None  #: The bag, if its messages are used as recorded; None for all other sources.
 
     @property
-    def left_out(self) -> int:
+    def skipped_pairs(self) -> int:
         """Number of pairs that are listed but have no images."""
         return len(self.missing_loc_ns) + len(self.missing_nav_ns)
 

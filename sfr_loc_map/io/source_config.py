@@ -165,8 +165,8 @@ def config_beside(source: Path) -> Path | None:
 
     None if there is no such file, or if the source is not a bag and the file belongs to a bag beside it.
     """
-    places = (source, source.parent) if source.is_dir() else (source.parent,)
-    found = next((place / NAME for place in places if (place / NAME).is_file()), None)
+    folders = (source, source.parent) if source.is_dir() else (source.parent,)
+    found = next((folder / NAME for folder in folders if (folder / NAME).is_file()), None)
     if found is not None and found.parent != source and not is_bag(source) and _is_of_bag(found):
         return None  # the file belongs to a bag beside the source
     return found

@@ -131,13 +131,13 @@ def _topics(proposal: Proposal, bag: Bag) -> None:
 def _calibration(proposal: Proposal, bag: Bag) -> None:
     """Propose the baseline from /tf_static if camera_info has none; a missing calibration is added to the missing."""
     infos = [bag.find(f"loc/{side}/camera_info", CAMERA_INFO) for side in SIDES]
-    there = bag.first([topic for topic in infos if topic is not None])
+    messages = bag.first([topic for topic in infos if topic is not None])
     if image_name(bag, "loc") is None or "file" in proposal.sections.get("calibration", {}):
         return
-    if len(there) < len(SIDES):
+    if len(messages) < len(SIDES):
         proposal.missing.append("no camera_info: give --calibration FILE (Kalibr, OpenCV, ROS, COLMAP or rig.json)")
         return
-    left, right = (there[f"loc/{side}/camera_info"] for side in SIDES)
+    left, right = (messages[f"loc/{side}/camera_info"] for side in SIDES)
     if right.p[3] == 0 and left.p[3] == 0:
         joined = read_frame_tree(bag).find(left.header.frame_id.strip("/"), right.header.frame_id.strip("/"))
         if joined is None:

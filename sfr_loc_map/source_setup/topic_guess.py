@@ -116,7 +116,7 @@ class _Rig(NamedTuple):
     left: SeenTopic
     right: SeenTopic
     basis: _Basis
-    place: str  # text before the side word
+    prefix: str  # text before the side word
     word: str  # side word of the left image
 
     def has(self, pattern: re.Pattern[str]) -> bool:
@@ -156,7 +156,7 @@ def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
     images = [topic for topic in seen if topic.msgtype in IMAGES and not NO_IMAGE.search(plain_name(topic.name))]
     images.sort(key=_order_of)
     pairs = sorted(_pairs(images), key=lambda rig: (rig.basis, _order_of(rig.left)), reverse=True)
-    rigs = list({rig.place: rig for rig in pairs}.values())  # the last pair of a place is the best
+    rigs = list({rig.prefix: rig for rig in pairs}.values())  # the last pair with a prefix is the best
 
     choices = _Choices()
     loc, nav = _by_task(rigs)
@@ -176,16 +176,16 @@ def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
 
 def _by_task(rigs: Sequence[_Rig]) -> tuple[list[_Rig], list[_Rig]]:
     """Return the possible rigs of localisation and of mapping."""
-    nav = [rig for rig in rigs if rig.has(NAV) and not rig.place.endswith("/loc/")]
+    nav = [rig for rig in rigs if rig.has(NAV) and not rig.prefix.endswith("/loc/")]
     loc = [rig for rig in rigs if rig not in nav]
-    if not loc and not any(rig.place.endswith("/nav/") for rig in nav):
+    if not loc and not any(rig.prefix.endswith("/nav/") for rig in nav):
         return nav, []
     return loc, nav
 
 
 def _choose_rig(choices: _Choices, task: str, rigs: Sequence[_Rig], seen: Sequence[SeenTopic]) -> None:
     """Choose the images and camera_info of a task: those with the names of the suite, else the preferred rig."""
-    own = [rig for rig in rigs if rig.place.endswith(f"/{task}/")]
+    own = [rig for rig in rigs if rig.prefix.endswith(f"/{task}/")]
     ranked = sorted(own or rigs, key=_Rig.preference)
     best = [rig for rig in ranked if rig.preference() == ranked[0].preference()]
     if len(best) != 1:
@@ -241,7 +241,7 @@ class _Candidate(NamedTuple):
     left_text: str
     right_text: str
     left: SeenTopic
-    place: str  # text before the side word
+    prefix: str  # text before the side word
     word: str  # side word of the left image
 
 
@@ -259,7 +259,7 @@ def _pairs(images: Sequence[SeenTopic]) -> Iterator[_Rig]:
         right = by_text.get((candidate.right_text, left.msgtype), left)
         if right != left and not used & {left, right} and _can_be_pair(left, right):
             used |= {left, right}
-            yield _Rig(left, right, candidate.basis, candidate.place, candidate.word)
+            yield _Rig(left, right, candidate.basis, candidate.prefix, candidate.word)
 
 
 def _texts(image: SeenTopic) -> list[tuple[_Basis, str]]:
@@ -287,10 +287,10 @@ def _candidates(image: SeenTopic) -> Iterator[_Candidate]:
             start, end = match.span(1)
             word = match[1]
             if word in RIGHT_OF:
-                place, right = f"/{text[:start]}", RIGHT_OF[word]
-                in_one_place = text[:start] + right + text[end:]
-                yield _Candidate(basis, False, text, in_one_place, image, place, word)
-                yield _Candidate(basis, True, text, text.replace(word, right), image, place, word)
+                prefix, right = f"/{text[:start]}", RIGHT_OF[word]
+                once = text[:start] + right + text[end:]
+                yield _Candidate(basis, False, text, once, image, prefix, word)
+                yield _Candidate(basis, True, text, text.replace(word, right), image, prefix, word)
 
 
 def _can_be_pair(left: SeenTopic, right: SeenTopic) -> bool:

@@ -58,7 +58,7 @@ def test_a_pair_without_its_image_is_left_out_and_counted(tmp_path: Path, layout
     files = sorted(file for file in path.rglob("*.png") if "nav" not in file.parts)
     files[-1].unlink()
     source = open_source(path)
-    assert source.left_out == 1
+    assert source.skipped_pairs == 1
     assert len(list(source.loc.pairs())) == len(source.loc) > 0
     for file in files[:-1]:
         file.unlink()

@@ -35,7 +35,7 @@ class EmptySequence:
 
 def opened(path: Path, name: str) -> LocSequence:
     source = open_source(path)
-    assert (source.format, source.nav, source.left_out) == (name, None, 0)
+    assert (source.format, source.nav, source.skipped_pairs) == (name, None, 0)
     return source.loc
 
 

@@ -61,16 +61,16 @@ class FrameSeries:
         Transforms of a frame to several parents are never mixed. A frame on the chain from `child` up to `parent` has
         its parent in this chain. Any other frame has its first parent; `Frame.other_parents` names the others.
         """
-        way = _way(self._by_child, child, parent) if parent else {}
+        parent_in_chain = _parents_up_to(self._by_child, child, parent) if parent else {}
         frames = {}
         for name, by_parent in self._by_child.items():
-            taken = way.get(name, next(iter(by_parent)))
-            others = () if name in way else tuple(above for above in by_parent if above != taken)
-            frames[name] = replace(by_parent[taken], other_parents=others)
+            chosen = parent_in_chain.get(name, next(iter(by_parent)))
+            others = () if name in parent_in_chain else tuple(other for other in by_parent if other != chosen)
+            frames[name] = replace(by_parent[chosen], other_parents=others)
         return frames
 
 
-def _way(series: Mapping[str, Mapping[str, Frame]], child: str, parent: str) -> dict[str, str]:
+def _parents_up_to(series: Mapping[str, Mapping[str, Frame]], child: str, parent: str) -> dict[str, str]:
     """Return the parent of each frame on the shortest chain from `child` up to `parent`; empty without a chain."""
     chains: list[dict[str, str]] = [{}]
     tips = [child]
@@ -115,16 +115,17 @@ def chain_poses(frames: Mapping[str, Frame], chain: Sequence[str], stamps_of: st
     positions = np.zeros((len(stamps), 3))
     quats = np.tile([0.0, 0.0, 0.0, 1.0], (len(stamps), 1))
     for name in chain:
-        place, turn = sampled(series[name], stamps)
-        positions, quats = place + quat_rotate(turn, positions), quat_multiply(turn, quats)
+        position_in_parent, quat_in_parent = sampled(series[name], stamps)
+        positions = position_in_parent + quat_rotate(quat_in_parent, positions)
+        quats = quat_multiply(quat_in_parent, quats)
     return Trajectory(stamps, positions, quats)
 
 
 def pose_row(message: Any, pose: Any) -> PoseRow:  # noqa: ANN401 - messages
     """Return the stamp of a message with a header and the numbers of its pose or transform."""
-    place = getattr(pose, "position", None) or pose.translation
+    position = getattr(pose, "position", None) or pose.translation
     quat = getattr(pose, "orientation", None) or pose.rotation
-    return stamp_of(message), (place.x, place.y, place.z, quat.x, quat.y, quat.z, quat.w)
+    return stamp_of(message), (position.x, position.y, position.z, quat.x, quat.y, quat.z, quat.w)
 
 
 def valid_indices(rows: Sequence[PoseRow], where: str) -> list[int]:

@@ -54,11 +54,11 @@ def _with_plain_names(content: Mapping[Any, Any]) -> dict[str, Any]:
 
 def partner_of(file: Path) -> Path | None:
     """Return the second file of the calibration to which a file belongs; None if there is no second file."""
-    file, places = file.absolute(), []
+    file, candidates = file.absolute(), []
     for one, other in (*PARTNERS, *(pair[::-1] for pair in PARTNERS)):
-        places.append(file.with_name(file.name.replace(one, other)))
-        places.append(file.parent.with_name(file.parent.name.replace(one, other)) / file.name)
-    return next((place for place in places if place != file and place.is_file()), None)
+        candidates.append(file.with_name(file.name.replace(one, other)))
+        candidates.append(file.parent.with_name(file.parent.name.replace(one, other)) / file.name)
+    return next((path for path in candidates if path != file and path.is_file()), None)
 
 
 def content_of(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
@@ -73,9 +73,8 @@ def content_of(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
         return parse_opencv_yaml(text.removesuffix("---"))  # `ros2 topic echo` ends messages by `---`
     except yaml.YAMLError as error:
         line = getattr(getattr(error, "problem_mark", None), "line", None)
-        place = "" if line is None else f" (line {line + 1})"
-        reason = "" if line is not None else f": {error}"
-        raise ValueError(f"it is not YAML, JSON or XML{place}{reason}") from error
+        reason = f": {error}" if line is None else f" (line {line + 1})"
+        raise ValueError(f"it is not YAML, JSON or XML{reason}") from error
 
 
 def named_values(file: Path) -> dict[str, Any]:

@@ -245,10 +245,10 @@ def _largest_shift_px(p_left: FloatArray, p_right: FloatArray, size: tuple[int, 
     return float(max(shifts))
 
 
-def valid_fraction(places: Any, size: tuple[int, int]) -> float:  # noqa: ANN401 - of OpenCV
-    """Return the fraction of a rectified image that raw pixels cover; `places` `(H, W, 2)` are raw pixel positions."""
+def valid_fraction(raw_pixels: Any, size: tuple[int, int]) -> float:  # noqa: ANN401 - of OpenCV
+    """Return the fraction of a rectified image that raw pixels cover; `raw_pixels` `(H, W, 2)`."""
     width, height = size
-    u, v = places[:, :, 0], places[:, :, 1]
+    u, v = raw_pixels[:, :, 0], raw_pixels[:, :, 1]
     return float(((u >= 0) & (u < width) & (v >= 0) & (v < height)).mean())
 
 

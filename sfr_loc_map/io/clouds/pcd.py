@@ -110,13 +110,13 @@ def _pcd_head(data: bytes) -> tuple[dict[str, list[str]], list[str], int]:
 
 def _uncompressed(body: bytes, dtype: np.dtype[Any], count: int) -> Columns:
     """Return the scalar fields of binary_compressed data: sizes, then LZF of all values field by field."""
-    size, whole = (int(number) for number in np.frombuffer(body[:8].ljust(8, b"\0"), "<u4"))
-    if size > len(body) - 8 or whole != count * dtype.itemsize or whole > expansion_limit(size):
+    size, full_size = (int(number) for number in np.frombuffer(body[:8].ljust(8, b"\0"), "<u4"))
+    if size > len(body) - 8 or full_size != count * dtype.itemsize or full_size > expansion_limit(size):
         raise ValueError(f"{len(body)} compressed bytes found for {count} points of {dtype.itemsize} bytes")
     from sfr_loc_map.io.clouds.lzf import decompress_lzf  # compiled code is loaded only for such files
 
-    raw = np.zeros(whole, np.uint8)
-    if decompress_lzf(np.frombuffer(body, np.uint8, size, 8), raw) != whole:
+    raw = np.zeros(full_size, np.uint8)
+    if decompress_lzf(np.frombuffer(body, np.uint8, size, 8), raw) != full_size:
         raise ValueError("its compressed data is corrupt")
     columns, start = {}, 0
     for name in dtype.names or ():

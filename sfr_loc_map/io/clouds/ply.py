@@ -101,8 +101,8 @@ def _ply_records(data: bytes, position: int, count: int, properties: list[_Prope
     scalars = [item.name for item in properties if not item.length_kind]
     if end <= len(data):
         records = np.frombuffer(data, dtype, count, position) if count else np.zeros(0, dtype)
-        alike = all((records[f"{item.name} length"] == lengths[0].get(item.name, 0)).all() for item in lists)
-        if alike:
+        are_equal = all((records[f"{item.name} length"] == lengths[0].get(item.name, 0)).all() for item in lists)
+        if are_equal:
             return {name: records[name] for name in scalars}, end
     elif not lists:
         found = len(data) - position
@@ -171,11 +171,11 @@ def _ply_text(data: bytes, position: int, count: int, properties: list[_Property
     values = np.zeros((count, len(scalars)))
     for row, line in enumerate(rows):
         words = PLAIN_NAN.sub(b"nan", line).split()
-        place, column = 0, 0
+        index, column = 0, 0
         for item in properties:
             if item.length_kind:
-                place += 1 + parse_count(words[place].decode("ascii", "replace"))
+                index += 1 + parse_count(words[index].decode("ascii", "replace"))
             else:
-                values[row, column] = float(words[place])
-                place, column = place + 1, column + 1
+                values[row, column] = float(words[index])
+                index, column = index + 1, column + 1
     return {name: values[:, column] for column, name in enumerate(scalars)}, position

@@ -102,10 +102,10 @@ class SampleDepth:
     depth. The depth never decreases, so that the brightness scale does not change from pair to pair.
     """
 
-    def __init__(self, say: Callable[[str], object], name: str, bits: int = 0) -> None:
-        """`say` reports the depth of the images of `name` when it is detected. A `bits` above 0 fixes the depth."""
+    def __init__(self, report: Callable[[str], object], name: str, bits: int = 0) -> None:
+        """`report` is called with the detected depth of the images of `name`. A `bits` above 0 fixes the depth."""
         self.bits = bits
-        self._say, self._name, self._is_given = say, name, bits > 0
+        self._report, self._name, self._is_given = report, name, bits > 0
 
     def grey(self, *images: Samples) -> list[GreyImage]:
         """Return the images of a pair as 8-bit grey."""
@@ -113,7 +113,7 @@ class SampleDepth:
         if found > self.bits and not self._is_given:
             self.bits = found
             if found < SAMPLE_BITS[-1]:
-                self._say(
+                self._report(
                     f"images of '{self._name}' have 16-bit samples, of which {found} bits are used: 0 to {2**found - 1}"
                 )
         return [image.grey(self.bits or SAMPLE_BITS[-1]) for image in images]
@@ -263,8 +263,8 @@ def _samples_of_compressed(message: Any) -> Samples:  # noqa: ANN401 - a sensor_
 
 def unread_codec(message: Any) -> str:  # noqa: ANN401 - a sensor_msgs/CompressedImage
     """Return the end of a message about a sensor_msgs/CompressedImage that is neither PNG nor JPEG."""
-    said = str(getattr(message, "format", ""))[:40]
-    named = f" (format '{said}')" if said else ""
+    form = str(getattr(message, "format", ""))[:40]
+    named = f" (format '{form}')" if form else ""
     data = bytes(message.data[:16])
     if not data:
         return f"it has no data{named}"

@@ -281,7 +281,8 @@ class BagNavSequence(_BagPairs):
             truth = None
             if self._points and self._points.name in raw:
                 message = self._bag.deserialise(self._points, raw[self._points.name])
-                truth = points_image(message, (self.rig.width, self.rig.height))
+                with _naming_bag(self._bag):
+                    truth = points_image(message, (self.rig.width, self.rig.height))
             yield PosedStereoPair(pair, self._poses[pose_of_pair[pair.stamp_ns]], truth)
 
 

@@ -56,10 +56,7 @@ class FolderNavSequence(ImageFiles):
         """Yield the pairs, with one pair in memory at a time."""
         depth = self.sample_depth()
         for entry in self.entries:
-            if entry.T_lm_navsb is None:
-                raise InputError(
-                    f"the pair of stamp {entry.stamp_ns} has no pose in LM: add the pose of this pair to pairs.csv"
-                )
+            assert entry.T_lm_navsb is not None  # checked by `open_folder`
             truth = None if entry.truth is None else _load_point_image(entry.truth, self.rig)
             yield PosedStereoPair(read_pair(entry, self.rig, depth), entry.T_lm_navsb, truth)
 
@@ -87,6 +84,11 @@ def open_folder(path: Path, config: SourceConfig) -> Source:
         loc, nav = (None, part) if part.has_poses else (part, None)
     else:
         loc, nav = (_read_part(path / name) if (path / name).is_dir() else None for name in ("loc", "nav"))
+    if nav is not None and not nav.has_poses:
+        raise InputError(
+            f"'{nav.folder / 'pairs.csv'}' has no poses in LM: add the columns "
+            f"{', '.join(NAV_COLUMNS[len(LOC_COLUMNS) :])} to the pairs"
+        )
     drive = None if loc is None else configured_drive(path, config, loc.rig, loc.pairs, _read_truth(loc.folder))
     return Source(
         path,

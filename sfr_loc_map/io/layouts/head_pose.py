@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.extrinsics import BASE_FRAMES, NAVSB_FRAME, mast_head_in_rb, rig_in_body
 from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.stamped_poses import covered, sampled
@@ -43,58 +43,76 @@ def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, 
     Each stamp has a tree of the transforms that are known at this stamp. The tree of all transforms shows whether the
     frames are connected at all, so that a gap in the recording is an error and a missing connection is not.
     """
-    where, frames = f"bag '{bag.path}'", read_frames(bag)
+    frames = read_frames(bag)
     ends = (NAVSB_FRAME, camera_frame.strip("/"), *([base] if base else BASE_FRAMES))
     ends = tuple(name for name in frames if name in ends or name.rpartition("/")[2] in ends)
-    whole, trees = FrameTree(), [FrameTree() for _ in stamps_ns]
+    complete_tree, trees = FrameTree(), [FrameTree() for _ in stamps_ns]
     for name in {name for end in ends for name in chain_above(frames, end)}:
         frame, poses = frames[name], frames[name].poses
-        check_order(poses.stamps_ns, f"{where}, '{name}' on /tf", strict=False)
+        check_order(poses.stamps_ns, f"bag '{bag.path}', '{name}' on /tf", strict=False)
         known = covered(poses.stamps_ns, stamps_ns) | frame.is_static
-        for tree, is_known, place, turn in zip(trees, known, *sampled(poses, stamps_ns), strict=True):
-            pose = Transform.from_quat(place, turn)
-            whole.add(frame.parent, name, pose)
+        for tree, is_known, position, quat in zip(trees, known, *sampled(poses, stamps_ns), strict=True):
+            pose = Transform.from_quat(position, quat)
+            complete_tree.add(frame.parent, name, pose)
             if is_known:
                 tree.add(frame.parent, name, pose)
-    whole_rig, *rigs = (rig_in_body(tree, camera_frame, baseline_m, base, NAVSB_FRAME) for tree in (whole, *trees))
-    if whole_rig is None:
+    rig, *rigs = (rig_in_body(tree, camera_frame, baseline_m, base, NAVSB_FRAME) for tree in (complete_tree, *trees))
+    if rig is None:
         return None
-    for stamp, rig in zip(stamps_ns, rigs, strict=True):
-        if rig is None or rig.text != whole_rig.text:
-            by = "unknown" if rig is None else f"from {rig.text}"
+    for stamp, rig_at_stamp in zip(stamps_ns, rigs, strict=True):
+        if rig_at_stamp is None or rig_at_stamp.text != rig.text:
+            by = "unknown" if rig_at_stamp is None else f"from {rig_at_stamp.text}"
             raise InputError(
-                f"{where}: the pose of the cameras is from {whole_rig.text} on /tf, but it is {by} at stamp "
+                f"bag '{bag.path}': the pose of the cameras is from {rig.text} on /tf, but it is {by} at stamp "
                 f"{stamp}: record /tf {RECORDING}"
             )
-    return [rig.T_rb_sb for rig in rigs if rig is not None]
+    return [found.T_rb_sb for found in rigs if found is not None]
 
 
 def _by_joints(bag: Bag, camera_frame: str, stamps_ns: IntArray, config: FramesConfig) -> list[Transform]:
-    where, angles = f"bag '{bag.path}'", dict[str, list[tuple[int, float]]]()
-    for _, _, message in bag.messages([Topic(n, n, kind) for n, kind in bag.topics.items() if kind == JOINTS]):
-        for name, angle in zip(message.name, message.position.tolist(), strict=False):  # some have no position
-            angles.setdefault(name, []).append((stamp_of(message), angle))
-    turns = []
+    """Return the poses from the angles of the pan and the tilt joint, and the position of the cameras on the head."""
+    recorded = _joint_angles(bag)
+    angles = []
     for kind, wanted in (("pan", config.pan_joint), ("tilt", config.tilt_joint)):
-        found = [name for name in angles if (name == wanted if wanted else kind in name.lower())]
-        found = [name for name in found if kind in re.split("[^a-z]+", name.lower())] or found  # 'panel' contains 'pan'
-        if len(found) != 1:
-            raise InputError(
-                f"{where} has no transforms from the rover to '{camera_frame}', and {len(found)} joints match "
-                f"'{wanted or kind}' among {', '.join(sorted(angles)) or '(none)'}: one is required; record /tf, "
-                f"nav/pose or sensor_msgs/JointState, or set frames.base, frames.pan_joint, frames.tilt_joint"
-            )
-        known, values = (np.array(column) for column in zip(*angles[found[0]], strict=True))
-        check_order(known, f"{where}, joint '{found[0]}'", strict=False)
-        for stamp in stamps_ns[~covered(known, stamps_ns)]:
-            raise InputError(f"{where}: joint '{found[0]}' at stamp {stamp} is unknown: record it {RECORDING}")
-        turns.append(np.interp(stamps_ns - known[0], known - known[0], np.unwrap(values)))
-    place, turn = config.head_to_navsb_m, config.head_to_navsb_quat_xyzw
-    if not any((*place, *turn)):
+        name = _joint_name(recorded, kind, wanted, f"bag '{bag.path}'", camera_frame)
+        angles.append(_angles_at(stamps_ns, recorded[name], f"bag '{bag.path}', joint '{name}'"))
+    position, quat = config.head_to_navsb_m, config.head_to_navsb_quat_xyzw
+    if not any((*position, *quat)):
         raise InputError(
-            f"{where}: joints move the cameras: give the position of the cameras on the head, "
+            f"bag '{bag.path}': joints move the cameras: give the position of the cameras on the head, "
             "--set 'frames.head_to_navsb_m=[X, Y, Z]'"
         )
     with refusing("frames.head_to_navsb_m, frames.head_to_navsb_quat_xyzw", "correct them"):
-        T_head_navsb = Transform.from_quat(place, turn if any(turn) else (0.0, 0.0, 0.0, 1.0))
-    return [mast_head_in_rb(float(pan), float(tilt)) @ T_head_navsb for pan, tilt in zip(*turns, strict=True)]
+        T_head_navsb = Transform.from_quat(position, quat if any(quat) else (0.0, 0.0, 0.0, 1.0))
+    return [mast_head_in_rb(float(pan), float(tilt)) @ T_head_navsb for pan, tilt in zip(*angles, strict=True)]
+
+
+def _joint_angles(bag: Bag) -> dict[str, list[tuple[int, float]]]:
+    """Return the stamps (ns) and angles (rad) of each joint in all topics of joint states."""
+    angles = dict[str, list[tuple[int, float]]]()
+    for _, _, message in bag.messages([Topic(n, n, kind) for n, kind in bag.topics.items() if kind == JOINTS]):
+        for name, angle in zip(message.name, message.position.tolist(), strict=False):  # some have no position
+            angles.setdefault(name, []).append((stamp_of(message), angle))
+    return angles
+
+
+def _joint_name(names: Collection[str], kind: str, wanted: str, where: str, camera_frame: str) -> str:
+    """Return the name of the pan or tilt joint; InputError if no joint or several joints match."""
+    found = [name for name in names if (name == wanted if wanted else kind in name.lower())]
+    found = [name for name in found if kind in re.split("[^a-z]+", name.lower())] or found  # 'panel' contains 'pan'
+    if len(found) != 1:
+        raise InputError(
+            f"{where} has no transforms from the rover to '{camera_frame}', and {len(found)} joints match "
+            f"'{wanted or kind}' among {', '.join(sorted(names)) or '(none)'}: one is required; record /tf, "
+            f"nav/pose or sensor_msgs/JointState, or set frames.base, frames.pan_joint, frames.tilt_joint"
+        )
+    return found[0]
+
+
+def _angles_at(stamps_ns: IntArray, recorded: Sequence[tuple[int, float]], where: str) -> FloatArray:
+    """Return the interpolated angles of a joint at stamps; InputError if a stamp is not covered."""
+    known_ns, angles = (np.array(column) for column in zip(*recorded, strict=True))
+    check_order(known_ns, where, strict=False)
+    for stamp in stamps_ns[~covered(known_ns, stamps_ns)]:
+        raise InputError(f"{where} at stamp {stamp} is unknown: record it {RECORDING}")
+    return np.asarray(np.interp(stamps_ns - known_ns[0], known_ns - known_ns[0], np.unwrap(angles)))

@@ -104,38 +104,55 @@ def seconds_text(stamp_ns: int) -> str:
 
 
 def parse_stamps(texts: NDArray[np.bytes_], stamp: Callable[[str], int]) -> IntArray:
-    """Return the nanoseconds of texts that `stamp` reads; vectorised if all have as many digits before the point."""
+    """Return the nanoseconds of texts that `stamp` reads; vectorised if the digits of all texts are aligned."""
+    stamps_ns = None
+    if stamp in (parse_seconds, parse_stamp_ns, parse_nanoseconds):
+        stamps_ns = _parse_aligned(texts, has_point=stamp is parse_seconds)
+    if stamps_ns is not None:
+        return stamps_ns
+    return np.array([stamp(text.decode("ascii")) for text in texts.tolist()], np.int64)
+
+
+def _parse_aligned(texts: NDArray[np.bytes_], *, has_point: bool) -> IntArray | None:
+    """Return the nanoseconds of decimal seconds (`has_point`) or of nanoseconds; None if a digit is not aligned.
+
+    All texts must have as many digits of whole seconds as the first one, and at most nine decimals.
+    """
+    whole_digits = texts[0].find(b".") if has_point else len(texts[0]) - NANOSECOND_DIGITS
+    if not 0 < whole_digits <= 10:
+        return None
     chars = np.ascontiguousarray(texts).view(np.uint8).reshape(len(texts), STAMP_LENGTH)
-    point = int(stamp is parse_seconds)
-    places = texts[0].find(b".") if point else len(texts[0]) - 9
-    used = places + point + 9
-    digits, ended = chars[:, :used] - np.uint8(ord("0")), chars[:, :used] == 0
-    alike = 0 < places <= 10 and not chars[:, used:].any() and not ended[:, : places if point else None].any()
-    if alike and point:
-        alike = bool((chars[:, places] == ord(".")).all())
-        digits = np.delete(np.where(ended, np.uint8(0), digits), places, axis=1)
-        ended = ended[:, places + 1 :]
+    begin = whole_digits + has_point
+    end = begin + NANOSECOND_DIGITS
+    whole, point, fraction = chars[:, :whole_digits], chars[:, whole_digits:begin], chars[:, begin:end]
+    if chars[:, end:].any() or (point != ord(".")).any():
+        return None
+    if has_point:  # missing decimals are zero
+        has_ended = fraction == 0
+        if (has_ended[:, :-1] > has_ended[:, 1:]).any():
+            return None
+        fraction = np.where(has_ended, np.uint8(ord("0")), fraction)
+    digits = np.concatenate((whole, fraction), axis=1) - np.uint8(ord("0"))  # other characters are above 9
     powers = 10.0 ** np.arange(9, -1, -1)  # sums of ten digits are exact
-    alike = alike and stamp in (parse_seconds, parse_stamp_ns, parse_nanoseconds)
-    whole = digits[:, :places] @ powers[-places:] if alike else np.zeros(1)
-    if not alike or digits.max() > 9 or (ended[:, :-1] > ended[:, 1:]).any() or whole.max() >= STAMP_LIMIT // NS_PER_S:
-        return np.array([stamp(text.decode("ascii")) for text in texts.tolist()], np.int64)
-    fraction = digits[:, places:] @ powers[1:]
-    return np.asarray(whole.astype(np.int64) * NS_PER_S + fraction.astype(np.int64))
+    seconds = digits[:, :whole_digits] @ powers[-whole_digits:]
+    if digits.max() > 9 or seconds.max() >= STAMP_LIMIT // NS_PER_S:
+        return None
+    fraction_ns = digits[:, whole_digits:] @ powers[1:]
+    return np.asarray(seconds.astype(np.int64) * NS_PER_S + fraction_ns.astype(np.int64))
 
 
 def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
     """Return the unit of stamps, inferred from their magnitude; empty if several units are possible.
 
     Stamps of a clock are between 1979 and 2116 in only one unit. Other stamps are in seconds if they have decimals,
-    or in the only unit with steps of a sensor (1 ms to 10 s). Milliseconds cannot be inferred from steps, because their
-    steps overlap with those of seconds and microseconds. `is_seconds`: the layout prescribes seconds.
+    or in the only unit with steps of a sensor. `is_seconds`: the layout prescribes seconds.
     """
     numbers = np.array([number_or_nan(text) for text in texts])
     numbers = numbers[np.isfinite(numbers)]
     if not len(numbers):
         return "s"
-    magnitude = float(np.partition(np.abs(numbers), (len(numbers) - 1) // 2)[(len(numbers) - 1) // 2])
+    middle = (len(numbers) - 1) // 2
+    magnitude = float(np.partition(np.abs(numbers), middle)[middle])
     for unit, unit_ns in (("ms", 1_000_000), ("us", 1_000), ("ns", 1)):
         if EARLIEST_CLOCK_S <= magnitude * unit_ns / NS_PER_S <= LATEST_CLOCK_S < magnitude:
             return unit
@@ -144,11 +161,22 @@ def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
         return "s"
     steps = np.abs(np.diff(numbers))
     step = float(np.median(steps)) if len(steps) > 1 else 0.0
-    ranges = ((10.0, "s"), (1e4, ""), (1e6, "us"), (1e7, ""), (np.inf, "ns"))  # largest step, unit if unambiguous
-    unit = next(unit for high, unit in ranges if step <= high)
+    unit = _unit_of_step(step)
     if unit == "s" and not is_seconds and magnitude < EARLIEST_CLOCK_S:  # the unit may also be milliseconds
         return ""
     return unit or ("s" if is_seconds and step <= LONGEST_STEP_S else "")
+
+
+def _unit_of_step(step: float) -> str:
+    """Return the only unit in which a step of a sensor (1 ms to 10 s) has this length; empty if several are possible.
+
+    Milliseconds cannot be inferred, because their steps overlap with those of seconds and microseconds.
+    """
+    if step <= 10.0:
+        return "s"
+    if 1e4 < step <= 1e6:
+        return "us"
+    return "ns" if step > 1e7 else ""
 
 
 def check_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:

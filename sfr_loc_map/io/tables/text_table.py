@@ -11,6 +11,7 @@ import csv
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,7 +67,7 @@ class Table:
         return np.arange(len(self.lines)) + np.searchsorted(self.skipped_lines, self.lines)
 
     @property
-    def left_out(self) -> str:
+    def skipped(self) -> str:
         """Description of the skipped rows; empty if no row was skipped."""
         parts = [f"{self.missing} lines without values skipped"] if self.missing else []
         if self.broken:
@@ -78,7 +79,7 @@ def parse_table(
     blocks: Iterable[bytes],
     name: str,
     form: str,
-    places: Sequence[int],
+    columns: Sequence[int],
     *,
     stamp: Callable[[str], int] | None = None,
     separator: str | None = None,
@@ -88,83 +89,106 @@ def parse_table(
 ) -> Table:
     """Return the stamps and numbers of a text; empty lines, comments and the first `skip` lines are ignored.
 
-    The text is given in blocks of complete lines. `places` are the columns to read, from 0. If `stamp` is given, it
+    The text is given in blocks of complete lines. `columns` are the columns to read, from 0. If `stamp` is given, it
     converts the first of these columns to nanoseconds. With `more`, lines may have further columns. Without a
     `separator`, cells are separated by spaces. Messages call the text `name` and the content of a line `form`. With
     `tolerant`, invalid rows up to the fraction `MAX_BROKEN` are skipped and counted.
     """
-    reader = _RowReader(form, tuple(places), stamp, separator, more, tolerant)
-    columns = len(places) - (stamp is not None)
-    number, missing, broken, skipped = 0, 0, list[str](), list[int]()
-    table = Table(name, np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, columns)))
+    reader = _RowReader(name, form, tuple(columns), stamp, separator, more, tolerant)
+    table = Table(name, np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, reader.value_count)))
+    line_count, missing, broken, skipped = 0, 0, list[str](), list[int]()
     for block in blocks:
-        texts = [text.strip() for text in (block if number else block.removeprefix(BOM)).splitlines()]
-        chosen = [k for k, text in enumerate(texts) if text and not text.startswith(_COMMENTS) and number + k >= skip]
-        try:
-            stamps_ns, values = reader.all_at_once([texts[k] for k in chosen])
-        except (ValueError, IndexError) as error:
-            found = [reader.one(texts[k], number + k + 1) for k in chosen]
-            problems = [row for row in found if isinstance(row, str)]
-            if problems and not tolerant:
-                raise InputError(f"{name} {problems[0]}; correct or remove the line") from error
-            broken += problems
-            missing += found.count(None)
-            skipped += [number + k + 1 for k, row in zip(chosen, found, strict=True) if not isinstance(row, tuple)]
-            good = [(k, row) for k, row in zip(chosen, found, strict=True) if isinstance(row, tuple)]
-            chosen = [k for k, _ in good]
-            stamps_ns = np.array([row[0] for _, row in good] if stamp else [], np.int64)
-            values = np.array([row[1] for _, row in good], np.float64).reshape(-1, columns)
-        lines = np.array(chosen, np.int64) + number + 1
-        for column, part in ((table.lines, lines), (table.stamps_ns, stamps_ns), (table.values, values)):
+        texts = [text.strip() for text in (block if line_count else block.removeprefix(BOM)).splitlines()]
+        is_row = [bool(text) and not text.startswith(_COMMENTS) for text in texts]
+        chosen = [k for k in range(max(skip - line_count, 0), len(texts)) if is_row[k]]
+        rows = reader.read([texts[k] for k in chosen], [line_count + k + 1 for k in chosen])
+        for column, part in (
+            (table.lines, np.array(rows.lines, np.int64)),
+            (table.stamps_ns, rows.stamps_ns),
+            (table.values, rows.values),
+        ):
             end = len(column)  # in place: concatenating all parts takes twice the memory
             column.resize((end + len(part), *column.shape[1:]), refcheck=False)
             column[end:] = part
-        number += len(texts)
+        missing += len(rows.skipped) - len(rows.broken)
+        broken += rows.broken
+        skipped += rows.skipped
+        line_count += len(texts)
     return replace(table, missing=missing, broken=tuple(broken), skipped_lines=tuple(skipped)).checked()
+
+
+class _Rows(NamedTuple):
+    """The rows of a block."""
+
+    lines: list[int]  #: Line number of each row that was read.
+    stamps_ns: IntArray
+    values: FloatArray
+    broken: Sequence[str] = ()  #: The error in each invalid row.
+    skipped: Sequence[int] = ()  #: Line number of each row that was not read: invalid or without a value.
 
 
 @dataclass(frozen=True, slots=True)
 class _RowReader:
     """Reads the cells of rows, either many rows by numpy, which fails if a single row is invalid, or one row."""
 
+    name: str
     form: str
-    places: tuple[int, ...]
+    columns: tuple[int, ...]
     stamp: Callable[[str], int] | None
     separator: str | None
     more: bool
     tolerant: bool
 
-    def all_at_once(self, rows: list[bytes]) -> tuple[IntArray, FloatArray]:
+    @property
+    def value_count(self) -> int:
+        """Number of columns other than the stamp."""
+        return len(self.columns) - (self.stamp is not None)
+
+    def read(self, rows: list[bytes], lines: list[int]) -> _Rows:
+        """Return the rows with these line numbers; InputError if a row is invalid, unless `tolerant`."""
+        try:
+            return _Rows(lines, *self._all_at_once(rows))
+        except (ValueError, IndexError) as error:
+            found = [self._one(row, line) for row, line in zip(rows, lines, strict=True)]
+            broken = [row for row in found if isinstance(row, str)]
+            if broken and not self.tolerant:
+                raise InputError(f"{self.name} {broken[0]}; correct or remove the line") from error
+            good = [(line, row) for line, row in zip(lines, found, strict=True) if isinstance(row, tuple)]
+            skipped = [line for line, row in zip(lines, found, strict=True) if not isinstance(row, tuple)]
+            stamps_ns = np.array([row[0] for _, row in good] if self.stamp else [], np.int64)
+            values = np.array([row[1] for _, row in good], np.float64).reshape(-1, self.value_count)
+            return _Rows([line for line, _ in good], stamps_ns, values, broken, skipped)
+
+    def _all_at_once(self, rows: list[bytes]) -> tuple[IntArray, FloatArray]:
         """Return stamps and numbers of rows; ValueError or IndexError if a row does not consist of numbers."""
-        columns = len(self.places) - (self.stamp is not None)
         if not rows:
-            return np.zeros(0, np.int64), np.zeros((0, columns))
-        used = list(self.places) if self.more else None  # None: numpy rejects rows of unequal length
+            return np.zeros(0, np.int64), np.zeros((0, self.value_count))
+        used = list(self.columns) if self.more else None  # None: numpy rejects rows of unequal length
         stamps_ns = np.zeros(0, np.int64)
         if self.stamp:
-            kinds = [("stamp", f"S{STAMP_LENGTH}"), ("values", np.float64, (columns,))]
+            kinds = [("stamp", f"S{STAMP_LENGTH}"), ("values", np.float64, (self.value_count,))]
             found = np.loadtxt(rows, kinds, None, self.separator, usecols=used, ndmin=1, encoding="ascii")
             stamps_ns, values = parse_stamps(found["stamp"], self.stamp), found["values"]
         else:
             values = np.loadtxt(rows, np.float64, None, self.separator, usecols=used, ndmin=2, encoding="ascii")
-        if values.shape[1] != columns:
+        if values.shape[1] != self.value_count:
             raise ValueError("a row has additional columns")
         if not np.isfinite(values).all():
             raise ValueError("a number is not finite")
         return stamps_ns, values
 
-    def one(self, row: bytes, line: int) -> tuple[int, list[float]] | str | None:
+    def _one(self, row: bytes, line: int) -> tuple[int, list[float]] | str | None:
         """Return the stamp and numbers of a row, or the error in the row, or None if a value is missing."""
         cells = split_cells(row.decode("utf-8", "replace"), self.separator)
-        width = max(self.places) + 1
+        width = max(self.columns) + 1
         if len(cells) < width or (len(cells) > width and not self.more):
             return f"line {line}: {len(cells)} columns found where {width} ({self.form}) are required"
-        words = [cells[place].lower().lstrip("+-").partition("(")[0] for place in self.places]
+        texts = [cells[column] for column in self.columns]
+        words = [text.lower().lstrip("+-").partition("(")[0] for text in texts]
         if self.tolerant and any(word in NO_VALUE for word in words):
             return None
-        texts = [cells[place] for place in self.places]
+        texts = [text.replace(",", ".") for text in texts]  # decimal commas
         try:
-            texts = [text.replace(",", ".") for text in texts]  # decimal commas
             stamp_ns = self.stamp(texts.pop(0)) if self.stamp else 0
             return stamp_ns, [parse_number(text) for text in texts]
         except (ValueError, ArithmeticError) as error:

@@ -83,7 +83,7 @@ class LoadedTrajectory:
     stamps: str = ""  #: Origin of the stamps for messages, if the file itself has none.
     by_index: bool = False  #: Whether the stamps are only line numbers.
     columns: PoseColumns | None = None  #: The columns that were read; None for the csv of the suite.
-    left_out: str = ""  #: Description of the skipped rows.
+    skipped: str = ""  #: Description of the skipped rows.
     covariance: FloatArray | None = None  #: `(N, 6, 6)` in ROS order (m^2, rad^2), if the file has it.
 
     @property
@@ -100,7 +100,7 @@ class LoadedTrajectory:
             ignored = [name for name in self.columns.ignored if name]
             more = f" and {len(ignored) - MOST_NAMED} more" if len(ignored) > MOST_NAMED else ""
             parts += [f"columns not read: {', '.join(ignored[:MOST_NAMED])}{more}"] if ignored else []
-        parts += [self.left_out] if self.left_out else []
+        parts += [self.skipped] if self.skipped else []
         return f"{self.path}: {', '.join(parts)}"
 
     @property
@@ -108,7 +108,7 @@ class LoadedTrajectory:
         """Whether commands report the detection: always, except for the default forms of the suite's csv and of TUM."""
         columns = self.columns
         unusual = columns is not None and bool(columns.inferred or columns.ignored)
-        return self.format in ANNOUNCED or bool(self.left_out) or unusual
+        return self.format in ANNOUNCED or bool(self.skipped) or unusual
 
     def with_stamps_of(self, other: LoadedTrajectory) -> LoadedTrajectory:
         """Return the trajectory; if it has no stamps, with the stamps of another trajectory, pose by pose."""
@@ -271,7 +271,7 @@ def _loaded(
         raise InputError(f"{table.name} has no pose: at least one line with a pose is required")
     trajectory = Trajectory(kept.stamps_ns, positions[good], quats[good])
     covariance = None if covariance is None else covariance[good]
-    return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, kept.left_out, covariance)
+    return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, kept.skipped, covariance)
 
 
 def times_beside(path: Path) -> Path:

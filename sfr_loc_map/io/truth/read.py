@@ -35,32 +35,32 @@ def truth_of_recording(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> Truth:
     return _configured_truth(bag.path, config)
 
 
-def truth_of_data_set(place: Path, own: RecordedTruth | None, config: TruthConfig = DEFAULT_TRUTH) -> Truth | None:
+def truth_of_data_set(path: Path, own: RecordedTruth | None, config: TruthConfig = DEFAULT_TRUTH) -> Truth | None:
     """Return the truth of a data set whose files have the true poses `own`; None without truth."""
     if config.source:
-        return _configured_truth(place, config)
+        return _configured_truth(path, config)
     return None if own is None else truth_of_rb(own, config)
 
 
-def truth_of_path(place: Path, config: TruthConfig = DEFAULT_TRUTH, remap: Mapping[str, str] | None = None) -> Truth:
+def truth_of_path(path: Path, config: TruthConfig = DEFAULT_TRUTH, remap: Mapping[str, str] | None = None) -> Truth:
     """Return the truth of a bag or a file of poses; InputError if there is no truth.
 
-    If the configuration names a file or a bag, `place` need not contain poses.
+    If the configuration names a file or a bag, `path` need not contain poses.
     """
-    if is_bag(place):
+    if is_bag(path):
         from sfr_loc_map.io.bag.bag import Bag  # rosbags is imported only for bags
 
-        return truth_of_recording(Bag(place, remap), config)
+        return truth_of_recording(Bag(path, remap), config)
     if config.source:
-        return _configured_truth(place, config)
-    return _poses_of_file(place, config, TRUTH_OPTION)
+        return _configured_truth(path, config)
+    return _poses_of_file(path, config, TRUTH_OPTION)
 
 
-def _configured_truth(place: Path, config: TruthConfig) -> Truth:
-    """Return the truth in the file or bag that the configuration of the source `place` names."""
+def _configured_truth(path: Path, config: TruthConfig) -> Truth:
+    """Return the truth in the file or bag that the configuration of the source `path` names."""
     file = Path(config.source)
     if not file.exists():
-        raise InputError(f"truth '{file}' is neither a file nor a topic of '{place}': give a file or a topic")
+        raise InputError(f"truth '{file}' is neither a file nor a topic of '{path}': give a file or a topic")
     if is_bag(file):
         return truth_of_path(file, replace(config, source=""))
     return _poses_of_file(file, config, CONFIGURED_OPTION)
