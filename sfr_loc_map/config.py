@@ -17,7 +17,8 @@ import msgspec
 import yaml
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.inputs import MONITOR_NODE, SUITE_NODES, Task, parse_yaml, read_text
+from sfr_loc_map.inputs import MONITOR_NODE, SUITE_NODES, Task, read_text
+from sfr_loc_map.json_yaml import parse_yaml
 
 C = TypeVar("C")
 

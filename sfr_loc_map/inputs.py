@@ -1,7 +1,7 @@
-"""Input from outside: files, JSON and YAML of bounded size and depth, printable texts, and shared names.
+"""Input from outside: shared names of data and programs, bounded reading of files, and texts for messages.
 
-All files of other programs are read through this module. A rejected file raises the error that the parser or the system
-itself would raise (`OSError`, `ValueError`, `yaml.YAMLError`). Each reader then adds which file it requires.
+All files of other programs are read through this module. A rejected file raises the error that the system itself would
+raise (`OSError`, `ValueError`). Each reader adds, by `refusing`, which file it requires. `json_yaml` parses the texts.
 """
 
 from __future__ import annotations
@@ -9,68 +9,31 @@ from __future__ import annotations
 import codecs
 import csv
 import errno
-import hashlib
-import json
 import os
 import re
 import stat
 import struct
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import yaml
 
 from sfr_loc_map.errors import GeometryError, InputError
 
-if TYPE_CHECKING:  # not needed for messages and short files
-    import numpy as np
-    from numpy.typing import NDArray
+# ---- shared names
 
 NS_PER_S = 1_000_000_000  #: Nanoseconds in a second.
 Side = Literal["left", "right"]
 SIDES: tuple[Side, Side] = ("left", "right")  #: The cameras of a stereo rig, in the order of all files and topics.
 LOST_VARIANCE = 9999.0  #: Diagonal of the covariance of an unknown pose, m^2 and rad^2.
 JUMP_BACK_NS = NS_PER_S  #: Minimum backward jump of stamps that indicates a reset clock or a restarted bag, ns.
-
-MB = 1_000_000
-MAX_TEXT_BYTES = MB  #: Maximum size of a configuration, rig or topic file. Typical files have a few kilobytes.
-MAX_JSON_BYTES = 64 * MB
-MAX_IMAGE_BYTES = 512 * MB
 IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".pgm", ".ppm")  #: Suffixes of image files, in lower case.
-MAX_CLOUD_BYTES = 4096 * MB
-MAX_TABLE_BYTES = 256 * MB  #: Maximum size of a text table: a trajectory of 1.5 million poses.
-MAX_TABLE_LINES = 4_000_000
-MAX_LINE_BYTES = 64_000
-BLOCK_BYTES = 4 * MB  #: Approximate size of the blocks of whole lines in which tables are read, to limit memory.
-FREE_BYTES = 64 * 2**20  #: Decompressed size that is always accepted.
-LARGEST_RATIO = 20
-"""Maximum ratio of decompressed to compressed size above `FREE_BYTES`. Images and points of real sensors have lower
-ratios."""
-HEAD_BYTES = 4096  #: Size of the head of a file that shows whether it is a text.
-MAX_DEPTH = 64  #: Maximum nesting depth of JSON and YAML.
-MAX_NODES = 100_000  #: Maximum number of values of a YAML file after expansion of its aliases.
-MAX_DIGITS = 20  #: Maximum length of an integer in JSON and YAML: 64 bits have 19 digits and a sign.
-MAX_MESSAGE = 600  #: Maximum length of a message, characters. The middle of a longer text is omitted.
-_TAIL = 200
-_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
-_LONGEST_POINTER = 1024  #: Maximum size of a Git LFS pointer, bytes (git-lfs spec.md).
-_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
-_EXPONENT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
-_UNPRINTABLE = re.compile(
-    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff\ufffe\uffff]"
-)
-"""Control characters (C0 without tab and line feed, DEL, C1), direction marks, line separators, surrogates, byte order
-marks and noncharacters."""
-_SPECIAL_FILES = {
-    stat.S_IFDIR: "a folder",
-    stat.S_IFIFO: "a named pipe",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-    stat.S_IFSOCK: "a socket",
-}
+OURS = "sfr"  #: Name of the suite's own localiser and mapper among the methods.
+MONITOR_NODE = "monitor_node"
+PLAYER_NODE = "sfr_player"  #: Node of a replay.
 
 
 class Task(StrEnum):
@@ -95,25 +58,7 @@ class Task(StrEnum):
         return f"{self}_node"
 
 
-OURS = "sfr"  #: Name of the suite's own localiser and mapper among the methods.
-MONITOR_NODE = "monitor_node"
-PLAYER_NODE = "sfr_player"  #: Node of a replay.
 SUITE_NODES = (*(task.node for task in Task), MONITOR_NODE)
-
-
-REFUSED: tuple[type[Exception], ...] = (OSError, ValueError, ArithmeticError, LookupError, TypeError, GeometryError)
-REFUSED += (yaml.YAMLError, csv.Error, SyntaxError)
-"""Errors that parsers and checks raise for a broken input. The XML parser raises SyntaxError."""
-
-
-@contextmanager
-def refusing(where: str, advice: str = "correct the file") -> Iterator[None]:
-    """Convert errors of a broken input to an `InputError` with one line: WHERE: what is wrong; ADVICE."""
-    try:
-        yield
-    except REFUSED as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise InputError(f"{where}: {reason}; {advice}") from error
 
 
 def stamp_of(message: Any) -> int:  # noqa: ANN401 - any message with a header
@@ -131,6 +76,50 @@ def serialised_stamp(raw: bytes) -> int:
 def jumped_back(latest_ns: int, stamp_ns: int) -> bool:
     """Return whether a stamp is so far before the latest one that the clock was reset or a new run has begun."""
     return latest_ns - stamp_ns >= JUMP_BACK_NS
+
+
+# ---- errors of a broken input
+
+REFUSED: tuple[type[Exception], ...] = (OSError, ValueError, ArithmeticError, LookupError, TypeError, GeometryError)
+REFUSED += (yaml.YAMLError, csv.Error, SyntaxError)
+"""Errors that parsers and checks raise for a broken input. The XML parser raises SyntaxError."""
+
+
+@contextmanager
+def refusing(where: str, advice: str = "correct the file") -> Iterator[None]:
+    """Convert errors of a broken input to an `InputError` with one line: WHERE: what is wrong; ADVICE."""
+    try:
+        yield
+    except REFUSED as error:
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise InputError(f"{where}: {reason}; {advice}") from error
+
+
+# ---- files
+
+MB = 1_000_000
+MAX_TEXT_BYTES = MB  #: Maximum size of a configuration, rig or topic file. Typical files have a few kilobytes.
+MAX_JSON_BYTES = 64 * MB
+MAX_IMAGE_BYTES = 512 * MB
+MAX_CLOUD_BYTES = 4096 * MB
+MAX_TABLE_BYTES = 256 * MB  #: Maximum size of a text table: a trajectory of 1.5 million poses.
+MAX_TABLE_LINES = 4_000_000
+MAX_LINE_BYTES = 64_000
+BLOCK_BYTES = 4 * MB  #: Approximate size of the blocks of whole lines in which tables are read, to limit memory.
+FREE_BYTES = 64 * 2**20  #: Decompressed size that is always accepted.
+LARGEST_RATIO = 20
+"""Maximum ratio of decompressed to compressed size above `FREE_BYTES`. Images and points of real sensors have lower
+ratios."""
+HEAD_BYTES = 4096  #: Size of the head of a file that shows whether it is a text.
+_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+_LONGEST_POINTER = 1024  #: Maximum size of a Git LFS pointer, bytes (git-lfs spec.md).
+_SPECIAL_FILES = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
 
 
 def special_kind(mode: int) -> str:
@@ -230,129 +219,15 @@ def expansion_limit(compressed: int) -> int:
     return max(FREE_BYTES, LARGEST_RATIO * compressed)
 
 
-def hash_path(path: Path) -> str:
-    """Return the SHA-256 of a file, or of the names and hashes of all files in a folder that are not hidden."""
-    path = Path(path)
-    try:
-        if path.is_file():
-            with path.open("rb") as stream:
-                return hashlib.file_digest(stream, "sha256").hexdigest()
-        if not path.is_dir():
-            raise InputError(f"cannot hash '{path}': it does not exist; give a file or folder")
-        digest = hashlib.sha256()
-        for name, file in sorted((file.relative_to(path).as_posix(), file) for file in path.rglob("*")):
-            if file.is_file() and not any(part.startswith(".") for part in name.split("/")):
-                digest.update(f"{name}\0{hash_path(file)}\n".encode())
-        return digest.hexdigest()
-    except OSError as error:
-        raise InputError(f"cannot hash '{error.filename}': {error.strerror}; check the permissions") from error
+# ---- texts in messages
 
-
-def hash_arrays(arrays: Iterable[NDArray[np.generic]]) -> str:
-    """Return the SHA-256 of the shapes, types and bytes of arrays, in their order."""
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(f"{array.dtype.str}{array.shape}".encode())
-        digest.update(array.tobytes())
-    return digest.hexdigest()
-
-
-def parse_json(text: str | bytes, parse_constant: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401 - any JSON
-    """Return the value of a JSON text; `parse_constant` is called with NaN and Infinity, which are not JSON.
-
-    Raises ValueError if the text is not JSON, is nested too deeply, or contains an integer of more than `MAX_DIGITS`
-    characters or half of a surrogate pair, which cannot be encoded.
-    """
-    text = text.decode("utf-8") if isinstance(text, bytes) else text
-    try:
-        value = json.loads(text, parse_constant=parse_constant, parse_int=_integer)
-    except RecursionError as error:
-        raise ValueError("it is nested too deeply") from error
-    level: list[Any] = [[value]]
-    for _ in range(MAX_DEPTH + 1):  # callers may process the value recursively
-        items = (item for part in level for item in (part.values() if isinstance(part, dict) else part))
-        level = [item for item in items if isinstance(item, (dict, list))]
-    if level:
-        raise ValueError("it is nested too deeply")
-    if _SURROGATE.search(text):
-        json.dumps(value, ensure_ascii=False).encode("utf-8")
-    return value
-
-
-def _integer(text: str) -> int:
-    if len(text) > MAX_DIGITS:
-        raise ValueError(f"an integer of {len(text)} digits is too long")
-    return int(text)
-
-
-def parse_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
-    """Return the value of a YAML text of plain types.
-
-    Raises YAMLError or ValueError if the text is not YAML, is nested too deeply, or expands to too many values.
-    """
-    loader = _BoundedLoader(text)
-    try:
-        node = loader.get_single_node()
-        if node is None:
-            return None
-        _expanded(node, {}, 0)
-        return loader.construct_document(node)
-    except (AttributeError, TypeError, RecursionError) as error:  # the library raises them for unknown keys and tags
-        raise yaml.YAMLError(f"it cannot be read: {error}") from error
-    finally:
-        loader.dispose()
-
-
-class _BoundedLoader(yaml.SafeLoader):
-    """Loader of plain types with bounded nesting and integers."""
-
-    depth = 0
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        self.depth += 1
-        if self.depth > MAX_DEPTH:
-            raise yaml.YAMLError("it is nested too deeply")
-        node: yaml.Node | None = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
-
-    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:  # noqa: ANN401 - the library's
-        node = super().compose_mapping_node(anchor)
-        keys: set[tuple[str, str]] = set()
-        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
-            if key.style is None and _EXPONENT.match(key.value):  # a name such as `1e-3`
-                key.tag = "tag:yaml.org,2002:str"
-            if (key.tag, key.value) in keys:  # the library would keep the last value
-                raise yaml.YAMLError(f"'{key.value}' occurs twice, the second time in line {key.start_mark.line + 1}")
-            if key.tag != "tag:yaml.org,2002:merge":  # several merge keys are several maps
-                keys.add((key.tag, key.value))
-        return node
-
-    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
-        if len(node.value) > 4 * MAX_DIGITS:
-            raise yaml.YAMLError(f"an integer of {len(node.value)} digits is too long")
-        if node.value.lstrip("+-").isdecimal():  # `030` is 30 in YAML 1.2, 24 in 1.1
-            return int(node.value)
-        return int(super().construct_yaml_int(node))
-
-
-_BoundedLoader.add_constructor("tag:yaml.org,2002:int", _BoundedLoader.construct_yaml_int)
-# `1e-3` is a number in YAML 1.2 and in other programs, but a string in YAML 1.1.
-_BoundedLoader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
-
-
-def _expanded(node: yaml.Node, sizes: dict[int, int], depth: int) -> int:
-    """Return the number of values of a node after expansion of its aliases; raises YAMLError if it is too large."""
-    if isinstance(node, yaml.ScalarNode):
-        return 1
-    if depth > MAX_DEPTH:
-        raise yaml.YAMLError("an alias is within its own anchor, or the file is nested too deeply")
-    if id(node) not in sizes:
-        pairs = node.value if isinstance(node, yaml.MappingNode) else [node.value]
-        sizes[id(node)] = 1 + sum(_expanded(item, sizes, depth + 1) for pair in pairs for item in pair)
-    if sizes[id(node)] > MAX_NODES:
-        raise yaml.YAMLError(f"its aliases expand to more than {MAX_NODES} values")
-    return sizes[id(node)]
+MAX_MESSAGE = 600  #: Maximum length of a message, characters. The middle of a longer text is omitted.
+_TAIL = 200
+_UNPRINTABLE = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff\ufffe\uffff]"
+)
+"""Control characters (C0 without tab and line feed, DEL, C1), direction marks, line separators, surrogates, byte order
+marks and noncharacters."""
 
 
 def printable(text: str) -> str:
@@ -371,9 +246,3 @@ def one_line(text: str) -> str:
         return line
     left_out = len(line) - MAX_MESSAGE
     return f"{line[: MAX_MESSAGE - _TAIL]} ... ({left_out} characters omitted) ... {line[-_TAIL:]}"
-
-
-_COMMIT_FILE = Path(__file__).with_name("commit.txt")  # setup.py writes it
-GIT = _COMMIT_FILE.read_text(encoding="utf-8").split() if _COMMIT_FILE.is_file() else []
-"""Commit of the package, with `-dirty` if files were changed, branch and date of the build; empty if unknown."""
-COMMIT = GIT[0] if GIT else None

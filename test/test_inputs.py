@@ -12,7 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import MAX_DEPTH, hash_path, one_line, parse_json, read_bytes
+from sfr_loc_map.hashes import hash_path
+from sfr_loc_map.inputs import one_line, read_bytes
+from sfr_loc_map.json_yaml import MAX_DEPTH, parse_json
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,8 @@ from typer import Argument, Option
 from sfr_loc_map.cli.output import say
 from sfr_loc_map.config import Configuration, build, read_sections
 from sfr_loc_map.errors import ConfigError, MissingExtraError
-from sfr_loc_map.inputs import OURS, Task, parse_yaml
+from sfr_loc_map.inputs import OURS, Task
+from sfr_loc_map.json_yaml import parse_yaml
 from sfr_loc_map.metrics.config import Condition
 
 if TYPE_CHECKING:

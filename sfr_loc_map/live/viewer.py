@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from aiohttp import web
 
-from sfr_loc_map.inputs import parse_json
+from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import ElevationSample, ImageSample, MediaKind

@@ -17,7 +17,8 @@ from types import MappingProxyType
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, MethodError
-from sfr_loc_map.inputs import OURS, Task, hash_path, read_text
+from sfr_loc_map.hashes import hash_path
+from sfr_loc_map.inputs import OURS, Task, read_text
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord
 
 ADAPTERS = Path(__file__).parent / "adapters"

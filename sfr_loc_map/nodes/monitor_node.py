@@ -24,11 +24,12 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.doctor.silence import Reliability
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
-from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, parse_json, stamp_of
+from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, stamp_of
 from sfr_loc_map.io.calibration.rectification import rig_of_rectified_infos
 from sfr_loc_map.io.clouds.point_image import points_image
 from sfr_loc_map.io.truth.config import LiveTruthConfig
 from sfr_loc_map.io.truth.messages import TrueRow
+from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig

@@ -16,12 +16,13 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
-from sfr_loc_map.inputs import COMMIT, hash_arrays, hash_path
+from sfr_loc_map.hashes import hash_arrays, hash_path
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.records import InputFile, Provenance
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.package_commit import COMMIT
 from sfr_loc_map.scoring.inputs import IN_MEMORY, Run
 
 

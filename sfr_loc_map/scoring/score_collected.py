@@ -9,7 +9,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from sfr_loc_map.inputs import Task, hash_arrays
+from sfr_loc_map.hashes import hash_arrays
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import AS_IT_IS, source_config

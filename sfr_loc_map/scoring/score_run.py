@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from sfr_loc_map.inputs import hash_arrays
+from sfr_loc_map.hashes import hash_arrays
 from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score

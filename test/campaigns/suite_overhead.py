@@ -20,7 +20,7 @@ import numpy as np
 from distributed import WorkerPlugin
 
 from helpers.made_suites import JOB
-from sfr_loc_map.inputs import hash_path
+from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.suite.running import job_run
 from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
 from sfr_loc_map.suite.running.digests import code_fingerprint

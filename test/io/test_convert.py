@@ -19,7 +19,7 @@ from helpers.made_worlds import (
 )
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
-from sfr_loc_map.inputs import hash_path
+from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.convert import ConvertOptions, Layout, convert, convert_trajectory
 from sfr_loc_map.io.registry import open_source, read_truth

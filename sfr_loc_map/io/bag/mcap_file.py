@@ -20,7 +20,7 @@ from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.metadata import ReaderMetadata, parse_qos
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import expansion_limit, parse_yaml
+from sfr_loc_map.inputs import expansion_limit
 from sfr_loc_map.io.bag.encoding import cdr_of_ros1, is_ros1, readable
 from sfr_loc_map.io.bag.files import MCAP_MAGIC, is_unfinished
 from sfr_loc_map.io.bag.mcap_format import (
@@ -40,6 +40,7 @@ from sfr_loc_map.io.bag.mcap_format import (
     STATISTICS,
 )
 from sfr_loc_map.io.bag.unpacking import unpack_lz4, unpack_zstd
+from sfr_loc_map.json_yaml import parse_yaml
 
 LATEST_NS = 2**63 - 1  #: Largest time of recording.
 NO_MESSAGES = ReaderMetadata(0, LATEST_NS, 0, 0, None, None, None, None)

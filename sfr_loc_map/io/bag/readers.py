@@ -21,11 +21,12 @@ from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import check_regular, parse_yaml, read_text
+from sfr_loc_map.inputs import check_regular, read_text
 from sfr_loc_map.io.bag.encoding import OLD_TYPES, cdr_of_ros1
 from sfr_loc_map.io.bag.files import is_ros1_bag
 from sfr_loc_map.io.bag.mcap_file import McapFile, RecoveringMcapFile
 from sfr_loc_map.io.bag.unpacking import check_zstd_file, unpack_bz2, unpack_lz4, unpack_zstd
+from sfr_loc_map.json_yaml import parse_yaml
 
 METADATA = "rosbag2_bagfile_information"
 BOUNDED = {decompressors["bz2"]: unpack_bz2, decompressors["lz4"]: unpack_lz4}

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from sfr_loc_map.inputs import parse_yaml, read_text
+from sfr_loc_map.inputs import read_text
+from sfr_loc_map.json_yaml import parse_yaml
 
 PARTNERS = (("left", "right"), ("cam0", "cam1"), ("intrinsics", "extrinsics"), ("cameras.txt", "rig_config.json"))
 """Words in which the names of the two files of a calibration, or of their folders, differ."""

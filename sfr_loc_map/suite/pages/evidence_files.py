@@ -16,7 +16,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check import check_tables
 from sfr_loc_map.evidence.check_result import CheckResult
-from sfr_loc_map.inputs import MAX_JSON_BYTES, hash_path, read_text
+from sfr_loc_map.hashes import hash_path
+from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.catalogue import statistic_title, title_of
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.table import Figure

@@ -14,7 +14,8 @@ from typing import TypeVar, cast
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import Task, hash_path
+from sfr_loc_map.hashes import hash_path
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.source_config import config_beside
 from sfr_loc_map.methods.isolation import code_of
 from sfr_loc_map.methods.registry import find_method

@@ -7,7 +7,7 @@ import socket
 import subprocess
 from datetime import UTC, datetime
 
-from sfr_loc_map.inputs import GIT
+from sfr_loc_map.package_commit import GIT
 from sfr_loc_map.suite.running.digests import PACKAGE
 
 

@@ -20,7 +20,8 @@ from typing import Any, TypeVar
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import InputError, OutputError
-from sfr_loc_map.inputs import hash_path, refusing
+from sfr_loc_map.hashes import hash_path
+from sfr_loc_map.inputs import refusing
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score

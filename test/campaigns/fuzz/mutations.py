@@ -22,9 +22,9 @@ import numpy as np
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import zstd
 
-from sfr_loc_map.inputs import parse_yaml
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.files import MCAP_MAGIC
+from sfr_loc_map.json_yaml import parse_yaml
 
 Mutation = Callable[[Random, bytes], bytes]
 

@@ -1,0 +1,118 @@
+"""JSON and YAML from outside: plain values of bounded nesting, number and length.
+
+A rejected text raises the error that the parser itself would raise (`ValueError`, `yaml.YAMLError`). `inputs` reads the
+files.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from typing import Any
+
+import yaml
+
+MAX_DEPTH = 64  #: Maximum nesting depth of JSON and YAML.
+MAX_NODES = 100_000  #: Maximum number of values of a YAML file after expansion of its aliases.
+MAX_DIGITS = 20  #: Maximum length of an integer in JSON and YAML: 64 bits have 19 digits and a sign.
+_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
+_EXPONENT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
+
+
+def parse_json(text: str | bytes, parse_constant: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401 - any JSON
+    """Return the value of a JSON text; `parse_constant` is called with NaN and Infinity, which are not JSON.
+
+    Raises ValueError if the text is not JSON, is nested too deeply, or contains an integer of more than `MAX_DIGITS`
+    characters or half of a surrogate pair, which cannot be encoded.
+    """
+    text = text.decode("utf-8") if isinstance(text, bytes) else text
+    try:
+        value = json.loads(text, parse_constant=parse_constant, parse_int=_integer)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+    level: list[Any] = [[value]]
+    for _ in range(MAX_DEPTH + 1):  # callers may process the value recursively
+        items = (item for part in level for item in (part.values() if isinstance(part, dict) else part))
+        level = [item for item in items if isinstance(item, (dict, list))]
+    if level:
+        raise ValueError("it is nested too deeply")
+    if _SURROGATE.search(text):
+        json.dumps(value, ensure_ascii=False).encode("utf-8")
+    return value
+
+
+def _integer(text: str) -> int:
+    if len(text) > MAX_DIGITS:
+        raise ValueError(f"an integer of {len(text)} digits is too long")
+    return int(text)
+
+
+def parse_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
+    """Return the value of a YAML text of plain types.
+
+    Raises YAMLError or ValueError if the text is not YAML, is nested too deeply, or expands to too many values.
+    """
+    loader = _BoundedLoader(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _expanded(node, {}, 0)
+        return loader.construct_document(node)
+    except (AttributeError, TypeError, RecursionError) as error:  # the library raises them for unknown keys and tags
+        raise yaml.YAMLError(f"it cannot be read: {error}") from error
+    finally:
+        loader.dispose()
+
+
+class _BoundedLoader(yaml.SafeLoader):
+    """Loader of plain types with bounded nesting and integers."""
+
+    depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        self.depth += 1
+        if self.depth > MAX_DEPTH:
+            raise yaml.YAMLError("it is nested too deeply")
+        node: yaml.Node | None = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:  # noqa: ANN401 - the library's
+        node = super().compose_mapping_node(anchor)
+        keys: set[tuple[str, str]] = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key.style is None and _EXPONENT.match(key.value):  # a name such as `1e-3`
+                key.tag = "tag:yaml.org,2002:str"
+            if (key.tag, key.value) in keys:  # the library would keep the last value
+                raise yaml.YAMLError(f"'{key.value}' occurs twice, the second time in line {key.start_mark.line + 1}")
+            if key.tag != "tag:yaml.org,2002:merge":  # several merge keys are several maps
+                keys.add((key.tag, key.value))
+        return node
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        if len(node.value) > 4 * MAX_DIGITS:
+            raise yaml.YAMLError(f"an integer of {len(node.value)} digits is too long")
+        if node.value.lstrip("+-").isdecimal():  # `030` is 30 in YAML 1.2, 24 in 1.1
+            return int(node.value)
+        return int(super().construct_yaml_int(node))
+
+
+_BoundedLoader.add_constructor("tag:yaml.org,2002:int", _BoundedLoader.construct_yaml_int)
+# `1e-3` is a number in YAML 1.2 and in other programs, but a string in YAML 1.1.
+_BoundedLoader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
+
+
+def _expanded(node: yaml.Node, sizes: dict[int, int], depth: int) -> int:
+    """Return the number of values of a node after expansion of its aliases; raises YAMLError if it is too large."""
+    if isinstance(node, yaml.ScalarNode):
+        return 1
+    if depth > MAX_DEPTH:
+        raise yaml.YAMLError("an alias is within its own anchor, or the file is nested too deeply")
+    if id(node) not in sizes:
+        pairs = node.value if isinstance(node, yaml.MappingNode) else [node.value]
+        sizes[id(node)] = 1 + sum(_expanded(item, sizes, depth + 1) for pair in pairs for item in pair)
+    if sizes[id(node)] > MAX_NODES:
+        raise yaml.YAMLError(f"its aliases expand to more than {MAX_NODES} values")
+    return sizes[id(node)]
