@@ -17,7 +17,8 @@ from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.poses import read_frame_tree
 from sfr_loc_map.io.calibration.calibration_file import CalibrationError
-from sfr_loc_map.io.layouts.bag_source import BagLocSequence, image_name
+from sfr_loc_map.io.layouts.bag_rig import image_name
+from sfr_loc_map.io.layouts.bag_source import BagLocSequence
 from sfr_loc_map.io.registry import format_of, open_source
 from sfr_loc_map.io.sequence import LocSequence, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig, is_file_or_bag

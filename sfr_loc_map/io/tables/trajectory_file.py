@@ -55,8 +55,6 @@ CONJUGATED = np.array([-1.0, -1.0, -1.0, 1.0])
 TUM_SUFFIXES = (".txt", ".tum")
 KITTI_SUFFIX, EUROC_SUFFIX = ".kitti", ".euroc.csv"
 FILE_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)  #: File name endings of trajectories.
-
-
 ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.COLUMNS, TrajectoryFormat.MATRIX)
 """Formats that commands report when they detect them."""
 COLUMNS_OPTION = "--columns 'COLUMNS'"
@@ -64,7 +62,7 @@ COLUMNS_OPTION = "--columns 'COLUMNS'"
 ESTIMATE_OPTION, TRUTH_OPTION = "--columns 'estimate:COLUMNS'", "--columns 'truth:COLUMNS'"
 CONFIGURED_OPTION = "--set 'truth.columns=COLUMNS'"  #: For a truth that `truth.source` names.
 MOST_NAMED = 8  #: Maximum number of columns that a message lists.
-WORDS = {  # all formats but COLUMNS, whose name is that of the detected columns
+FORMAT_NAMES = {  # all formats but COLUMNS, whose name is that of the detected columns
     TrajectoryFormat.CSV: "csv of the suite",
     TrajectoryFormat.TUM: "TUM",
     TrajectoryFormat.KITTI: "KITTI poses of the left camera, rotated to x forward, y left, z up",
@@ -90,7 +88,7 @@ class LoadedTrajectory:
     def text(self) -> str:
         """The detected format and content, in one line."""
         kind = "poses" if self.trajectory.has_attitude else "positions"
-        name = WORDS.get(self.format) or ("" if self.columns is None else self.columns.name)
+        name = FORMAT_NAMES.get(self.format) or ("" if self.columns is None else self.columns.name)
         parts = [name, f"{len(self.trajectory)} {kind}"]
         parts += [f"stamps: {self.stamps}"] if self.stamps else []
         if self.columns is not None:
@@ -168,17 +166,14 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseC
     else:
         positions = np.stack([values[key] for key in columns.position_keys], axis=1) * np.array(columns.scales)
         quats = np.stack([values.get(key, np.zeros(len(positions))) for key in QUATERNION], axis=1)
-    stamps_ns, stamps_from, by_index = table.stamps_ns, "", False
     if NANOSECONDS in columns:
-        stamps_ns = stamps_ns + _fractions_ns(table, values[NANOSECONDS] * columns.fraction_ns)
-    if not stamp_keys or columns.stamp_key == FRAME:
-        numbers = stamps_ns // NS_PER_S if stamp_keys else table.row_numbers
-        rows = len(table.lines) + len(table.skipped_lines)
-        is_consecutive = not stamp_keys or (len(numbers) > 0 and int(numbers[-1]) + 1 == rows)
-        numbers_of = "frame" if stamp_keys else "line"
-        count = rows if is_consecutive else None
-        stamps_ns, stamps_from, by_index = _stamps_of_frames(path, numbers, numbers_of, count)
-    poses = replace(table, stamps_ns=stamps_ns, values=np.concatenate((positions, quats), axis=1))
+        fractions_ns = _fractions_ns(table, values[NANOSECONDS] * columns.fraction_ns)
+        table = replace(table, stamps_ns=table.stamps_ns + fractions_ns)
+    stamps_from, by_index = "", False
+    if columns.stamp_key in (None, FRAME):
+        stamps_ns, stamps_from, by_index = _stamps_by_number(path, table, columns)
+        table = replace(table, stamps_ns=stamps_ns)
+    poses = replace(table, values=np.concatenate((positions, quats), axis=1))
     covariance = _covariance(values) if columns.has_covariance else None
     return _loaded(
         path, poses, columns.format, columns=columns, stamps=stamps_from, by_index=by_index, covariance=covariance
@@ -194,6 +189,16 @@ def _fractions_ns(table: Table, fractions_ns: FloatArray) -> IntArray:
             f"{NS_PER_S - 1} ns is required; name the column of the complete stamp as t, or correct the unit"
         )
     return np.rint(fractions_ns).astype(np.int64)
+
+
+def _stamps_by_number(path: Path, table: Table, columns: PoseColumns) -> tuple[IntArray, str, bool]:
+    """Return the stamps of poses that have frame numbers, or only line numbers; see `_stamps_of_frames`."""
+    rows = len(table.lines) + len(table.skipped_lines)
+    if columns.stamp_key is None:
+        return _stamps_of_frames(path, table.row_numbers, "line", rows)
+    numbers = table.stamps_ns // NS_PER_S
+    is_consecutive = len(numbers) > 0 and int(numbers[-1]) + 1 == rows
+    return _stamps_of_frames(path, numbers, "frame", rows if is_consecutive else None)
 
 
 def _of_matrices(rows: FloatArray, *, is_optical: bool) -> tuple[FloatArray, FloatArray]:
