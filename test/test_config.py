@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfr_loc_map.config import build, flatten, load_yaml, param, parameters
+from sfr_loc_map.config import build, flatten, load_yaml, param, parameters, read_sections
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
@@ -125,3 +125,28 @@ def test_names_and_merged_maps_of_yaml(tmp_path: Path) -> None:
     content = load_yaml(path)
     assert content["c"] == {"x": 2, "y": 0.001}
     assert content["d"] == {"1e-3": 1500.0, 1: "one", "1": "text"}
+
+
+@pytest.mark.parametrize(
+    ("text", "sections"),
+    [
+        ("/**:\n  ros__parameters:\n", {}),
+        (
+            "/**:\n  ros__parameters: {truth.sigma_m: 0.1}\nmonitor_node:\n  ros__parameters: {truth: {sigma_m: 0.2}}\n",
+            0.2,
+        ),
+        (
+            "monitor_node:\n  ros__parameters: {truth: {sigma_m: 0.2}}\n/**:\n  ros__parameters: {truth.sigma_m: 0.1}\n",
+            0.2,
+        ),
+        ("other_node:\n  ros__parameters: {truth: {sigma_m: 0.2}}\n", {}),
+        ("/**:\n  ros__params: {truth: {sigma_m: 0.2}}\n", {"": {"/**.ros__params.truth.sigma_m": 0.2}}),
+    ],
+    ids=["empty", "of a node", "of all nodes, below", "of another node", "misspelt"],
+)
+def test_parameters_of_nodes_are_read_from_a_ros_parameter_file(
+    tmp_path: Path, text: str, sections: dict[str, Any] | float
+) -> None:
+    (tmp_path / "nodes.yaml").write_text(text)
+    wanted = sections if isinstance(sections, dict) else {"truth": {"sigma_m": sections}}
+    assert read_sections(tmp_path / "nodes.yaml") == wanted

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, read_text, refusing
 from sfr_loc_map.io.calibration.camera_info import projection
@@ -33,6 +34,7 @@ from sfr_loc_map.io.calibration.stereo_calibration import PosedCamera, rectified
 _log = logging.getLogger(__name__)
 PINHOLE_MODELS = ("radtan", "radial-tangential", "plumb_bob", "equidistant", "equi", "none")
 """Distortion models of Kalibr and EuRoC."""
+SAME_POSE = 1e-3  #: Largest difference of two poses of the right camera, m and rad, that is not reported.
 ONE_FOCAL = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 TWO_FOCALS = ("PINHOLE", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE")
 """Models of COLMAP by number of focal lengths; principal point and distortion in OpenCV's order follow."""
@@ -126,24 +128,35 @@ class _KalibrCamera(msgspec.Struct):
         return None if self.T_cam_imu is None else _matrix(self.T_cam_imu).inverse()
 
 
-def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera) -> Transform:
-    """Return the pose of cam1 in cam0 from T_cn_cnm1 of cam1, else from the poses of both cameras in the IMU."""
-    if other.T_cn_cnm1 is not None:
-        return _matrix(other.T_cn_cnm1).inverse()
+def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera, where: str) -> Transform:
+    """Return the pose of cam1 in cam0 from T_cn_cnm1 of cam1, else from the poses of both cameras in the IMU.
+
+    A warning, which begins with `where`, reports that the two poses differ.
+    """
     in_imu, other_in_imu = one.pose_in_imu(), other.pose_in_imu()
-    if in_imu is None or other_in_imu is None:
-        raise ValueError("cam1 has no T_cn_cnm1, and cam0 and cam1 do not both have T_cam_imu or T_imu_cam")
-    return in_imu.inverse() @ other_in_imu
+    by_imu = None if in_imu is None or other_in_imu is None else in_imu.inverse() @ other_in_imu
+    if other.T_cn_cnm1 is None:
+        if by_imu is None:
+            raise ValueError("cam1 has no T_cn_cnm1, and cam0 and cam1 do not both have T_cam_imu or T_imu_cam")
+        return by_imu
+    pose = _matrix(other.T_cn_cnm1).inverse()
+    if by_imu is not None and np.abs(by_imu.matrix - pose.matrix).max() > SAME_POSE:
+        baselines = " and ".join(f"{np.linalg.norm(each.translation):.4g}" for each in (pose, by_imu))
+        _log.warning(
+            f"{where}: T_cn_cnm1 of cam1 is used, which differs from the poses in the IMU (baselines of {baselines} m)"
+        )
+    return pose
 
 
 def _kalibr(opened: OpenedFile) -> CameraPair:
-    content = opened.content
+    content, where = opened.content, f"calibration '{opened.file}'"
     if "cam1" not in content:
-        raise ValueError("it has only cam0: a stereo pair needs cam0 and cam1")
+        names = ", ".join(name for name in opened.shown_names if name.startswith("cam"))
+        raise ValueError(f"it has only {names}: a stereo pair needs cam0 and cam1")
     one, other = (msgspec.convert(content.get(name), _KalibrCamera, strict=False) for name in ("cam0", "cam1"))
     if further := [name for name in opened.shown_names if re.fullmatch(r"cam(?:[2-9]|[1-9][0-9]+)", name)]:
-        _log.warning(f"calibration '{opened.file}': cam0 and cam1 are used, not {', '.join(further)}")
-    poses = Transform.identity(), _pose_of_right(one, other)
+        _log.warning(f"{where}: cam0 and cam1 are used, not {', '.join(further)}")
+    poses = Transform.identity(), _pose_of_right(one, other, where)
     cameras = [one.calibrated("cam0", poses[0]), other.calibrated("cam1", poses[1])]
     return _side_by_side(f"Kalibr '{opened.file.name}'", cameras, ["cam0", "cam1"])
 
@@ -263,9 +276,15 @@ def _opencv(opened: OpenedFile) -> CameraPair:
         with refusing(f"calibration '{file}'"):
             values |= named_values(file)
     text = "OpenCV " + " and ".join(f"'{file.name}'" for file in files)
-    size, is_fisheye = size_of(values), _names_fisheye(values)
+    size, stated = size_of(values), _states_fisheye(values)
+    is_fisheye = bool(stated)
     ks = [numbers_of(values, f"M{n}", f"K{n}", f"cameraMatrix{n}") for n in (1, 2)]
     ds = [numbers_of(values, f"D{n}", f"distCoeffs{n}", f"distortion_coefficients_{n}") for n in (1, 2)]
+    if stated is None and all(len(d) == 4 and any(d) for d in ds):
+        _log.warning(
+            f"calibration '{opened.file}': 4 distortion coefficients are read as k1, k2, p1, p2: add 'fisheye: 1' to "
+            "the file if they are those of cv::fisheye, or 'fisheye: 0'"
+        )
     if values.keys() >= {"r1", "r2", "p1", "p2"}:
         left, right = (
             RectifiableCamera(
@@ -275,7 +294,8 @@ def _opencv(opened: OpenedFile) -> CameraPair:
         )
         return CameraPair(left, right, text)
     rotation, translation = (np.array(numbers_of(values, name)) for name in ("R", "T"))
-    T_right_left = Transform.from_matrix(np.c_[rotation.reshape(3, 3), translation])
+    matrix = matrix_from_rotvec(rotation) if len(rotation) == 3 else rotation.reshape(3, 3)
+    T_right_left = Transform.from_matrix(np.c_[matrix, translation])
     cameras = [
         PosedCamera(size, (k[0], k[4], k[2], k[5]), d, pose, _lens(d, is_fisheye))
         for k, d, pose in zip(ks, ds, (Transform.identity(), T_right_left.inverse()), strict=True)
@@ -283,10 +303,11 @@ def _opencv(opened: OpenedFile) -> CameraPair:
     return CameraPair(*rectified_cameras(text, *cameras), text)
 
 
-def _names_fisheye(values: Mapping[str, Any]) -> bool:
-    """Return whether a name or a text in the file names a fisheye lens; OpenCV itself has no such name."""
-    stated = [f"{name} {value}".lower() for name, value in values.items() if value not in (0, "0")]
-    return any(re.search(r"fisheye|\bequi", text) for text in stated)
+def _states_fisheye(values: Mapping[str, Any]) -> bool | None:
+    """Return whether a name or a text in the file states a fisheye lens; None without such a name or text."""
+    stated = {f"{name} {value}".lower(): value not in (0, "0") for name, value in values.items()}
+    found = [is_fisheye for text, is_fisheye in stated.items() if re.search(r"fisheye|\bequi", text)]
+    return any(found) if found else None
 
 
 # ---- ROS

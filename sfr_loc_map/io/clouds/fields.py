@@ -68,12 +68,23 @@ def check_names_differ(names: Sequence[str], where: str) -> None:
         raise ValueError(f"{where} has the field {doubled[0]} twice")
 
 
-def number_table(body: bytes, count: int, width: int) -> FloatArray:
-    """Return `count` lines of `width` numbers; NaN may be in the notation of Windows."""
-    if not count or not width:
-        return np.zeros((count, width))
-    lines = b"\n".join(line for line in body.splitlines() if line.partition(b"#")[0].strip())  # numpy warns of them
-    table = np.loadtxt(io.BytesIO(PLAIN_NAN.sub(b"nan", lines)), np.float64, ndmin=2, max_rows=count)
-    if table.shape != (count, width):
-        raise ValueError(f"{table.shape} numbers found where {(count, width)} are required")
+def text_lines(body: bytes) -> list[bytes]:
+    """Return the lines of a text that are neither empty nor comments."""
+    return [line for line in body.splitlines() if line.partition(b"#")[0].strip()]
+
+
+def number_table(lines: Sequence[bytes], width: int) -> FloatArray:
+    """Return lines of `width` numbers; NaN may be in the notation of Windows."""
+    if not lines or not width:
+        return np.zeros((len(lines), width))
+    text = PLAIN_NAN.sub(b"nan", b"\n".join(lines))
+    table = np.loadtxt(io.BytesIO(text), np.float64, ndmin=2)
+    if table.shape != (len(lines), width):
+        raise ValueError(f"{table.shape} numbers found where {(len(lines), width)} are required")
     return table
+
+
+def ignored_after(rest: bytes) -> tuple[str, ...]:
+    """Return the note on the data after the last point; empty if only padding follows."""
+    is_padding = not rest.strip(b"\0 \t\r\n")
+    return () if is_padding else (f"{len(rest)} bytes after its last point are ignored",)

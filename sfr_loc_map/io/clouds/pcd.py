@@ -9,7 +9,15 @@ import numpy as np
 
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.inputs import expansion_limit
-from sfr_loc_map.io.clouds.fields import CloudFields, Columns, check_names_differ, comments_of, number_table
+from sfr_loc_map.io.clouds.fields import (
+    CloudFields,
+    Columns,
+    check_names_differ,
+    comments_of,
+    ignored_after,
+    number_table,
+    text_lines,
+)
 from sfr_loc_map.io.tables.number_text import number_or_nan, parse_count
 
 MAX_COUNT = 4096  #: Maximum number of values in one PCD field of a point; descriptors have several hundred.
@@ -45,18 +53,17 @@ def read_pcd(data: bytes) -> CloudFields:
     width, height = _pcd_size(head)
     dtype, body = _pcd_dtype(head), data[position:]
     if storage == "ascii":
-        columns = _text_columns(body, dtype, width * height)
+        columns, notes = _text_columns(body, dtype, width * height)
     elif storage == "binary":
-        columns = _binary_columns(body, dtype, width * height)
+        columns, notes = _binary_columns(body, dtype, width * height)
     elif storage == "binary_compressed":
-        columns = _uncompressed(body, dtype, width * height)
+        columns, notes = _uncompressed(body, dtype, width * height), ()
     else:
         raise ValueError(f"its data is '{storage}' where ascii, binary or binary_compressed is required")
     viewpoint = [number_or_nan(word) for word in head.get("VIEWPOINT", ())]
-    notes = []
     if viewpoint not in ([], NO_VIEWPOINT):
-        notes.append(f"its VIEWPOINT {' '.join(head['VIEWPOINT'])[:60]} is ignored: points are not moved")
-    return CloudFields(columns, comments, (width, height) if min(width, height) > 1 else None, tuple(notes))
+        notes += (f"its VIEWPOINT {' '.join(head['VIEWPOINT'])[:60]} is ignored: points are not moved",)
+    return CloudFields(columns, comments, (width, height) if min(width, height) > 1 else None, notes)
 
 
 def _pcd_size(head: Mapping[str, Sequence[str]]) -> tuple[int, int]:
@@ -128,20 +135,25 @@ def _uncompressed(body: bytes, dtype: np.dtype[Any], count: int) -> Columns:
     return columns
 
 
-def _binary_columns(body: bytes, dtype: np.dtype[Any], count: int) -> Columns:
-    """Return the scalar fields of `count` records."""
+def _binary_columns(body: bytes, dtype: np.dtype[Any], count: int) -> tuple[Columns, tuple[str, ...]]:
+    """Return the scalar fields of `count` records, and a note on the data after them."""
     if len(body) < count * dtype.itemsize:
         raise ValueError(f"{len(body)} bytes found where {count} points of {dtype.itemsize} bytes are required")
     records = np.frombuffer(body, dtype, count)
-    return {name: records[name] for name in dtype.names or () if dtype[name].shape == ()}
+    columns = {name: records[name] for name in dtype.names or () if dtype[name].shape == ()}
+    return columns, ignored_after(body[count * dtype.itemsize :])
 
 
-def _text_columns(body: bytes, dtype: np.dtype[Any], count: int) -> Columns:
-    """Return the scalar fields of `count` lines of text."""
+def _text_columns(body: bytes, dtype: np.dtype[Any], count: int) -> tuple[Columns, tuple[str, ...]]:
+    """Return the scalar fields of `count` lines of text, and a note on the data after them."""
     names = dtype.names or ()
     widths = [int(np.prod(dtype[name].shape)) for name in names]
     if len(body) + 1 < 2 * count * sum(widths):  # each number has a digit and a separator
         raise ValueError(f"{len(body)} bytes of text found where {count} points of {sum(widths)} numbers are required")
-    table = number_table(body, count, sum(widths))
+    lines = text_lines(body)
+    if len(lines) < count:
+        raise ValueError(f"{len(lines)} lines found where {count} are required")
+    table = number_table(lines[:count], sum(widths))
     starts = np.cumsum([0, *widths])
-    return {name: table[:, starts[i]] for i, name in enumerate(names) if widths[i] == 1}
+    columns = {name: table[:, starts[i]] for i, name in enumerate(names) if widths[i] == 1}
+    return columns, ignored_after(b"\n".join(lines[count:]))

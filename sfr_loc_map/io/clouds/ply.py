@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
-from sfr_loc_map.io.clouds.fields import PLAIN_NAN, CloudFields, Columns, check_names_differ, comments_of, number_table
+from sfr_loc_map.io.clouds.fields import (
+    PLAIN_NAN,
+    CloudFields,
+    Columns,
+    check_names_differ,
+    comments_of,
+    ignored_after,
+    number_table,
+)
 from sfr_loc_map.io.tables.number_text import parse_count
 
 PLY_TYPES = {
@@ -62,11 +70,14 @@ def read_ply(data: bytes) -> CloudFields:
         raise ValueError(f"its PLY format is '{order[:40]}': one of {', '.join(PLY_ORDERS)} is required")
     comments = [line.removeprefix("comment ") for line in lines if line.startswith("comment ")]
     position = body
-    for name, count, properties in _ply_elements(header, PLY_ORDERS[order]):
+    elements = _ply_elements(header, PLY_ORDERS[order])
+    for element in elements:
+        name, count, properties = element
         read = _ply_text if order == "ascii" else _ply_records
         columns, position = read(data, position, count, properties)
         if name == "vertex":
-            return CloudFields(columns, comments)
+            notes = ignored_after(data[position:]) if element is elements[-1] else ()
+            return CloudFields(columns, comments, notes=notes)
     raise ValueError("it has no element 'vertex'")
 
 
@@ -166,7 +177,7 @@ def _ply_text(data: bytes, position: int, count: int, properties: list[_Property
         position = end + 1
     scalars = [item.name for item in properties if not item.length_kind]
     if len(scalars) == len(properties):
-        table = number_table(b"\n".join(rows), count, len(scalars))
+        table = number_table(rows, len(scalars))
         return {name: table[:, column] for column, name in enumerate(scalars)}, position
     values = np.zeros((count, len(scalars)))
     for row, line in enumerate(rows):

@@ -39,11 +39,12 @@ class TableHead:
             cells = split_cells(text, separator)
             if _are_numbers(cells) and (is_number(cells[0]) or is_time(cells[0])):
                 return cls(name, option, lines[:number], text, separator, _cells_of(lines[number:], separator))
-        first = next((number for number, line in enumerate(lines) if line.strip()), None)
-        found = "it is empty" if first is None else f"line {first + 1} is '{lines[first].strip()[:60]}'"
+        filled = [(number, line.strip()[:60]) for number, line in enumerate(lines, 1) if line.strip()]
+        found = ", ".join(f"line {number} is '{line}'" for number, line in filled[:2]) or "it is empty"
         raise InputError(
             f"{name} has no pose: at least one line with a pose is required, with numbers separated by commas, "
-            f"semicolons, tabs or spaces; {found}: give a csv, TUM, KITTI or EuRoC file"
+            f"semicolons, tabs or spaces, and stamps as numbers or as 2026-05-04T10:22:01.25; {found}: give a csv, "
+            "TUM, KITTI or EuRoC file"
         )
 
     @property

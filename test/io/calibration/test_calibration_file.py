@@ -313,6 +313,52 @@ def test_what_is_no_calibration_of_a_pair_is_refused_in_one_line(what: str, tmp_
     assert "\n" not in str(caught.value)
 
 
+def chain_of_eleven(folder: Path) -> Path:
+    file = kalibr(folder, Pair())
+    cameras = yaml.safe_load(file.read_text())
+    cameras |= {f"cam{number}": cameras["cam1"] for number in range(2, 11)}
+    file.write_text(yaml.safe_dump(cameras))
+    return file
+
+
+def contradictory_poses(folder: Path) -> Path:
+    file = kalibr(folder, Pair())
+    cameras = yaml.safe_load(file.read_text())
+    twice_as_far = np.array(cameras["cam1"]["T_cn_cnm1"]) * np.array([1.0, 1.0, 1.0, 2.0])
+    twice_as_far[3, 3] = 1.0
+    cameras["cam0"]["T_cam_imu"] = np.eye(4).tolist()
+    cameras["cam1"]["T_cam_imu"] = twice_as_far.tolist()
+    file.write_text(yaml.safe_dump(cameras))
+    return file
+
+
+REPORTED: dict[str, tuple[Callable[[Path], Path], str]] = {
+    "further cameras": (chain_of_eleven, "cam0 and cam1 are used, not cam10, cam2"),
+    "poses that differ": (contradictory_poses, "differs from the poses in the IMU (baselines of 0.1201 and 0.2401 m)"),
+    "four coefficients": (edited(opencv("yml"), ("fisheye_model: 0", "made: 2026")), "are read as k1, k2, p1, p2"),
+}
+
+
+@pytest.mark.parametrize("what", REPORTED)
+def test_what_is_not_used_of_a_calibration_is_reported(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, what: str
+) -> None:
+    make, words = REPORTED[what]
+    path = make(tmp_path)
+    rig = read_calibration(path, SIZE).rig("loc")[0]
+    assert rig.baseline_m == pytest.approx(np.linalg.norm(APART.translation), abs=1e-9)
+    assert f"calibration '{path}': " in caplog.text
+    assert words in caplog.text
+
+
+def test_a_rotation_vector_of_opencv_is_a_rotation(tmp_path: Path) -> None:
+    values = lenses(Pair()) | apart(Pair())
+    by_matrix = read_calibration(storage(tmp_path / "a.yml", values), SIZE)
+    values["R"] = cv2.Rodrigues(values["R"])[0]
+    by_vector = read_calibration(storage(tmp_path / "b.yml", values), SIZE)
+    assert by_vector.cameras[0].is_same(by_matrix.cameras[0])
+
+
 def test_the_p_of_the_right_camera_may_have_another_principal_point(tmp_path: Path) -> None:
     """As OpenCV computes P without CALIB_ZERO_DISPARITY, and as messages are accepted."""
     pair = Pair()

@@ -148,6 +148,23 @@ def test_a_viewpoint_that_is_not_applied_is_reported(
     assert ("VIEWPOINT 1 2 3" in caplog.text) is viewpoint.startswith("1")
 
 
+AFTER = {
+    "text.ply": ply(f"element vertex 49\n{VERTEX}", "".join(f"{x} {y} {z}\n" for x, y, z in POINTS).encode(), "ascii"),
+    "binary.ply": ply(f"element vertex 49\n{VERTEX}", POINTS.tobytes()),
+    "binary.pcd": pcd(np.c_[POINTS, np.ones(50, "<f4")].astype("<f4").tobytes() + b"more", "binary"),
+    "text.pcd": pcd("".join(f"{x} {y} {z} 0 0 0 0\n" for x, y, z in (*POINTS, *POINTS[:1])).encode(), "ascii"),
+}
+
+
+@pytest.mark.parametrize("name", AFTER)
+def test_data_after_the_last_point_is_reported(tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str) -> None:
+    (tmp_path / name).write_bytes(AFTER[name])
+    count = 49 if name.endswith("ply") else 50
+    np.testing.assert_allclose(load_cloud(tmp_path / name).xyz, POINTS[:count].astype(np.float64), rtol=1e-6)
+    assert f"cloud '{tmp_path / name}': " in caplog.text
+    assert "bytes after its last point are ignored" in caplog.text
+
+
 @pytest.mark.parametrize("name", FORMS)
 def test_each_form_has_the_points_that_were_written(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(FORMS[name])

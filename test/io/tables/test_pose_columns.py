@@ -93,6 +93,12 @@ FORMS: dict[str, Callable[[Trajectory], str]] = {
     "semicolons and decimal commas": lambda p: rows(
         seconds(p), p.positions, p.quats_xyzw, separator=";", header="t[s];x[m];y[m];z[m];qx;qy;qz;qw"
     ).replace(".", ","),
+    "spaces and decimal commas": lambda p: rows(seconds(p), p.positions, p.quats_xyzw, separator=" ").replace(".", ","),
+    "commas and decimal commas in quotes": lambda p: (
+        f'"{rows(seconds(p), p.positions, p.quats_xyzw, separator=";")[:-1]}"\n'.replace(".", ",")
+        .replace("\n", '"\n"')
+        .replace(";", '","')[:-1]
+    ),
     "nanoseconds with decimals": lambda p: rows(
         [f"{stamp}.000000" for stamp in whole(p)], p.positions, p.quats_xyzw, separator=" "
     ),
@@ -227,6 +233,17 @@ REFUSED = {
     "rows of 4 x 4 matrices": ("1 0 0 5\n0 1 0 5\n0 0 1 5\n0 0 0 1\n" * 5, "", "fits no layout of"),
     "a gap in the given columns": ("1,2,3,4,5\n", "t[s],,x,y,z", "no column for ''"),
     "a column given twice": ("a,b,c,d\n1,2,3,4\n", "t=a[s],x=b,y=c,z=d,x=d", "name x twice"),
+    "separators of thousands": (
+        "t;x;y;z\n0.5;1,000.5;2.5;3.5\n",
+        "",
+        "'1,000.5' and '1,000.5': the comma may separate",
+    ),
+    "whole numbers with separators of thousands": (
+        "t[s];x[mm];y[mm];z[mm]\n0,5;1,000;5;2,000\n",
+        "",
+        "'1,000' and '5': the comma may separate",
+    ),
+    "times of day": ("time,x,y,z\n10:22:01.25,1,2,3\n", "", "line 1 is 'time,x,y,z', line 2 is '10:22:01.25,1,2,3'"),
     "a text without rows": ('{"poses": []}\n', "", """has no pose: .* line 1 is '{"poses": \\[\\]}'"""),
 }
 
