@@ -127,26 +127,23 @@ def test_names_and_merged_maps_of_yaml(tmp_path: Path) -> None:
     assert content["d"] == {"1e-3": 1500.0, 1: "one", "1": "text"}
 
 
+OF_ALL = "/**:\n  ros__parameters: {truth.sigma_m: 0.1}\n"
+OF_MONITOR = "monitor_node:\n  ros__parameters: {truth: {sigma_m: 0.2}}\n"
+
+
 @pytest.mark.parametrize(
     ("text", "sections"),
     [
         ("/**:\n  ros__parameters:\n", {}),
-        (
-            "/**:\n  ros__parameters: {truth.sigma_m: 0.1}\nmonitor_node:\n  ros__parameters: {truth: {sigma_m: 0.2}}\n",
-            0.2,
-        ),
-        (
-            "monitor_node:\n  ros__parameters: {truth: {sigma_m: 0.2}}\n/**:\n  ros__parameters: {truth.sigma_m: 0.1}\n",
-            0.2,
-        ),
-        ("other_node:\n  ros__parameters: {truth: {sigma_m: 0.2}}\n", {}),
-        ("/**:\n  ros__params: {truth: {sigma_m: 0.2}}\n", {"": {"/**.ros__params.truth.sigma_m": 0.2}}),
+        (OF_ALL + OF_MONITOR, {"truth": {"sigma_m": 0.2}}),
+        (OF_MONITOR + OF_ALL, {"truth": {"sigma_m": 0.2}}),
+        (OF_MONITOR.replace("monitor", "other"), {}),
+        (OF_ALL.replace("parameters", "params"), {"": {"/**.ros__params.truth.sigma_m": 0.1}}),
     ],
     ids=["empty", "of a node", "of all nodes, below", "of another node", "misspelt"],
 )
 def test_parameters_of_nodes_are_read_from_a_ros_parameter_file(
-    tmp_path: Path, text: str, sections: dict[str, Any] | float
+    tmp_path: Path, text: str, sections: dict[str, Any]
 ) -> None:
     (tmp_path / "nodes.yaml").write_text(text)
-    wanted = sections if isinstance(sections, dict) else {"truth": {"sigma_m": sections}}
-    assert read_sections(tmp_path / "nodes.yaml") == wanted
+    assert read_sections(tmp_path / "nodes.yaml") == sections
