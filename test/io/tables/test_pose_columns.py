@@ -94,10 +94,9 @@ FORMS: dict[str, Callable[[Trajectory], str]] = {
         seconds(p), p.positions, p.quats_xyzw, separator=";", header="t[s];x[m];y[m];z[m];qx;qy;qz;qw"
     ).replace(".", ","),
     "spaces and decimal commas": lambda p: rows(seconds(p), p.positions, p.quats_xyzw, separator=" ").replace(".", ","),
-    "commas and decimal commas in quotes": lambda p: (
-        f'"{rows(seconds(p), p.positions, p.quats_xyzw, separator=";")[:-1]}"\n'.replace(".", ",")
-        .replace("\n", '"\n"')
-        .replace(";", '","')[:-1]
+    "commas and decimal commas in quotes": lambda p: "\n".join(
+        '"' + line.replace(";", '","').replace(".", ",") + '"'
+        for line in rows(seconds(p), p.positions, p.quats_xyzw, separator=";").splitlines()
     ),
     "nanoseconds with decimals": lambda p: rows(
         [f"{stamp}.000000" for stamp in whole(p)], p.positions, p.quats_xyzw, separator=" "
