@@ -16,7 +16,7 @@ from typing import Any
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.inputs import NS_PER_S, serialised_stamp
 from sfr_loc_map.io.bag.encoding import TYPESTORE, readable
-from sfr_loc_map.io.bag.files import is_unfinished, reader_paths
+from sfr_loc_map.io.bag.files import ZSTD_MAGIC, is_unfinished, reader_paths
 from sfr_loc_map.io.bag.readers import BagReader, reader_of
 from sfr_loc_map.message_types import (
     CAMERA_INFO,
@@ -70,6 +70,8 @@ class Bag:
         with self._reading() as readers:
             connections = readable([c for reader in readers for c in reader.connections])
             self.topics: dict[str, str] = {c.topic: c.msgtype for c in connections}
+            types = {name: {c.msgtype for c in connections if c.topic == name} for name in self.topics}
+            self._types_of_mixed = {name: sorted(found) for name, found in types.items() if len(found) > 1}
             if not all(isinstance(text, str) for pair in self.topics.items() for text in pair):  # as sqlite permits
                 raise TypeError("the name or the type of a topic is not text")
             self.counts = {name: sum(c.msgcount for c in connections if c.topic == name) for name in self.topics}
@@ -98,6 +100,11 @@ class Bag:
         if len(found) > 1:
             several = ", ".join(found)
             raise InputError(f"bag '{self.path}' has several topics '{name}': {several}; choose one with --remap")
+        if types := self._types_of_mixed.get(found[0]):
+            raise InputError(
+                f"topic '{found[0]}' of bag '{self.path}' has messages of several types, {' and '.join(types)}: record "
+                "one type on each topic"
+            )
         msgtype = self.topics[found[0]]
         if msgtypes and msgtype not in msgtypes:
             raise InputError(
@@ -144,9 +151,13 @@ class Bag:
         try:
             return TYPESTORE.deserialize_cdr(raw, topic.msgtype)
         except Exception as error:
-            raise InputError(
-                f"a message on '{topic.bag_name}' of bag '{self.path}' is corrupt: {_line(error)}"
-            ) from error
+            where = f"a message on '{topic.bag_name}' of bag '{self.path}'"
+            if raw.startswith(ZSTD_MAGIC):
+                raise InputError(
+                    f"{where} is compressed by zstd, which only metadata.yaml states: restore metadata.yaml beside the "
+                    "files, or run 'ros2 bag reindex'"
+                ) from error
+            raise InputError(f"{where} is corrupt: {_line(error)}") from error
 
     def first(self, topics: Collection[Topic]) -> dict[str, Any]:
         """Return the first message of each topic by the topic's name; topics without a message are omitted."""

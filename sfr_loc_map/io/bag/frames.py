@@ -89,10 +89,12 @@ def _parents_up_to(series: Mapping[str, Mapping[str, Frame]], child: str, parent
 def chain_above(frames: Mapping[str, Frame], name: str, end: str = "") -> list[str]:
     """Return a frame and its ancestors, without `end`, the ancestors of `end`, and the root.
 
-    ValueError if the parent of a frame in this chain is ambiguous.
+    ValueError if the parent of a frame in this chain is ambiguous, or if the chain leads back to one of its frames.
     """
     chain: list[str] = []
-    while name in frames and name != end and len(chain) <= len(frames):
+    while name in frames and name != end:
+        if name in chain:
+            raise ValueError(f"frame '{name}' is above itself: {' in '.join((*chain[chain.index(name) :], name))}")
         chain.append(name)
         if others := frames[name].other_parents:
             parents = " and ".join(sorted((frames[name].parent, *others)))

@@ -60,7 +60,8 @@ def _configured_truth(path: Path, config: TruthConfig) -> Truth:
     """Return the truth in the file or bag that the configuration of the source `path` names."""
     file = Path(config.source)
     if not file.exists():
-        raise InputError(f"truth '{file}' is neither a file nor a topic of '{path}': give a file or a topic")
+        topic = f"a topic of '{path}'" if is_bag(path) else f"a topic, because '{path}' is not a bag"
+        raise InputError(f"truth '{file}' is neither a file nor {topic}: give a file, or a topic of a bag")
     if is_bag(file):
         return truth_of_path(file, replace(config, source=""))
     return _poses_of_file(file, config, CONFIGURED_OPTION)

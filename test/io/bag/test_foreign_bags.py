@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from helpers.cli_result import Sfr
 from helpers.message_bags import write_messages
@@ -222,3 +224,76 @@ def test_parts_of_a_bag_are_in_the_order_of_their_numbers(tmp_path: Path) -> Non
     for number in range(12):
         (tmp_path / f"drive_{number}.mcap").touch()
     assert [file.stem for file in reader_paths(tmp_path)] == [f"drive_{number}" for number in range(12)]
+
+
+def transform(stamp: int, parent: str, child: str, xyz: Any, quat: Any) -> Any:
+    move, turn = T["geometry_msgs/msg/Vector3"](*xyz), T["geometry_msgs/msg/Quaternion"](*quat)
+    moved = T["geometry_msgs/msg/Transform"](move, turn)
+    stamped = T["geometry_msgs/msg/TransformStamped"](bag_messages.header(stamp, parent), child, moved)
+    return T["tf2_msgs/msg/TFMessage"]([stamped])
+
+
+def rows_of_drive() -> list[tuple[int, list[float], list[float]]]:
+    poses = drive()
+    return list(zip(poses.stamps_ns.tolist(), poses.positions.tolist(), poses.quats_xyzw.tolist(), strict=True))
+
+
+def two_types(path: Path) -> Path:
+    """Every other message of a topic is of another type, as in bags that were merged."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        kinds = ("geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry")
+        topics = [writer.add_connection("/gt", kind, typestore=TYPESTORE) for kind in kinds]
+        for number, (stamp, xyz, quat) in enumerate(rows_of_drive()):
+            message = (pose, bag_messages.odometry)[number % 2](stamp, np.array(xyz), np.array(quat))
+            writer.write(topics[number % 2], stamp, TYPESTORE.serialize_cdr(message, message.__msgtype__))
+    return path
+
+
+def compressed_messages(path: Path) -> Path:
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
+    writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    with writer:
+        topic = writer.add_connection("/gt", "geometry_msgs/msg/PoseStamped", typestore=TYPESTORE)
+        for row in rows_of_drive():
+            writer.write(topic, row[0], TYPESTORE.serialize_cdr(pose(*row), topic.msgtype))
+    (path / "metadata.yaml").unlink()
+    return path
+
+
+def frames(*edges: tuple[str, str]) -> Callable[[Path], Path]:
+    rows = [(stamp, edge, xyz, quat) for stamp, xyz, quat in rows_of_drive() for edge in edges]
+    entries = [("/tf", stamp, transform(stamp, *edge, xyz, quat)) for stamp, edge, xyz, quat in rows]
+    return lambda path: write_messages(path, entries)
+
+
+def folder_of_bags(path: Path) -> Path:
+    path.mkdir()
+    two_types(path / "inner")
+    return path
+
+
+UNREADABLE: dict[str, tuple[Callable[[Path], Path], TruthConfig, str]] = {
+    "two types": (two_types, TruthConfig(source="/gt"), "several types, geometry_msgs/msg/PoseStamped and nav_msgs"),
+    "compressed": (compressed_messages, TruthConfig(source="/gt"), "zstd, which only metadata.yaml states"),
+    "a frame in itself": (frames(("base", "base")), TruthConfig(frame="base"), "'base' is above itself: base in base"),
+    "a loop": (frames(("a", "b"), ("b", "a")), TruthConfig(frame="b"), "'b' is above itself: b in a in b"),
+    "no bag": (folder_of_bags, TruthConfig(source="/gt"), "is not a bag: give a file, or a topic of a bag"),
+}
+
+
+@pytest.mark.parametrize("what", UNREADABLE)
+def test_a_truth_that_cannot_be_read_is_one_line_with_the_reason(tmp_path: Path, what: str) -> None:
+    write, config, words = UNREADABLE[what]
+    path = write(tmp_path / "x")
+    with pytest.raises(InputError, match=f"^[^\n]*{tmp_path}[^\n]*{words}[^\n]*$"):
+        read_truth(path, config)
+
+
+@pytest.mark.parametrize("number", [0, 9, COUNT - 1])
+def test_a_stray_stamp_of_a_truth_is_ignored_and_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, number: int
+) -> None:
+    entries = [("/gt", row[0], pose(0 if k == number else row[0], *row[1:])) for k, row in enumerate(rows_of_drive())]
+    found = read_truth(write_messages(tmp_path / "x", entries), TruthConfig(source="/gt"))
+    assert found.stamps_ns.tolist() == np.delete(drive().stamps_ns, number).tolist()
+    assert f"1 of {COUNT} poses have stamps that are 0" in caplog.text
