@@ -338,7 +338,7 @@ def _colmap(opened: OpenedFile) -> CameraPair:
     file, rig_file = opened.files
     of_rig = msgspec.convert(content_of(rig_file)[0]["cameras"], list[dict[str, Any]])
     rows = [line.split() for line in read_text(file).splitlines() if line.strip() and line.strip()[0] != "#"]
-    rows.sort(key=lambda row: int(row[0]))  # by CAMERA_ID; COLMAP writes cameras in any order
+    rows.sort(key=lambda row: int(row[0]))  # order by CAMERA_ID, because COLMAP writes cameras in any order
     if len(of_rig) != 2 or len(rows) not in (1, 2):
         raise ValueError(f"the first rig has {len(of_rig)} cameras and '{file.name}' {len(rows)}: two are required")
     found, names = [], []

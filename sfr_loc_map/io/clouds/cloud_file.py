@@ -80,7 +80,7 @@ def load_cloud(path: Path) -> LoadedCloud:
     with np.errstate(invalid="ignore"):  # signalling NaN
         xyz = np.column_stack([np.asarray(columns[name], np.float64) for name in "xyz"])
     finite = np.asarray(np.isfinite(xyz).all(axis=1))
-    not_finite = 0 if grid is not None else int(np.count_nonzero(~finite))  # they are normal in organised clouds
+    not_finite = 0 if grid is not None else int(np.count_nonzero(~finite))  # normal in organised clouds
     farthest = float(np.abs(xyz[finite]).max(initial=0.0))
     if farthest > MAX_POSITION_M:
         raise InputError(f"cloud '{path}' has a coordinate of {farthest:g} m: up to {MAX_POSITION_M:g} m are allowed")

@@ -87,11 +87,11 @@ def _ply_elements(header: list[list[str]], order: str) -> list[tuple[str, int, l
     for words in header:
         if words[0] == "element":
             if len(words) != 3:
-                raise ValueError(f"its line '{' '.join(words)[:40]}' is no 'element NAME COUNT'")
+                raise ValueError(f"its line '{' '.join(words)[:40]}' is not of the form 'element NAME COUNT'")
             elements.append((words[1], parse_count(words[2]), []))
         elif words[0] == "property" and elements:
             if len(words) != (5 if words[1:2] == ["list"] else 3):
-                raise ValueError(f"its line '{' '.join(words)[:40]}' is no 'property TYPE NAME'")
+                raise ValueError(f"its line '{' '.join(words)[:40]}' is not of the form 'property TYPE NAME'")
             kinds = words[2:4] if words[1] == "list" else words[1:2]
             if not all(kind in PLY_TYPES for kind in kinds):
                 raise ValueError(f"it has a property of type '{' '.join(words[1:-1])}', which is not supported")
