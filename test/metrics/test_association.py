@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import Frames, associate, unique_rows
+from sfr_loc_map.metrics.association import Frames, associate, rows_of_images, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
 from sfr_loc_map.metrics.records import Association
 
@@ -97,3 +97,19 @@ def test_of_several_estimates_near_an_image_the_nearest_is_a_frame() -> None:
     assert (counts.matched, counts.estimate_poses, counts.estimate_duplicates) == (5, 11, 0)
     beside = poses(images[:4] + 45)
     assert associate(beside, poses(np.arange(11) * 50), config, images)[1].matched == 4, "stamps of another clock"
+
+
+@pytest.mark.parametrize(
+    ("stamps_ns", "expected"),
+    [
+        ([0, 100, 200], [0, 1, 2]),
+        ([1, 40, 60, 99, 198], [0, 3, 4]),  # 40 and 60 ns are between the images
+        ([1, 99, 240], [0, 1]),  # 240 ns is the nearest estimate to the last image, but not near it
+        ([95, 98, 103], [1]),  # the nearest of several estimates
+        ([50, 150], [0, 1]),  # another clock: no estimate is near an image
+    ],
+)
+def test_estimates_between_the_images_are_no_frames(stamps_ns: list[int], expected: list[int]) -> None:
+    images_ns = np.array([0, 100, 200], np.int64)
+    rows = rows_of_images(np.array(stamps_ns, np.int64), np.arange(len(stamps_ns)), images_ns, near_ns=5)
+    assert rows.tolist() == expected
