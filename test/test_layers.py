@@ -33,7 +33,7 @@ IO_FLOORS = (
     {"sequence", "tables"},
     {"images", "calibration", "clouds"},
     {"bag"},
-    {"truth"},
+    {"source_files", "truth"},
     {"source_config"},
     {"layouts"},
     {"convert", "message_stream", "registry"},

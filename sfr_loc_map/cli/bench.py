@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Option
+from typer import Context, Option
 
 from sfr_loc_map.cli.app import command_group, examples, propose
 from sfr_loc_map.cli.options import (
@@ -18,6 +18,7 @@ from sfr_loc_map.cli.options import (
     SourceArgument,
     SpacingOption,
     open_as,
+    refuse_given,
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, counting, progress_bar, say, show
 from sfr_loc_map.cli.verdict import check_conditions
@@ -43,6 +44,7 @@ RepeatOption = Annotated[int, Option(min=1, metavar="N", help="Number of passes;
 
 @app.command(epilog=examples("sfr bench localise data/ --repeat 3 --json bench.json"))
 def localise(
+    context: Context,
     source: SourceArgument,
     method: MethodsOption = None,
     peer_python: PeerOption = None,
@@ -72,6 +74,8 @@ def localise(
     from sfr_loc_map.runs.offline import start_pose
 
     propose("sfr localise SRC -o T.csv --stats S.csv --method NAME", why="runs one method, with files to score")
+    if peer_python is None:
+        refuse_given(context, ("vocabulary",), "is the vocabulary of ORB-SLAM3: give --peer-python PYTHON, too")
     scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
     check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
     opened, config = open_as(source, remap, config)
@@ -170,6 +174,7 @@ def faults(
 
 @app.command(epilog=examples("sfr bench methods", "sfr bench methods --include-dir"))
 def methods(
+    context: Context,
     include_dir: Annotated[bool, Option("--include-dir", help="Print only the folder of sfr_candidate.h.")] = False,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
@@ -180,6 +185,7 @@ def methods(
 
     propose("sfr localise SRC -o T.csv --method NAME", why="the same drive by another method")
     if include_dir:
+        refuse_given(context, ("json_path",), "has no effect with --include-dir: omit one of them")
         say(str(header_folder()))
         return
     check_outputs(json_path, overwrite=overwrite)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from typer import Argument, Option
+from typer import Argument, Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
@@ -21,11 +21,9 @@ from sfr_loc_map.cli.options import (
     refuse_given,
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, progress_bar, say, warn
-from sfr_loc_map.errors import InputError, naming
+from sfr_loc_map.errors import ConfigError, InputError, naming
 
-CLOUDS = (".ply", ".pcd", ".npz")
-"""Suffixes of point cloud files. Equal to `io.clouds.cloud_file.SUFFIXES`, which is slow to import."""
-PAIRS = ".sfrp"
+PAIRS = ".sfrp"  #: Suffix of a file of pairs for a target board.
 
 
 @app.command(
@@ -38,6 +36,7 @@ PAIRS = ".sfrp"
     )
 )
 def convert(
+    context: Context,
     source: SourceArgument,
     destination: Annotated[
         Path,
@@ -68,41 +67,40 @@ def convert(
 
     Sources are data set folders, ROS 1 and ROS 2 bags, and KITTI and EuRoC sequences.
     """
+    from sfr_loc_map.io.clouds.cloud_file import SUFFIXES as CLOUDS
     from sfr_loc_map.io.convert import ConvertOptions, Layout
     from sfr_loc_map.io.convert import convert as run
     from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, format_of_name
 
     layout = None if to is None else Layout(to)
-    of_bags = {
-        "--jpeg-quality": jpeg_quality,
-        "--compression": compression != "none",
-        "--truth-grid": truth_grid is not None,
-    }
-    of_source = {"--remap": remap, "--config": config}
-    of_table = {"--columns": columns}
+    of_bags = ("jpeg_quality", "compression", "truth_grid")
+    of_source = ("remap", "config")
+    of_table = ("columns",)
     if source.suffix.lower() in CLOUDS and not source.is_dir():
-        refuse_given(
-            {"--to": to, **of_bags, **of_source, **of_table},
-            f"has no effect, because '{source}' is a cloud, to which only '--overwrite' applies: omit it",
-        )
+        others = ("to", *of_bags, *of_source, *of_table)
+        reason = f"has no effect, because '{source}' is a cloud, to which only '--overwrite' applies: omit it"
+        refuse_given(context, others, reason)
         _convert_cloud(source, destination, overwrite=overwrite)
         return
     is_poses = not source.is_dir() and source.suffix in FILE_SUFFIXES
     if is_poses:
-        refuse_given(
-            {"--to": to, **of_source}, f"requires a source with images, but '{source}' is a trajectory: omit it"
-        )
+        reason = f"requires a source with images, but '{source}' is a trajectory: omit it"
+        refuse_given(context, ("to", *of_source), reason)
     else:
-        refuse_given(of_table, f"applies only to a trajectory, which '{source}' is not: omit it")
+        refuse_given(context, of_table, f"applies only to a trajectory, which '{source}' is not: omit it")
     if is_poses or (layout is None and format_of_name(destination) is not None):
-        refuse_given(of_bags, "applies only to bags with images, but a trajectory is written: omit it")
-        of_poses = columns_of(columns)[0]
+        refuse_given(context, of_bags, "applies only to bags with images, but a trajectory is written: omit it")
+        of_poses, of_truth = columns_of(columns)
+        if of_truth:
+            raise ConfigError(f"'--columns truth:{of_truth}': '{source}' is the only table: omit 'truth:'")
         _convert_trajectory(
             source, destination, remap, config, is_poses=is_poses, overwrite=overwrite, columns=of_poses
         )
         return
     if destination.suffix == PAIRS and layout is None:
-        refuse_given(of_bags, f"applies only to bags, but '{destination}' is a file for a target board: omit it")
+        refuse_given(
+            context, of_bags, f"applies only to bags, but '{destination}' is a file for a target board: omit it"
+        )
         _convert_pairs(source, destination, remap, config, overwrite=overwrite)
         return
     options = ConvertOptions(jpeg_quality, compression == "zstd", truth_grid, layout)
@@ -122,9 +120,9 @@ def convert(
 
 def _convert_cloud(source: Path, destination: Path, *, overwrite: bool) -> None:
     """Write a cloud in another format."""
-    from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
+    from sfr_loc_map.io.clouds.cloud_file import SUFFIXES, load_cloud, save_cloud
 
-    check_suffix(destination, CLOUDS)
+    check_suffix(destination, SUFFIXES)
     check_outputs(destination, inputs=(source,), overwrite=overwrite)
     cloud = load_cloud(source).cloud
     if cloud is None:

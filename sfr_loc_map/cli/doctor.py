@@ -10,17 +10,16 @@ from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.findings import FindingsReport
 from sfr_loc_map.cli.former import FormerArgument, check_doctor
 from sfr_loc_map.cli.options import (
-    CalibrationOption,
-    ConfigOption,
+    GraphConfigOption,
     JsonOption,
     NamespaceOption,
     OverwriteOption,
     RemapOption,
-    SectionsOption,
+    parse_remaps,
     require_ros,
-    sections_of,
 )
 from sfr_loc_map.cli.output import check_outputs
+from sfr_loc_map.config import read_sections
 
 
 @app.command(epilog=examples("sfr doctor", "sfr doctor --namespace rover1 --seconds 5"))
@@ -30,22 +29,21 @@ def doctor(
     seconds: Annotated[
         float, Option(min=0.1, max=600.0, metavar="S", help="Duration of the observation after the first message.")
     ] = 3.0,
-    config: ConfigOption = None,
-    calibration: CalibrationOption = None,
-    settings: SectionsOption = None,
+    config: GraphConfigOption = None,
     remap: RemapOption = None,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """List the blocking issues of the running ROS graph, each with its fix; exit 1 if there are any."""
     check_doctor(files)
-    check_outputs(json_path, inputs=(config, calibration), overwrite=overwrite)
+    check_outputs(json_path, inputs=(config,), overwrite=overwrite)
     require_ros("doctor")
     from sfr_loc_map.doctor.examination import examine
-    from sfr_loc_map.io.source_config import SourceConfig
+    from sfr_loc_map.io.source_config import SourceConfig, changed_sections
     from sfr_loc_map.nodes.graph.observer import GraphObserver
 
-    given = SourceConfig.of(sections_of(config, calibration, settings, remap), config)
+    sections = {} if config is None else read_sections(config)
+    given = SourceConfig.of(changed_sections(sections, {}, remap=parse_remaps(remap)), config)
     extrinsics_given = given.extrinsics.transform() is not None
     with GraphObserver({topic: name for name, topic in given.topics.items()}) as observer:
         seen = observer.observe(seconds, namespace, extrinsics_given=extrinsics_given)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Option
+from typer import Context, Option
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples
@@ -17,6 +17,7 @@ from sfr_loc_map.cli.options import (
     RemapOption,
     SectionsOption,
     SourceArgument,
+    given_words,
     sections_of,
 )
 from sfr_loc_map.cli.output import check_outputs, progress_bar, say
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     )
 )
 def info(
+    context: Context,
     source: SourceArgument,
     write: Annotated[
         bool,
@@ -62,7 +64,7 @@ def info(
 
     check_outputs(json_path, inputs=(source, config, calibration), overwrite=overwrite)
     path = config or config_beside(source)
-    sections = sections_of(path, calibration, settings, remap)
+    sections = sections_of(source, path, calibration, settings, remap)
     how = SourceConfig.of(sections, path)
     if not source.exists():
         raise InputError(f"there is no '{source}': give a data set folder, a bag, KITTI or EuRoC")
@@ -72,27 +74,18 @@ def info(
         task = bar.add_task("reading", total=None)
         seen = observe(source, how, lambda: bar.advance(task))
     findings = examine(seen)
-    of_config = [] if config is None else ["--config", str(config)]
     if not write and any(finding.is_blocking for finding in findings):
-        words = ["sfr", "info", str(source), "--write", *of_config, *_words(calibration, settings, remap)]
+        given = given_words(context, "config", "calibration", "settings", "remap")
+        words = ["sfr", "info", str(source), "--write", *given]
         findings = with_fix(source, sections, path, findings, words)
     report = FindingsReport(seen.subject, findings)
     facts = {"configuration": None if path is None else str(path)} | facts_of(source, how)
     if "cannot be read" in facts and not report.stops:
         raise InputError(facts["cannot be read"])
     start = ["--start", "truth"] if seen.truth_has_attitude else []
-    after = ["sfr", "replay", str(source), *of_config, *start, "--out", "out"]
+    after = ["sfr", "replay", str(source), *given_words(context, "config"), *start, "--out", "out"]
     report.propose(after, why="plays it to the nodes and scores the results")
     report.show(json_path, facts, facts_tables(facts))
-
-
-def _words(calibration: Path | None, settings: list[str] | None, remap: list[str] | None) -> list[str]:
-    """Return options as words of a command line."""
-    words = [] if calibration is None else ["--calibration", str(calibration)]
-    for option, values in (("--set", settings), ("--remap", remap)):
-        for value in values or ():
-            words += [option, value]
-    return words
 
 
 def _write(source: Path, sections: dict[str, Any], path: Path | None) -> tuple[Path, SourceConfig]:

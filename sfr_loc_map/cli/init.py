@@ -6,17 +6,25 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Option
+from typer import Argument, Context, Option
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import CalibrationOption, OverwriteOption, RemapOption, SectionsOption, sections_of
+from sfr_loc_map.cli.options import (
+    CalibrationOption,
+    OverwriteOption,
+    RemapOption,
+    SectionsOption,
+    refuse_given,
+    sections_of,
+)
 from sfr_loc_map.cli.output import check_outputs, make_folder, say
 from sfr_loc_map.errors import FailedVerdictError
 
 
 @app.command(epilog=examples("sfr init my_rover/", "sfr init my_rover/ --from drive.mcap --calibration camchain.yaml"))
 def init(
+    context: Context,
     folder: Annotated[Path, Argument(metavar="DIR", help="Folder for the files; created if it does not exist.")] = Path(
         "."
     ),
@@ -37,9 +45,11 @@ def init(
     1 if values are missing that only you know.
     """
     if source is not None:
-        sections = sections_of(None, calibration, settings, remap)
+        sections = sections_of(source, None, calibration, settings, remap)
         _init_from(source, folder, sections, (source, calibration), overwrite=overwrite)
         return
+    of_recording = ("calibration", "settings", "remap")
+    refuse_given(context, of_recording, "describes a recording: give --from SRC, too")
     from sfr_loc_map.metrics.judging.limits_template import limits_text
     from sfr_loc_map.source_setup.initial_files import configuration_text
 

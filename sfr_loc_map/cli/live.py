@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Option
+from typer import Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.former import FormerArgument, check_live
 from sfr_loc_map.cli.live_option import require_live
-from sfr_loc_map.cli.options import ConfigOption, NamespaceOption, refuse_given, require_ros
+from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, refuse_given, require_ros
 from sfr_loc_map.config import build, read_sections
 from sfr_loc_map.errors import InterruptedRunError, MissingExtraError
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.live.config import DEFAULT_HOST, DEFAULT_PORT, LiveConfig
 
 if TYPE_CHECKING:
-    from sfr_loc_map.live.foxglove import FoxgloveServer
     from sfr_loc_map.live.state import LiveState
-
-FOXGLOVE_PORT = 8765  #: Default port of the Foxglove server.
 
 
 @app.command(
@@ -34,12 +32,13 @@ FOXGLOVE_PORT = 8765  #: Default port of the Foxglove server.
     )
 )
 def live(
+    context: Context,
     files: FormerArgument = None,
     namespace: NamespaceOption = "",
     remap: Annotated[
         list[str] | None, Option("-r", metavar="FROM:=TO", help="ROS remapping for the nodes; repeatable.")
     ] = None,
-    config: ConfigOption = None,
+    config: GraphConfigOption = None,
     host: Annotated[
         str, Option(metavar="H", help="Address to listen on; except for loopback, --token is required.")
     ] = DEFAULT_HOST,
@@ -54,7 +53,7 @@ def live(
     ] = False,
     foxglove_port: Annotated[
         int, Option(metavar="P", min=0, max=65535, help="Port of the Foxglove server; 0 selects a free port.")
-    ] = FOXGLOVE_PORT,
+    ] = 8765,
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
 
@@ -64,42 +63,32 @@ def live(
 
     check_live(files)
     if not foxglove:
-        of_foxglove = {"--foxglove-port": foxglove_port != FOXGLOVE_PORT}
-        refuse_given(of_foxglove, "applies to the Foxglove server: give --foxglove, or omit it")
+        refuse_given(context, ("foxglove_port",), "applies to the Foxglove server: give --foxglove, or omit it")
     if terminal:
-        of_page = {
-            "--host": host != DEFAULT_HOST,
-            "--port": port != DEFAULT_PORT,
-            "--token": token,
-            "--open": open_browser,
-        }
-        refuse_given(of_page, "applies to the page, which is not served with --terminal: omit it")
+        of_page = ("host", "port", "token", "open_browser")
+        refuse_given(context, of_page, "applies to the page, which is not served with --terminal: omit it")
     require_ros("live")
     propose("sfr replay SRC --live --out DIR", why="a run that is scored while the page shows it")
-    foxglove_of = _foxglove_server() if foxglove else None
-    remaps = list(remap or ())
-    if config is not None:
-        from sfr_loc_map.nodes.launch.run_arguments import remaps_of
+    from sfr_loc_map.nodes.launch.run_arguments import remaps_of
 
-        remaps += remaps_of(SourceConfig.of(read_sections(config), config))
-    page = None
     if not terminal:
         require_live()
-        page = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
+    page = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
+    remaps = list(remap or ())
+    if config is not None:
+        remaps += remaps_of(SourceConfig.of(read_sections(config), config))
     state = LiveState()
-    with ExitStack() as stack:
-        if foxglove_of is not None:
-            server = stack.enter_context(foxglove_of(state, foxglove_port, namespace))
-            print(f"foxglove: {server.url}", flush=True)
-        if page is not None:
+    with _foxglove_server(state, foxglove_port, namespace) if foxglove else nullcontext():
+        if terminal:
+            _show_on_terminal(state, namespace, remaps)
+        else:
             from sfr_loc_map.nodes.view.main import serve_page
 
             serve_page(page, state, namespace, remaps, open_browser=open_browser)
-            return
-        _show_on_terminal(state, namespace, remaps)
 
 
 def _show_on_terminal(state: LiveState, namespace: str, remaps: list[str]) -> None:
+    """Show a state on the terminal until q is pressed or a signal arrives."""
     from sfr_loc_map.live.terminal import Terminal
     from sfr_loc_map.nodes.view.feed import RosFeed
 
@@ -110,9 +99,13 @@ def _show_on_terminal(state: LiveState, namespace: str, remaps: list[str]) -> No
             raise InterruptedRunError("interrupted: the display was closed; the nodes continue to run") from None
 
 
-def _foxglove_server() -> type[FoxgloveServer]:
+@contextmanager
+def _foxglove_server(state: LiveState, port: int, title: str) -> Iterator[None]:
+    """Serve a state over the Foxglove protocol within the block, and print the address."""
     try:
         from sfr_loc_map.live.foxglove import FoxgloveServer
     except ImportError as error:
         raise MissingExtraError(f"--foxglove needs its SDK ({error}): pip install 'sfr_loc_map[foxglove]'") from error
-    return FoxgloveServer
+    with FoxgloveServer(state, port, title) as server:
+        print(f"foxglove: {server.url}", flush=True)
+        yield

@@ -7,12 +7,11 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Option
+from typer import Context, Option
 
 from sfr_loc_map.cli.options import refuse_given
 from sfr_loc_map.errors import FailedVerdictError, MissingExtraError, NodeError, NotJudgedError
 from sfr_loc_map.inputs import one_line
-from sfr_loc_map.live.config import DEFAULT_PORT
 
 if TYPE_CHECKING:
     from sfr_loc_map.nodes.launch.live_process import LiveProcess
@@ -29,15 +28,15 @@ def require_live() -> None:
 
 @contextmanager
 def live_page(
-    wanted: bool, port: int, namespace: str = "", remaps: Sequence[str] = (), *, isolated: bool = False
+    context: Context, namespace: str = "", remaps: Sequence[str] = (), *, isolated: bool = False
 ) -> Iterator[LiveProcess | None]:
-    """Show the run of the `with` block on a page if `wanted`; yield the page, or None.
+    """Show the run of the `with` block on a page if `--live` is given; yield the page, or None.
 
     The page subscribes to topics with the remappings `FROM:=TO` of the nodes.
     The page of a replay (`isolated`) uses the ROS domain of the run. After the run it is served until Ctrl-C.
     """
-    if not wanted:
-        refuse_given({"--live-port": port != DEFAULT_PORT}, "applies to the page: give --live, or omit it")
+    if not context.params["live"]:
+        refuse_given(context, ("live_port",), "applies to the page: give --live, or omit it")
         yield None
         return
     require_live()
@@ -47,7 +46,7 @@ def live_page(
     if isolated:
         environment.isolate()
     words = [word for remap in remaps for word in ("-r", remap)]
-    with LiveProcess(("--port", str(port), "--namespace", namespace, *words)) as page:
+    with LiveProcess(("--port", str(context.params["live_port"]), "--namespace", namespace, *words)) as page:
         try:
             yield page
         except NodeError as error:

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Option
+from typer import Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
@@ -18,9 +18,9 @@ from sfr_loc_map.cli.options import (
     RemapOption,
     SourceArgument,
     StartOption,
+    given_words,
     method_under_test,
     open_as,
-    refuse_given,
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     )
 )
 def localise(
+    context: Context,
     source: SourceArgument,
     output: Annotated[
         Path, Option("-o", "--output", metavar="T.csv", help="Trajectory: *.csv, *.txt or *.tum, *.kitti, *.euroc.csv.")
@@ -73,10 +74,8 @@ def localise(
     check_suffix(output, FILE_SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
     check_outputs(*files_written(output), stats, video, inputs=(source, config), overwrite=overwrite)
-    if method != OURS:
-        refuse_given({"--video": video}, f"shows the tracks of our localiser: omit it with --method {method}")
     opened, read_from = open_as(source, remap, config if method == OURS else None)
-    theirs = method_under_test(method, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
+    theirs = method_under_test(context, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
     parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)
     with ExitStack() as film, naming(source):
         first_pose = start_pose(sequence, start)
@@ -89,8 +88,7 @@ def localise(
     with secondary_output():
         save_stats(stats, done.records, done.method, done.trajectory)
     say(f"{len(done.steps)} poses, {states_text(done.records)}: {output}", err=True)
-    more = (("--stats", stats), ("--config", config if theirs is None else None))
-    again = [word for option, file in more if file is not None for word in (option, file)]
+    again = given_words(context, "stats", *(("config",) if theirs is None else ()))
     propose("sfr", "score", output, truth, *again, why="against the truth")
     if (text := tracking_warning(done.records, source)) is not None:
         warn(text)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from typer import Option
+from typer import Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
@@ -17,9 +17,9 @@ from sfr_loc_map.cli.options import (
     OverwriteOption,
     RemapOption,
     SourceArgument,
+    given_words,
     method_under_test,
     open_as,
-    refuse_given,
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
@@ -27,7 +27,7 @@ from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import InterruptedRunError, naming
 from sfr_loc_map.inputs import OURS, Task
 from sfr_loc_map.mapping.config import CalibrationPrior, MappingConfig
-from sfr_loc_map.signals import hold, stopping
+from sfr_loc_map.signals import hold
 
 
 @app.command(
@@ -40,6 +40,7 @@ from sfr_loc_map.signals import hold, stopping
     ),
 )
 def map_cloud(
+    context: Context,
     source: SourceArgument,
     output: Annotated[Path, Option("-o", "--output", metavar="C.ply", help="Cloud: .ply, .pcd or .npz.")],
     fuse: Annotated[bool, Option("--fuse/--no-fuse", help="Fuse the pairs, or keep the points of every pair.")] = True,
@@ -76,29 +77,17 @@ def map_cloud(
     check_suffix(output, SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
     opened, read_from = open_as(source, remap, config if method == OURS else None)
-    theirs = method_under_test(method, Task.MAPPING, opened, config, call_timeout, memory_limit)
+    theirs = method_under_test(context, Task.MAPPING, opened, config, call_timeout, memory_limit)
     parameters = read_config(MappingConfig, read_from, "mapping")
     parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
     check_dems(dem or ())
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)
     check_outputs(output, stats, *outputs.more, inputs=(source, config), overwrite=overwrite)
-    if theirs is not None:
-        refuse_given({"--refine-poses": refine_poses}, f"applies to our mapper: omit it with --method {method}")
     sequence = panorama_of(opened)
-    done = 0
-
-    def progress(count: int) -> None:
-        nonlocal done
-        done = count
-        bar.update(task, completed=done)
-
-    def stop() -> None:
-        if not done:
-            raise KeyboardInterrupt
-
-    with naming(source), progress_bar("pairs") as bar, stopping(stop) as ended:
+    with naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("mapping", total=len(sequence))
-        run = run_mapper(sequence, theirs or parameters, progress, ended)
+        how = theirs or parameters
+        run = run_mapper(sequence, how, lambda done: bar.update(task, completed=done), keeps_finished=True)
         hold()
     cloud = save_map(run, sequence.rig.fx, outputs, secondary_output)
     with secondary_output():
@@ -110,7 +99,7 @@ def map_cloud(
         say(_assumption(parameters.calibration), err=True)
     for path in outputs.more:
         say(str(path), err=True)
-    given = () if theirs is not None or config is None else ("--config", config)
+    given = given_words(context, "config") if theirs is None else []
     propose("sfr", "score", output, source, *given, why="against the truth, if the source has it")
     if len(run.maps) < len(sequence):
         raise InterruptedRunError(f"interrupted: {len(run.maps)} of {len(sequence)} pairs were mapped and written")

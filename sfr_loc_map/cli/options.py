@@ -7,24 +7,21 @@ The help shows options without a panel first. The panels contain less common opt
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import yaml
-from typer import Argument, Option
+from typer import Argument, Context, Option
 
 from sfr_loc_map.cli.output import say
-from sfr_loc_map.config import Configuration, build, read_sections
+from sfr_loc_map.config import build, read_sections
 from sfr_loc_map.errors import ConfigError, MissingExtraError
 from sfr_loc_map.inputs import OURS, Task
 from sfr_loc_map.json_yaml import parse_yaml
-from sfr_loc_map.metrics.config import Condition
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
-    from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.runs.offline import UnderTest
     from sfr_loc_map.scoring.inputs import Correction
 
@@ -34,11 +31,29 @@ CONVENTION = "Convention of an estimate other than poses of RB in DS"
 _NAMESPACE = re.compile(r"/?([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?/?")
 
 
-def refuse_given(options: Mapping[str, object], reason: str) -> None:
-    """Raise ConfigError for the first of the options that was given, because it would have no effect."""
-    for name, value in options.items():
-        if value:
-            raise ConfigError(f"'{name}' {reason}")
+def refuse_given(context: Context, names: Iterable[str], reason: str) -> None:
+    """Raise ConfigError if one of the parameters was given on the command line, because it would have no effect."""
+    for option, _ in _given(context, names):
+        raise ConfigError(f"'{option}' {reason}")
+
+
+def given_words(context: Context, *names: str) -> list[str]:
+    """Return those of the options that were given on the command line, as words of another command line."""
+    words: list[str] = []
+    for option, value in _given(context, names):
+        for item in value if isinstance(value, list | tuple) else [value]:
+            words += [option, str(item)]
+    return words
+
+
+def _given(context: Context, names: Iterable[str]) -> Iterator[tuple[str, Any]]:
+    """Yield the long name and the value of each of the parameters that was given, in the order of the help."""
+    wanted = set(names)
+    for parameter in context.command.params:
+        name = str(parameter.name)
+        source = context.get_parameter_source(name)
+        if name in wanted and source is not None and source.name == "COMMANDLINE":
+            yield max(parameter.opts, key=len), context.params[name]
 
 
 # ---- sources and their configuration
@@ -57,6 +72,9 @@ SourceArgument = Annotated[
 NamespaceOption = Annotated[str, Option(metavar="NS", callback=checked_namespace, help="Namespace of the rover.")]
 ConfigOption = Annotated[
     Path | None, Option("--config", metavar="F.yaml", help="Configuration; default: the sfr.yaml in or beside SRC.")
+]
+GraphConfigOption = Annotated[
+    Path | None, Option("--config", metavar="F.yaml", help="Configuration of a recording, written by sfr init.")
 ]
 RemapOption = Annotated[
     list[str] | None, Option(metavar="FOUND:=EXPECTED", help="Topic name in the bag and expected name; repeatable.")
@@ -141,13 +159,15 @@ def open_as(source: Path, remap: list[str] | None = None, config: Path | None = 
 
 
 def sections_of(
-    config: Path | None, calibration: Path | None, settings: list[str] | None, remap: list[str] | None
+    source: Path, config: Path | None, calibration: Path | None, settings: list[str] | None, remap: list[str] | None
 ) -> dict[str, Any]:
-    """Return the sections of a configuration with the values of `--calibration`, `--set` and `--remap`."""
-    from sfr_loc_map.io.source_config import changed_sections
+    """Return the sections of a configuration of a source, with the values of `--calibration`, `--set` and `--remap`."""
+    from sfr_loc_map.io.source_config import changed_sections, check_remap
 
+    remaps = parse_remaps(remap)
+    check_remap(source, remaps)
     sections = {} if config is None else read_sections(config)
-    return changed_sections(sections, parse_settings(settings), calibration, parse_remaps(remap))
+    return changed_sections(sections, parse_settings(settings), calibration, remaps)
 
 
 # ---- methods under test
@@ -169,16 +189,24 @@ MemoryLimitOption = Annotated[
 
 
 def method_under_test(
-    name: str, task: Task, source: Source, config: Path | None, call_timeout_s: float, memory_mb: int
+    context: Context, task: Task, source: Source, config: Path | None, call_timeout_s: float, memory_mb: int
 ) -> UnderTest | None:
-    """Return a method with its configuration and limits, None for our own; raise MethodError or ConfigError."""
+    """Return the method of `--method` with its configuration and limits, None for our own method.
+
+    MethodError if there is no such method. ConfigError if an option does not apply to the method.
+    """
     from sfr_loc_map.methods.registry import EXTERNAL, MethodLimits, config_text, find_method
     from sfr_loc_map.runs.offline import UnderTest
 
+    name: str = context.params["method"]
+    if name == OURS:
+        of_others = ("call_timeout", "memory_limit")
+        refuse_given(context, of_others, "applies to a method under test, not to ours: give --method, or omit it")
+        return None
     values = {"call_timeout_s": call_timeout_s, "memory_mb": memory_mb}
     limits = build(MethodLimits, values, origin="'--call-timeout', '--memory-limit'")
-    if name == OURS:
-        return None
+    of_ours = ("video", "refine_poses")
+    refuse_given(context, of_ours, f"applies to our method: omit it with --method {name}")
     if name == EXTERNAL:
         raise ConfigError("'--method external': a node is scored by sfr replay SRC --external TASK")
     return UnderTest(find_method(name, task, config_text(config)), limits, hidden=source.truth_paths())
@@ -224,43 +252,12 @@ ApplyDiagnosisOption = Annotated[
 Align = Literal["none", "origin", "se3", "sim3"]
 
 
-@dataclass(frozen=True, slots=True)
-class Judgement:
-    """Limits and conditions by which a run is judged."""
-
-    limits_file: Path | None
-    limits: Limits | None  #: Content of the file.
-    conditions: list[str] | None  #: Conditions of options or of the configuration; None for the default.
-
-    @property
-    def asked(self) -> tuple[Condition, ...]:
-        """The conditions that the user named in options, configuration or limits."""
-        of_limits = () if self.limits is None else self.limits.conditions
-        return tuple(map(Condition.parse, (*(self.conditions or ()), *of_limits)))
-
-
-def judgement(limits_file: Path | None, conditions: list[str] | None, config: Configuration) -> Judgement:
-    """Return the limits and conditions of the options, or else those of the configuration."""
-    from sfr_loc_map.metrics.judging.limits_file import load_limits
-
-    named, listed = config.sections.get("limits"), config.sections.get("conditions")
-    if not isinstance(named, str | None) or not isinstance(listed, list | None):
-        raise ConfigError(f"{config.path}: 'limits' must be a file name and 'conditions' a list such as [distance=5]")
-    if limits_file is None and config.path is not None and named:
-        limits_file = config.path.parent / named
-    limits = None if limits_file is None else load_limits(limits_file)
-    return Judgement(limits_file, limits, conditions or listed)
-
-
-def correction_of(settings: list[str] | None, apply_diagnosis: bool, *, has_poses: bool = True) -> Correction:
-    """Return the conversion of an estimate; raise ConfigError if a setting is invalid or there are no poses."""
+def correction_of(settings: list[str] | None, apply_diagnosis: bool) -> Correction:
+    """Return the conversion of an estimate; raise ConfigError if a setting is invalid."""
     from sfr_loc_map.metrics.pose_convention import PoseConvention
     from sfr_loc_map.scoring.inputs import Correction
 
-    correction = Correction(PoseConvention.parse(settings or ()), apply_diagnosis)
-    if not has_poses and correction != Correction():
-        raise ConfigError("'--convention' and '--apply-diagnosis' apply only to trajectories: omit them for a cloud")
-    return correction
+    return Correction(PoseConvention.parse(settings or ()), apply_diagnosis)
 
 
 # ---- outputs

@@ -20,17 +20,13 @@ from sfr_loc_map.atomic import atomic_path, check_output, exchange, output_targe
 from sfr_loc_map.cli.app import current_run
 from sfr_loc_map.errors import OutputError, SfrError
 from sfr_loc_map.inputs import one_line, printable
+from sfr_loc_map.io.source_files import has_only_data_set, source_of_file
 
 if TYPE_CHECKING:
     from sfr_loc_map.report.tables import Table
 
 STANDARD_OUTPUT = "-"
 HTML_SUFFIXES = (".html", ".htm")
-DATA_SET_NAMES = {"rig.json", "pairs.csv", "groundtruth.csv", "simulation.yaml", "metadata.yaml"}
-DATA_SET_NAMES |= {"left", "right", "truth", "masks", "loc", "nav"}  #: Content of the folders that `sfr` writes.
-SOURCE_NAMES = DATA_SET_NAMES | {"mav0", "calib.txt", "times.txt", "poses.txt", *(f"image_{n}" for n in range(4))}
-NAMES_IN_SOURCES = SOURCE_NAMES - {"loc", "nav"}  #: Names of which one occurs in the path of each file of a source.
-BAG_SUFFIXES = (".mcap", ".db3")
 
 
 def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
@@ -56,7 +52,7 @@ def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (
 def _why_not_writable(path: Path, inputs: set[Path], taken: Mapping[Path, str], *, overwrite: bool) -> str:
     """Return why a file must not be written, with the advice; empty if it may be. `taken` are the used paths."""
     place = path.resolve()
-    if path.is_file() and (owner := _source_of(place, inputs)) is not None:
+    if path.is_file() and (owner := source_of_file(place, inputs)) is not None:
         return f"it belongs to '{owner}', an input of this command; choose another name"
     if place in taken:
         return f"it is also {taken[place]}; choose another name"
@@ -67,15 +63,6 @@ def _why_not_writable(path: Path, inputs: set[Path], taken: Mapping[Path, str], 
     if not overwrite and (path.exists() or path.is_symlink()):
         return "a file exists; choose another name or give --overwrite"
     return ""
-
-
-def _source_of(place: Path, inputs: set[Path]) -> Path | None:
-    """Return the input folder to whose source a file belongs by its name, None if there is none."""
-    for folder in inputs & {*place.parents}:
-        names = set(place.relative_to(folder).parts)
-        if place.suffix in BAG_SUFFIXES or names & NAMES_IN_SOURCES:
-            return folder
-    return None
 
 
 @contextmanager
@@ -96,7 +83,7 @@ def output_folder(
     what = "a folder that is not empty" if path.is_dir() else "a file"
     if not overwrite:
         raise OutputError(f"cannot write '{path}': {what} exists; remove it, choose another name or give --overwrite")
-    if path.is_dir() and not all(item.name in DATA_SET_NAMES or item.suffix in BAG_SUFFIXES for item in path.iterdir()):
+    if path.is_dir() and not has_only_data_set(path):
         raise OutputError(
             f"cannot write '{path}': the folder has files that belong to neither a data set nor a bag, so that "
             "--overwrite does not replace it; choose another name"

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from typer import Option
+from typer import Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.live_option import LiveOption, LivePortOption, live_page
@@ -29,8 +29,8 @@ from sfr_loc_map.cli.options import (
     SpacingOption,
     StartOption,
     correction_of,
-    judgement,
     open_as,
+    refuse_given,
     require_ros,
 )
 from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
@@ -51,6 +51,8 @@ if TYPE_CHECKING:
 
 PLAYED = "Playback of the source"
 UNDER_TEST = "External node in place of ours"
+OF_EXTERNAL = ("command", "watch", "answers", "frames", "answer_timeout", "convention", "apply_diagnosis")
+"""Options that apply only to an external node."""
 
 
 @app.command(
@@ -62,6 +64,7 @@ UNDER_TEST = "External node in place of ours"
     )
 )
 def replay(
+    context: Context,
     source: SourceArgument,
     out: Annotated[
         Path | None, Option(metavar="DIR", help="Folder for report, estimate, statistics and cloud.")
@@ -160,13 +163,18 @@ def replay(
     or sensor_msgs/PointCloud2 with the stamp of each pair. In lock step the replay waits for each answer
     (--answer-timeout). A crash or a missing answer is a finding, and the replay continues. See docs/candidates.md.
     """
-    with live_page(live, live_port, isolated=True) as page:  # first, because its imports are faster
+    with live_page(context, isolated=True) as page:  # first, because its imports are faster
+        if out is None:
+            refuse_given(context, ("overwrite",), "replaces the files of a folder: give --out DIR, too")
+        if external is None and method == "sfr":
+            refuse_given(context, OF_EXTERNAL, "applies only to external nodes: give --external TASK, too")
         from sfr_loc_map.runs.replay_files import ReplayFiles
+        from sfr_loc_map.scoring.judgement import Judgement
         from sfr_loc_map.scoring.settings import score_settings
 
         opened, read_from = open_as(source, remap, config)
         parameters = Configuration.read(read_from)
-        by = judgement(limits, condition, parameters)
+        by = Judgement.of(limits, condition, parameters)
         correction = correction_of(convention, apply_diagnosis)
         require_ros("replay")
         from sfr_loc_map.nodes.replay.options import (

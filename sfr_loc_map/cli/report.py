@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Argument, Context, Option
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
@@ -21,10 +21,11 @@ if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
 
 FORMATS = (*HTML_SUFFIXES, ".md", ".csv")
-MAX_DIFFERENCE_S = 0.01  #: Default maximum difference of the stamps of a drawn estimate and its truth, s.
-
 SIGNED = "Test report of scores"
 DRAWN = "Page of trajectories"
+OF_TEST = ("test_report", "junit", "control")  #: Outputs of scores in place of a page.
+OF_SCORES = (*OF_TEST, "lenient")  #: Options that apply only to scores.
+OF_TRAJECTORIES = ("truth", "align", "max_difference")  #: Options that apply only to trajectories.
 
 
 @app.command(
@@ -37,6 +38,7 @@ DRAWN = "Page of trajectories"
     )
 )
 def report(
+    context: Context,
     results: Annotated[
         list[Path],
         Argument(metavar="RESULT...", help="Scores (*.json); two folders of suites; or trajectories and sources."),
@@ -89,7 +91,7 @@ def report(
     max_difference: Annotated[
         float,
         Option(metavar="S", rich_help_panel=DRAWN, help="Maximum difference between the stamps of estimate and truth."),
-    ] = MAX_DIFFERENCE_S,
+    ] = 0.01,
 ) -> None:
     """Write a page of results: one score, a comparison of scores or of two suites, or a plot of trajectories.
 
@@ -100,24 +102,19 @@ def report(
     check_suffix(control, (".csv",))
     read = (*results, *(evidence or ()), truth)
     check_outputs(json_path, output, test_report, junit, control, inputs=read, overwrite=overwrite)
-    of_test_report = {"--evidence": evidence, "--title": title}
-    of_test = {"--test-report": test_report, "--junit": junit, "--control": control}
-    of_trajectories = {
-        "--truth": truth,
-        "--align": align != "none",
-        "--max-difference": max_difference != MAX_DIFFERENCE_S,
-    }
     if test_report is None:
-        refuse_given(of_test_report, "is shown in the test report: give --test-report T.html, too")
+        of_test_report = ("evidence", "title")
+        refuse_given(context, of_test_report, "is shown in the test report: give --test-report T.html, too")
     if test_report is None and control is None:
-        heading = {"--number": number, "--issue": issue}
-        refuse_given(heading, "is shown in the test report: give --test-report T.html or --control F.csv, too")
+        heading = ("number", "issue")
+        refuse_given(context, heading, "is shown in the test report: give --test-report T.html or --control F.csv, too")
     if all(path.suffix == ".json" for path in results):
-        refuse_given(of_trajectories, "applies only to trajectories, but scores were given: omit it")
+        refuse_given(context, OF_TRAJECTORIES, "applies only to trajectories, but scores were given: omit it")
         scores = _read_scores(results)
-        if any(path is not None for path in of_test.values()):
-            pages = {"--output": output, "--json": json_path}
-            refuse_given(pages, "is not written with --test-report, --junit or --control: omit it")
+        if any(context.params[name] is not None for name in OF_TEST):
+            refuse_given(
+                context, ("output", "json_path"), "is not written with --test-report, --junit or --control: omit it"
+            )
             _sign(results, scores, (title, number, issue), evidence or (), test_report, junit, control)
             _conclude_signed(scores, lenient=lenient)
             return
@@ -129,15 +126,18 @@ def report(
             _write_score(scores[0], page, json_path)
         _conclude_all(scores, lenient=lenient)
         return
-    refuse_given(of_test, f"requires scores, but '{results[0]}' is none: give *.json of sfr score or replay")
+    other = next(path for path in results if path.suffix != ".json")
+    refuse_given(
+        context, OF_SCORES, f"requires scores, but '{other}' is not a score: give *.json of sfr score or replay"
+    )
     if all((path / "plan.json").is_file() for path in results):
-        refuse_given(of_trajectories, "applies only to trajectories, but suites were given: omit it")
+        refuse_given(context, OF_TRAJECTORIES, "applies only to trajectories, but suites were given: omit it")
         _compare_suites(results, output, json_path)
         return
-    refuse_given(
-        {"--json": json_path},
-        "requires scores, but trajectories were given: omit it, or compute figures with sfr score EST TRUTH --json",
-    )
+    reason = "requires scores, but trajectories were given: omit it, or compute figures with sfr score EST TRUTH --json"
+    refuse_given(context, ("json_path",), reason)
+    if truth is None:
+        refuse_given(context, ("align", "max_difference"), "compares with the ground truth: give --truth TRUTH, too")
     config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
     _draw(results, truth, config, output)
 

@@ -6,16 +6,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
 
-from typer import Argument, Option
+from typer import Argument, Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.live_option import LiveOption, LivePortOption, live_page
-from sfr_loc_map.cli.options import NamespaceOption, OverwriteOption, require_ros
+from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, OverwriteOption, require_ros
 from sfr_loc_map.cli.output import output_folder, say
-from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.live.config import DEFAULT_PORT
-
-ROS_ARGS = "--ros-args"
 
 
 @app.command(
@@ -27,6 +24,7 @@ ROS_ARGS = "--ros-args"
     ),
 )
 def run(
+    context: Context,
     names: Annotated[
         list[str] | None,
         Argument(
@@ -38,9 +36,7 @@ def run(
     params_file: Annotated[
         list[Path] | None, Option(metavar="P.yaml", help="ROS parameter file of the nodes; repeatable.")
     ] = None,
-    config: Annotated[
-        Path | None, Option(metavar="F.yaml", help="Configuration of a recording, written by sfr init.")
-    ] = None,
+    config: GraphConfigOption = None,
     namespace: NamespaceOption = "",
     remap: Annotated[list[str] | None, Option("-r", metavar="FROM:=TO", help="ROS remapping; repeatable.")] = None,
     log_level: Annotated[
@@ -56,23 +52,21 @@ def run(
     require_ros("run")
     propose("sfr doctor", why="checks the inputs of the running nodes")
     from sfr_loc_map.nodes.launch.processes import node_names, run_nodes
-    from sfr_loc_map.nodes.launch.run_arguments import run_arguments, topic_rules
+    from sfr_loc_map.nodes.launch.run_arguments import node_arguments, split_ros_arguments, topic_rules
 
-    given = list(names or ())
-    cut = given.index(ROS_ARGS) if ROS_ARGS in given else len(given)
-    arguments = [ROS_ARGS, "--log-level", log_level]
-    for path in params_file or ():
-        if not path.is_file():
-            raise InputError(f"there is no parameter file '{path}': give a file such as those in config/")
-        arguments += ["--params-file", str(path)]
-    for item in [f"__ns:=/{namespace.strip('/')}"] * bool(namespace) + (remap or []):
-        arguments += ["-r", item]
-    nodes, more = node_names(given[:cut]), given[cut + 1 :]
+    words, more = split_ros_arguments(names or ())
+    nodes = node_names(words)
     with TemporaryDirectory(prefix="sfr-run-") as scratch:
-        if config is not None:
-            arguments[1:1] = run_arguments(config, Path(scratch) / "parameters.yaml")
-        arguments += more
-        with live_page(live, live_port, namespace, topic_rules(arguments)):
+        arguments = node_arguments(
+            more,
+            config,
+            Path(scratch) / "parameters.yaml",
+            parameter_files=params_file or (),
+            remaps=remap or (),
+            namespace=namespace,
+            log_level=log_level,
+        )
+        with live_page(context, namespace, topic_rules(arguments)):
             run_nodes(nodes, arguments, lambda text: say(f"sfr run: {text}", err=True), respawn=respawn)
 
 
@@ -102,8 +96,6 @@ def record(
     options = RecordOptions(tuple(topics or ()), everything, namespace, duration, zstd)
     with output_folder(out, overwrite=overwrite, resumable=True) as place:
         if place != out:
-            if place.exists():
-                raise OutputError(f"'{place}' is an unfinished recording: rename or remove it")
             say(f"records into {place}, which replaces {out} at the end", err=True)
         counts = run_recorder(place, options, lambda text: say(text, err=True))
     count, lost = (sum(getattr(topic, name) for topic in counts.values()) for name in ("count", "lost"))

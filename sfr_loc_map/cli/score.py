@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from typer import Argument, Option
+from typer import Argument, Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
@@ -31,7 +31,7 @@ from sfr_loc_map.cli.options import (
     announced_config,
     columns_of,
     correction_of,
-    judgement,
+    given_words,
     parse_settings,
     refuse_given,
 )
@@ -45,18 +45,28 @@ from sfr_loc_map.cli.output import (
     show,
 )
 from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, present, write_junit
-from sfr_loc_map.config import Configuration, build, flatten
+from sfr_loc_map.config import Configuration
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig, aligned_error_config
 
 if TYPE_CHECKING:
-    from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.metrics.score import Score
     from sfr_loc_map.scoring.inputs import Run, ScoreInputs
 
 
 TABLE_SUFFIXES = (".parquet", ".csv")
+OF_TRAJECTORIES = (
+    *("condition", "align", "partial", "convention", "apply_diagnosis", "diagnose", "spacing", "rebase", "frames"),
+    *("associate", "max_gap", "max_difference", "rpe_delta", "pieces", "columns", "settings"),
+)
+"""Options that apply only to trajectories."""
+OF_CLOUDS = ("scored_range", "fused", "points")  #: Options that apply only to clouds.
+OF_DIAGNOSIS = (
+    *("estimate", "truth", "diagnose", "json_path", "overwrite", "lenient"),
+    *("frames", "associate", "max_gap", "columns", "config_file", "settings"),
+)
+"""Arguments and options that apply to `--diagnose`."""
 
 
 @app.command(
@@ -69,6 +79,7 @@ TABLE_SUFFIXES = (".parquet", ".csv")
     )
 )
 def score(
+    context: Context,
     estimate: Annotated[Path, Argument(metavar="EST", help="Trajectory (csv, TUM, KITTI, EuRoC, bag) or cloud.")],
     truth: Annotated[
         Path, Argument(metavar="TRUTH", help="Trajectory, bag or data set; for a cloud a source with truth.")
@@ -193,9 +204,11 @@ def score(
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
+    from sfr_loc_map.io.source_config import truth_config
     from sfr_loc_map.scoring.assembly import with_conditions
     from sfr_loc_map.scoring.conversion import converted_run
     from sfr_loc_map.scoring.inputs import ScoreInputs
+    from sfr_loc_map.scoring.judgement import Judgement
     from sfr_loc_map.scoring.load import load_run
     from sfr_loc_map.scoring.score_run import score_run
     from sfr_loc_map.scoring.settings import score_settings
@@ -206,9 +219,16 @@ def score(
     for table in (points, pieces):
         check_suffix(table, TABLE_SUFFIXES)
     check_outputs(json_path, html, junit, points, pieces, inputs=read, overwrite=overwrite)
+    if found.estimate is None:
+        refuse_given(context, OF_TRAJECTORIES, "applies only to trajectories: omit it for a cloud")
+    if found.cloud is None:
+        refuse_given(context, OF_CLOUDS, "applies only to clouds: omit it for a trajectory")
+    if diagnose:
+        others = context.params.keys() - set(OF_DIAGNOSIS)
+        refuse_given(context, others, "has no effect with --diagnose, which makes no score: omit it")
     if config_file is None and (truth.is_dir() or is_bag(truth)):
         config_file = announced_config(truth)
-    by = judgement(limits, condition, Configuration.read(config_file))
+    by = Judgement.of(limits, condition, Configuration.read(config_file))
     config = score_settings(
         by.conditions,
         spacing=spacing,
@@ -223,62 +243,29 @@ def score(
     inputs = replace(
         found,
         columns=of_estimate,
-        config=_truth_config(truth, config_file, settings, of_truth),
+        config=truth_config(truth, config_file, parse_settings(settings), of_truth),
         limits=by.limits_file,
         command=shlex.join(["sfr", *sys.argv[1:]]),
     )
     if diagnose:
-        unused = {
-            "--html": html,
-            "--junit": junit,
-            "--points": points,
-            "--pieces": pieces,
-            "--convention": convention,
-            "--apply-diagnosis": apply_diagnosis,
-            "--align": align,
-            "--target": target,
-            "--target-timing": target_timing,
-            "--target-run": target_run,
-        }
-        refuse_given(unused, "has no effect with --diagnose, which makes no score: omit it")
         _diagnose(inputs, config, json_path, lenient=lenient)
         return
     inputs = _measured_on(inputs, target, target_timing, target_run)
-    if align is not None and inputs.estimate is None:
-        raise ConfigError("'--align' applies only to trajectories: omit it for a cloud")
     aligned = aligned_error_config(align, {"max_difference_s": max_difference, "rpe_delta": rpe_delta})
-    correction = correction_of(convention, apply_diagnosis, has_poses=inputs.estimate is not None)
+    correction = correction_of(convention, apply_diagnosis)
     loaded = load_run(inputs, fused)
     for note in () if loaded.drive is None else loaded.drive.notes:
         say(note, err=True)
     run = converted_run(loaded, config, correction)
-    _check_tables(run, points, pieces)
+    if points is not None and (run.cloud is None or run.cloud.loaded.cloud is None):
+        raise ConfigError("'--points' writes errors of map points: give a cloud with the pixel and pair of each point")
     result = score_run(run, config, by.limits, aligned)
     present(result, json_path, html)
     _write_secondary(result, run, with_conditions(config, by.limits), junit, points, pieces)
-    _propose_next(result, json_path, html)
+    _propose_next(context, result)
     conclude(result, by.asked, lenient=lenient)
     if junit is not None and not result.is_judged:
         not_judged([NO_LIMITS], lenient=lenient)
-
-
-def _truth_config(
-    truth: Path, config_file: Path | None, settings: list[str] | None, columns: str
-) -> SourceConfig | None:
-    """Return the configuration of the truth from options and file; None if neither is given."""
-    from sfr_loc_map.io.source_config import source_config
-    from sfr_loc_map.io.truth.config import TruthConfig
-
-    if config_file is None and not settings and not columns:
-        return None
-    how = source_config(truth, config_file)
-    values = flatten(how.truth)
-    if not truth.is_dir() and not is_bag(truth):
-        values["source"] = ""  # TRUTH itself is the file
-    values |= {key.removeprefix("truth."): value for key, value in parse_settings(settings).items()}
-    if columns:
-        values["columns"] = columns
-    return replace(how, truth=build(TruthConfig, values, origin="--set truth.KEY=VALUE"))
 
 
 def _measured_on(inputs: ScoreInputs, target: str | None, timing: Path | None, run: str | None) -> ScoreInputs:
@@ -293,14 +280,6 @@ def _measured_on(inputs: ScoreInputs, target: str | None, timing: Path | None, r
             "--target-timing, too"
         )
     return replace(inputs, target_run=run)
-
-
-def _check_tables(run: Run, points: Path | None, pieces: Path | None) -> None:
-    """Raise ConfigError if a table is requested for which the run has no rows."""
-    if points is not None and (run.cloud is None or run.cloud.loaded.cloud is None):
-        raise ConfigError("'--points' writes errors of map points: give a cloud with the pixel and pair of each point")
-    if pieces is not None and run.drive is None:
-        raise ConfigError("'--pieces' writes sub-trajectories: give a trajectory and its ground truth")
 
 
 def _write_secondary(
@@ -324,14 +303,17 @@ def _write_secondary(
             save_table(pieces, table)
 
 
-def _propose_next(result: Score, json_path: str | None, html: Path | None) -> None:
+def _propose_next(context: Context, result: Score) -> None:
     """Propose the next command after a score."""
     from sfr_loc_map.metrics.judging.incomplete import is_lifted_by_partial
 
+    estimate, truth, html, json_path = (context.params[name] for name in ("estimate", "truth", "html", "json_path"))
     if result.incomplete is not None and is_lifted_by_partial(result):
         propose("... --partial", why="judges the part that the estimate covers")
     elif result.contradiction is not None:
-        propose("... --diagnose", why="finds the convention mismatch and its correction")
+        read = given_words(context, "associate", "columns", "config_file", "settings")
+        words = ("sfr", "score", estimate, truth, *read, "--diagnose")
+        propose(*words, why="finds the convention mismatch and its correction")
     elif html is not None:
         propose(f"open {html} in a browser")
     elif not result.verdicts:

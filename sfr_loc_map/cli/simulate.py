@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Argument, Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, open_as, parse_settings, refuse_given
@@ -16,7 +16,6 @@ from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault
 from sfr_loc_map.simulation.config import SimulationConfig
 
-WORKERS = 2  #: Default number of processes.
 FAULT_HELP = (
     "KIND, or KIND:OPTIONS with amount=A (unit: docs/simulation.md), share=S of the pairs (0 to 1), burst=N pairs "
     "at a time, start=N (first pair), camera=both|left|right, separated by commas; repeatable. "
@@ -34,6 +33,7 @@ FAULT_HELP = (
     )
 )
 def simulate(
+    context: Context,
     paths: Annotated[
         list[Path],
         Argument(metavar="[CONFIG] OUT", help="YAML file of a scenario (optional), then the output folder or bag."),
@@ -45,7 +45,7 @@ def simulate(
     seed: Annotated[int | None, Option(min=0, metavar="N", help="Seed of all random numbers.")] = None,
     config_file: ConfigOption = None,
     remap: RemapOption = None,
-    workers: Annotated[int | None, Option(min=1, metavar="N", help=f"Number of processes; default: {WORKERS}.")] = None,
+    workers: Annotated[int, Option(min=1, metavar="N", help="Number of processes.")] = 2,
     settings: Annotated[
         list[str] | None, Option("--set", metavar="KEY=VALUE", help="A setting, for example terrain.relief_m=0.2.")
     ] = None,
@@ -57,14 +57,14 @@ def simulate(
     clock or of the calibration.
     """
     if source is not None:
-        refuse_given(
-            {"CONFIG": len(paths) > 1, "--set": settings, "--workers": workers},
-            "has no effect with --from, which copies a recording: omit it",
-        )
+        of_rendering = ("settings", "workers")
+        refuse_given(context, of_rendering, "has no effect with --from, which copies a recording: omit it")
+        if len(paths) > 1:
+            raise ConfigError(f"'{paths[0]}' has no effect with --from, which copies a recording: give only the output")
         _inject(source, paths[0], fault, seed or 0, config_file, remap, overwrite=overwrite)
         return
-    of_recording = {"--fault": fault, "--config": config_file, "--remap": remap}
-    refuse_given(of_recording, "applies only to a recording: give --from SRC, or omit it")
+    of_recording = ("fault", "config_file", "remap")
+    refuse_given(context, of_recording, "applies only to a recording: give --from SRC, or omit it")
     from sfr_loc_map.simulation.simulate import can_continue
     from sfr_loc_map.simulation.simulate import simulate as run
 
@@ -80,9 +80,7 @@ def simulate(
     with nullcontext(out) if can_continue(config, out) else room as place, progress_bar("images") as bar:
         task = bar.add_task("rendering", total=None)
         try:
-            count = run(
-                config, place, workers or WORKERS, lambda done, total: bar.update(task, completed=done, total=total)
-            )
+            count = run(config, place, workers, lambda done, total: bar.update(task, completed=done, total=total))
         except KeyboardInterrupt:
             text = f"interrupted: the finished images are in '{place}'; repeat the command to render the others"
             raise InterruptedRunError(text) from None

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Argument, Context, Option
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import command_group, examples, propose
@@ -49,6 +49,7 @@ FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite
     )
 )
 def run(
+    context: Context,
     suite: Annotated[Path, Argument(metavar="SUITE.yaml", help="File with sources, faults, configurations, tasks.")],
     out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing folder is continued.")],
     workers: Annotated[int | None, Option(min=1, metavar="N", help="Parallel jobs; default: one per core.")] = None,
@@ -72,7 +73,10 @@ def run(
 
     propose("sfr", "suite", "report", out, why="rebuilds the page from the results")
     check_outputs(json_path, junit, inputs=(suite,), overwrite=overwrite)
-    _refuse_both(workers, scheduler)
+    _refuse_both(context)
+    if dry_run:
+        of_result = ("json_path", "junit", "mlflow", "lenient")
+        refuse_given(context, of_result, "has no effect with --dry-run, which has no result: omit it")
     specification, store = load_specification(suite), Store(out)
     if dry_run:
         _list_jobs(specification, store, workers, retry_failed=retry_failed)
@@ -131,14 +135,15 @@ def _progress() -> Iterator[Progress]:
         yield advance
 
 
-def _refuse_both(workers: int | None, scheduler: str | None) -> None:
-    if scheduler is not None:
+def _refuse_both(context: Context) -> None:
+    if context.params["scheduler"] is not None:
         reason = "has no effect with --scheduler, because a running scheduler has its own workers: give one of them"
-        refuse_given({"--workers": workers}, reason)
+        refuse_given(context, ("workers",), reason)
 
 
 @app.command(epilog=examples("sfr suite search search.yaml --out runs/search --workers 2"))
 def search(
+    context: Context,
     search: Annotated[Path, Argument(metavar="SEARCH.yaml", help="File with scenario, ranges, figure and limit.")],
     out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing folder is continued.")],
     workers: Annotated[int | None, Option(min=1, metavar="N", help="Parallel jobs; default: one per core.")] = None,
@@ -158,7 +163,7 @@ def search(
 
     propose("sfr", "suite", "run", out / CASE, "--out", out / "case", why="repeats the worst case")
     check_outputs(json_path, inputs=(search,), overwrite=overwrite)
-    _refuse_both(workers, scheduler)
+    _refuse_both(context)
     specification, store = load_search(search), Store(out)
     with _progress() as progress:
         result = run_search(
@@ -203,6 +208,7 @@ def report(
 
 @app.command(epilog=examples("sfr suite plan --prob 0.95 --confidence 0.95 --power 0.9", "sfr suite plan runs/today"))
 def plan(
+    context: Context,
     folder: Annotated[
         Path | None, Argument(metavar="DIR", help="Folder of a suite: plan for the limits of this suite.")
     ] = None,
@@ -232,10 +238,8 @@ def plan(
             raise ConfigError(problem)
         counts = [count_without_runs(terms)]
     else:
-        refuse_given(
-            {f"--{name}": value is not None for name, value in asked.items()},
-            "has no effect with a suite, because the limits of the suite define it: omit the option or the suite",
-        )
+        reason = "has no effect with a suite, because the limits of the suite define it: omit the option or the suite"
+        refuse_given(context, asked, reason)
         store = _open_store(folder)
         counts = list(drive_counts(summarise(store).results, store.limits))
     show([asdict(count) for count in counts], json_path, [drive_count_table(counts)])

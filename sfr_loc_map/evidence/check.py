@@ -1,4 +1,4 @@
-"""Check of a drive without a ground truth, and the tables of the figures of a check. `cli.check` adds the maps.
+"""Check of a drive without a ground truth, and the tables of the figures of a check. `recording` adds the maps.
 
 Each kind of evidence has a module that measures it, returns its figures as rows, and shows these rows as a table:
 `agreement` (runs that should agree), `revisited` (places), `predicted` (error by source), `other_estimates`,

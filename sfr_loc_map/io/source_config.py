@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from sfr_loc_map.config import SECTIONS, build, param, read_sections, suggestion
+from sfr_loc_map.config import SECTIONS, build, flatten, param, read_sections, suggestion
 from sfr_loc_map.errors import ConfigError, GeometryError, SfrError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag
@@ -210,11 +210,35 @@ def changed_sections(
     return changed
 
 
+def check_remap(source: Path, remap: Mapping[str, str]) -> None:
+    """Raise ConfigError if topics of a source without topics are remapped."""
+    if remap and source.exists() and not is_bag(source):
+        raise ConfigError(f"a remapping (--remap) applies only to topics of a bag, which '{source}' is not: omit it")
+
+
 def source_config(source: Path, path: Path | None = None, remap: Mapping[str, str] | None = None) -> SourceConfig:
     """Return the configuration in a file, by default the `sfr.yaml` beside the source; `remap` overrides topics."""
+    check_remap(source, remap or {})
     path = path or config_beside(source)
     config = AS_IT_IS if path is None else SourceConfig.of(read_sections(path), path)
     if not remap:
         return config
     kept = {topic: name for topic, name in config.remap.items() if name not in remap.values()}
     return replace(config, remap={**kept, **remap})
+
+
+def truth_config(truth: Path, path: Path | None, settings: Mapping[str, Any], columns: str) -> SourceConfig | None:
+    """Return the configuration of a truth: that of a file, changed by settings `truth.KEY` and by columns of a table.
+
+    None if nothing is given.
+    """
+    if path is None and not settings and not columns:
+        return None
+    config = source_config(truth, path)
+    values = flatten(config.truth)
+    if not truth.is_dir() and not is_bag(truth):
+        values["source"] = ""  # the truth itself is the file
+    values |= {key.removeprefix("truth."): value for key, value in settings.items()}
+    if columns:
+        values["columns"] = columns
+    return replace(config, truth=build(TruthConfig, values, origin="--set truth.KEY=VALUE"))

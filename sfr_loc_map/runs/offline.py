@@ -7,6 +7,7 @@ return the complete run; `localiser_steps` yields the estimates of a drive one b
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -224,13 +225,29 @@ def run_mapper(
     sequence: NavSequence,
     how: MappingConfig | UnderTest,
     progress: Progress = lambda done: None,
-    ended: Callable[[], bool] = lambda: False,
+    *,
+    keeps_finished: bool = False,
 ) -> MapRun:
-    """Map the pairs of a source by our mapper or by a method under test; see `map_pairs`."""
-    with checked_clock():
+    """Map the pairs of a source by our mapper or by a method under test; see `map_pairs`.
+
+    `progress` is called with the number of mapped pairs. With `keeps_finished`, an interruption after the first pair
+    ends the run after the current pair, and the map has the mapped pairs. Otherwise the interruption is raised.
+    """
+    done = 0
+
+    def count(mapped: int) -> None:
+        nonlocal done
+        done = mapped
+        progress(mapped)
+
+    def stop() -> None:
+        if not done:
+            raise KeyboardInterrupt
+
+    with checked_clock(), stopping(stop) if keeps_finished else nullcontext(lambda: False) as ended:
         if isinstance(how, UnderTest):
-            return map_pairs_with(sequence, how, progress, ended)
-        return map_pairs(sequence, how, progress, ended)
+            return map_pairs_with(sequence, how, count, ended)
+        return map_pairs(sequence, how, count, ended)
 
 
 def map_pairs(

@@ -12,12 +12,12 @@ import pytest
 from helpers.cli_result import Sfr
 from helpers.loc_drive import drive, run
 from helpers.made_scene import LOC_RIG
-from sfr_loc_map.cli.check import names_of_estimates
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import agreement_table
 from sfr_loc_map.evidence.calibration import CameraOffset, calibration_table, corrected_drive
 from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.item_rows import items_with
+from sfr_loc_map.evidence.recording import names_of_estimates
 from sfr_loc_map.evidence.variants import PairsInMemory, Run
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault

@@ -238,7 +238,7 @@ class BagRecorder:
     def __init__(self, path: Path, *, zstd: bool = False) -> None:
         """Prepare a bag in a folder that must not exist; `zstd` compresses its chunks."""
         if path.exists():
-            raise OutputError(f"cannot record to '{path}': it exists; choose another name")
+            raise OutputError(f"cannot record to '{path}': it exists; rename or remove it, or choose another name")
         self.path = path
         self.count = 0
         self._writer = _SafeWriter(path, version=9, storage_plugin=StoragePlugin.MCAP)

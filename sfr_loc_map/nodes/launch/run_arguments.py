@@ -11,14 +11,49 @@ from pathlib import Path
 import yaml
 
 from sfr_loc_map.config import Configuration, changed, node_parameters
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.inputs import MONITOR_NODE, Task
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.topics import COMPRESSED_END
 
+ROS_ARGS = "--ros-args"
 NODE_OF_RULE = re.compile(r"\w+:(?!=|//)")  #: Node to which a remapping rule is limited: `NODE:` in `NODE:FROM:=TO`.
+
+
+def node_arguments(
+    more: Sequence[str],
+    config: Path | None,
+    written: Path,
+    *,
+    parameter_files: Sequence[Path] = (),
+    remaps: Sequence[str] = (),
+    namespace: str = "",
+    log_level: str = "info",
+) -> list[str]:
+    """Return the ROS arguments of the nodes, `--ros-args` first; `more` are further ones.
+
+    The parameters of an `sfr.yaml` are written to the file `written` (`run_arguments`). Later arguments override them.
+    """
+    arguments = [ROS_ARGS, *(run_arguments(config, written) if config is not None else ())]
+    arguments += ["--log-level", log_level]
+    for path in parameter_files:
+        if not path.is_file():
+            raise InputError(f"there is no parameter file '{path}': give a file such as those in config/")
+        arguments += ["--params-file", str(path)]
+    if namespace:
+        arguments += ["-r", f"__ns:=/{namespace.strip('/')}"]
+    for rule in remaps:
+        arguments += ["-r", rule]
+    return [*arguments, *more]
+
+
+def split_ros_arguments(words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the words before `--ros-args` and those after it."""
+    given = list(words)
+    cut = given.index(ROS_ARGS) if ROS_ARGS in given else len(given)
+    return given[:cut], given[cut + 1 :]
 
 
 def run_arguments(config: Path, written: Path) -> list[str]:

@@ -98,16 +98,11 @@ def task_under_test(source: Source, external: str | None, method: str) -> Task |
 def node_under_test(
     task: Task | None, *, answers: str, command: str, watch: str, frames: str, timeout_s: float, correction: Correction
 ) -> ExternalOptions | None:
-    """Return the options of an external node, None without one; raise a ConfigError if an option does not apply.
+    """Return the options of an external node, None without one; raise a ConfigError if a map is to be diagnosed.
 
     `answers`, `command`, `watch` and `frames` are the values of the options of the command; empty if not given.
     """
     if task is None:
-        given = {"command": command, "watch": watch, "answers": answers, "frames": frames}
-        needless = [f"--{option}" for option, value in given.items() if value]
-        needless += ["--convention or --apply-diagnosis"] if correction.is_wanted else []
-        if needless:
-            raise ConfigError(f"'{needless[0]}' applies only to external nodes: give --external TASK, too")
         return None
     if task is Task.MAPPING and correction.apply_diagnosis:
         raise ConfigError("'--apply-diagnosis' applies only to poses: omit it with --external mapping")

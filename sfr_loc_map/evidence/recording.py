@@ -1,0 +1,133 @@
+"""Check of a recording without ground truth: of its drive (`check`) and of its maps (`overlap`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sfr_loc_map.config import Configuration
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.evidence.calibration import Advice
+from sfr_loc_map.evidence.check import check_drive, check_tables
+from sfr_loc_map.evidence.check_result import Check, CheckResult, worst_result
+from sfr_loc_map.evidence.overlap import check_maps
+from sfr_loc_map.evidence.variants import Run, calls_of
+from sfr_loc_map.io.sequence import Source, drive_of
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.report.tables import Table
+
+SCHEMA = "sfr-check/1"
+DRIVE, MAPS = "drive", "maps"  #: Subjects of a check.
+TOO_FEW = {
+    DRIVE: "fewer than three sub-trajectories and no revisited place: give a smaller --condition",
+    MAPS: f"no two mapping pairs have {MIN_OVERLAP} points in common",
+}
+"""Why there is not enough data, by subject."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingCheck:
+    """The checks of a recording."""
+
+    checks: Mapping[str, Check]  #: By subject.
+    calibration: tuple[str, ...] = ()  #: Offsets of the right camera for which the calibration should be repeated.
+    advice: Mapping[str, Advice] = field(default_factory=dict)  #: Action for the calibration file, by angle.
+
+    @property
+    def results(self) -> dict[str, CheckResult]:
+        """The result of each subject."""
+        return {subject: check.result for subject, check in self.checks.items()}
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """The figures of all subjects."""
+        return tuple(row for check in self.checks.values() for row in check.figures)
+
+    @property
+    def disagreements(self) -> list[str]:
+        """Differences that exceed the prediction, one phrase each."""
+        return [text for check in self.checks.values() for text in check.disagreements]
+
+    @property
+    def not_checked(self) -> list[str]:
+        """Why subjects could not be checked, one phrase each."""
+        return [TOO_FEW[subject] for subject, result in self.results.items() if result is CheckResult.NOT_ENOUGH_DATA]
+
+    def tables(self) -> list[Table]:
+        """Return the tables of the figures and of the advice."""
+        return check_tables(self.figures, self.advice)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the check for JSON."""
+        return {
+            "schema": SCHEMA,
+            "result": worst_result(self.results.values()).value,
+            "results": {subject: result.value for subject, result in self.results.items()},
+            "calibration": list(self.calibration),
+            "advice": self.advice,
+            "figures": to_plain(self.figures),
+        }
+
+
+def check_recording(
+    source: Source,
+    config: Configuration,
+    conditions: Sequence[Condition],
+    most_pairs: int,
+    others: Sequence[Run] = (),
+    progress: Callable[[], None] = lambda: None,
+) -> RecordingCheck:
+    """Check the drive of a source, if it has one, and its maps, if it has several mapping pairs.
+
+    `progress` is called after each of the `calls_of_check` calls of the localiser.
+    """
+    checks: dict[str, Check] = {}
+    calibration: tuple[str, ...] = ()
+    advice: dict[str, Advice] = {}
+    if has_drive_to_check(source):
+        parameters = config.build(LocalisationConfig, "localisation")
+        drive = check_drive(drive_of(source), parameters, conditions, most_pairs, others, progress)
+        checks[DRIVE] = drive
+        calibration = tuple(offset.text for offset in drive.wrong_offsets)
+        advice = drive.advice
+    if source.nav is not None and has_maps(source):
+        checks[MAPS] = check_maps(source.nav, config.build(MappingConfig, "mapping"))
+    return RecordingCheck(checks, calibration, advice)
+
+
+def has_maps(source: Source) -> bool:
+    """Return whether a source has several mapping pairs."""
+    return source.nav is not None and len(source.nav) > 1
+
+
+def has_drive_to_check(source: Source) -> bool:
+    """Return whether the drive of a source is checked; a source without a drive is an error unless it has maps."""
+    return source.loc is not None or not has_maps(source)
+
+
+def calls_of_check(source: Source, most_pairs: int) -> int:
+    """Return the number of calls of the localiser in a check."""
+    return 0 if source.loc is None else calls_of(min(len(source.loc), most_pairs))
+
+
+def read_estimates(paths: Sequence[Path]) -> list[Run]:
+    """Read estimates of other methods; each is named as by `names_of_estimates`."""
+    names = names_of_estimates(paths)
+    return [Run(name, Estimates.of(read_trajectory_file(path).trajectory)) for path, name in names.items()]
+
+
+def names_of_estimates(paths: Sequence[Path]) -> dict[Path, str]:
+    """Return the names of the runs of estimates: the names of their files, or the paths if files have the same name."""
+    if len(set(paths)) < len(paths):
+        raise ConfigError(f"'--estimate {paths[0]}' is given twice: give different estimates")
+    has_equal_names = len({path.name for path in paths}) < len(paths)
+    return {path: str(path) if has_equal_names else path.name for path in paths}

@@ -1,0 +1,34 @@
+"""Names of the files of sources, by which outputs never replace other files of a folder or files of an input."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from sfr_loc_map.io.bag.files import STORAGE_SUFFIXES
+
+DATA_SET_NAMES = {
+    *("rig.json", "pairs.csv", "groundtruth.csv", "simulation.yaml", "metadata.yaml"),
+    *("left", "right", "truth", "masks", "loc", "nav"),
+}
+"""Names in the folders that the suite writes: data sets and bags."""
+SOURCE_NAMES = DATA_SET_NAMES | {"mav0", "calib.txt", "times.txt", "poses.txt", *(f"image_{n}" for n in range(4))}
+"""Names in the folders of all sources."""
+NAMES_IN_PATHS = SOURCE_NAMES - {"loc", "nav"}  #: Names of which one occurs in the path of each file of a source.
+
+
+def has_only_data_set(folder: Path) -> bool:
+    """Return whether a folder contains only files and folders of a data set or a bag."""
+    return all(item.name in DATA_SET_NAMES or item.suffix in STORAGE_SUFFIXES for item in folder.iterdir())
+
+
+def source_of_file(path: Path, sources: Iterable[Path]) -> Path | None:
+    """Return that of the folders of sources to which a file belongs by its name, None if there is none.
+
+    All paths are resolved.
+    """
+    for folder in set(sources) & {*path.parents}:
+        names = set(path.relative_to(folder).parts)
+        if path.suffix in STORAGE_SUFFIXES or names & NAMES_IN_PATHS:
+            return folder
+    return None

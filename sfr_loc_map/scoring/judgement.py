@@ -1,0 +1,41 @@
+"""Limits and conditions by which a run is judged, from options and the configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sfr_loc_map.config import Configuration
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.judging.limits_file import load_limits
+from sfr_loc_map.metrics.limits import Limits
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """Limits and conditions by which a run is judged."""
+
+    limits_file: Path | None
+    limits: Limits | None  #: Content of the file.
+    conditions: Sequence[str] | None  #: Conditions of options or of the configuration; None for the default.
+
+    @classmethod
+    def of(cls, limits_file: Path | None, conditions: Sequence[str] | None, config: Configuration) -> Judgement:
+        """Return the given limits and conditions, or else those of the configuration."""
+        named, listed = config.sections.get("limits"), config.sections.get("conditions")
+        if not isinstance(named, str | None) or not isinstance(listed, list | None):
+            raise ConfigError(
+                f"{config.path}: 'limits' must be a file name and 'conditions' a list such as [distance=5]"
+            )
+        if limits_file is None and config.path is not None and named:
+            limits_file = config.path.parent / named
+        limits = None if limits_file is None else load_limits(limits_file)
+        return cls(limits_file, limits, conditions or listed)
+
+    @property
+    def asked(self) -> tuple[Condition, ...]:
+        """The conditions that the user named in options, configuration or limits."""
+        of_limits = () if self.limits is None else self.limits.conditions
+        return tuple(map(Condition.parse, (*(self.conditions or ()), *of_limits)))
