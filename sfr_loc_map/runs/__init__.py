@@ -1,8 +1,18 @@
-"""Runs of a localiser or mapper, ours or one under test: calls, results and their files.
+"""Runs of a localiser or mapper, ours or one under test: what a run results in, and its files.
 
-`offline` runs over a complete source; its entry points are `run_localiser` and `run_mapper`. `calls` has the record of
-each call, also for the topic `<node>/call`, and `call_stats` has the calls of a run as columns. `replay_result` has the
-results of a replay through the nodes. Files are written by `call_files`, `map_files`, `replay_files` and `track_video`.
+    run                               result                                     files
+    ───                               ──────                                     ─────
+    offline.run_localiser             DriveRun: PoseEstimate, CallRecord a pair  estimate.csv, stats.csv, video
+    offline.run_mapper                MapRun: PairMap a pair, FusedMap, calls    cloud, elevation models, stats.csv
+    nodes/replay (sfr replay)         ReplayResult: poses, cloud, calls          folder of ReplayFiles
+
+A call of `process` has one record in three forms:
+
+    CallRecord (`calls`)              one call; as JSON on the topic `<node>/call` (`encode_call`, `decode_call`)
+    stats.csv (`call_files`)          one row for each call (`save_stats`, `load_call_stats`)
+    CallStats (`call_stats`)          the calls of a run as columns, from records or from a file; scores read this form
+
+`replay_result` has the results of a replay. `map_files`, `replay_files` and `track_video` write the other files.
 """
 
 import lazy_loader

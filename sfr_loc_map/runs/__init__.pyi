@@ -1,5 +1,8 @@
+from .call_stats import CallStats as CallStats
 from .calls import CallRecord as CallRecord
+from .offline import DriveRun as DriveRun
 from .offline import MapRun as MapRun
-from .offline import localise as localise
-from .offline import map_pairs as map_pairs
+from .offline import run_localiser as run_localiser
+from .offline import run_mapper as run_mapper
 from .offline import start_pose as start_pose
+from .replay_result import ReplayResult as ReplayResult

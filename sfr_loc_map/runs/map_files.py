@@ -1,4 +1,4 @@
-"""The files that `sfr map` writes: cloud, elevation models, covariances.
+"""The files of a map: cloud, elevation models, covariances.
 
 All files of an elevation model contain the same grid as the topics.
 """
@@ -15,41 +15,38 @@ import numpy as np
 
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import ConfigError, OutputError
-from sfr_loc_map.geometry.arrays import ColourImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.clouds import geotiff
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.point_covariance import point_covariances
-from sfr_loc_map.mapping.terrain.elevation import ElevationModel
+from sfr_loc_map.mapping.terrain.shaded_relief import shaded_heights
 from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid, terrain_grid
 from sfr_loc_map.runs.offline import MapRun
 
-SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png")  # suffixes of files of an elevation model
-HEIGHT_QUANTILES = (0.01, 0.99)
-"""Quantiles of the heights at the ends of the colour range; heights beyond are clipped."""
-LIGHT = np.array([-1.0, 1.0, 1.5])
-"""Direction towards the light of the shaded image: from the upper left, as on maps."""
-AMBIENT = 0.35
-BRIDGED_SHARE = 0.1  # minimum weighted fraction of neighbours with a height for a gap to be filled in the image
-VOID = (32, 32, 32)
+DEM_SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png")  #: Suffixes of files of an elevation model.
 
 
 @dataclass(frozen=True, slots=True)
 class MapOutputs:
     """The files to write."""
 
-    cloud: Path  # the file of covariances is written beside it
+    cloud: Path
     fuse: bool  # whether the cloud is fused; otherwise it contains the points of every pair
     dem: Sequence[Path]  # files of an elevation model
     terrain: TerrainConfig  # parameters of the elevation model and its other layers
     covariance: bool  # whether to write the covariance of each point
 
     @property
+    def covariances(self) -> Path | None:
+        """File of the covariances, beside the cloud; None if not requested."""
+        return self.cloud.with_suffix(".covariance.npz") if self.covariance else None
+
+    @property
     def more(self) -> list[Path]:
-        """Files besides the cloud; the file of covariances, if requested, is the last one."""
-        return [*self.dem, *([self.cloud.with_suffix(".covariance.npz")] * self.covariance)]
+        """Files besides the cloud."""
+        return [*self.dem, *([] if self.covariances is None else [self.covariances])]
 
 
 def save_map(
@@ -74,8 +71,8 @@ def save_map(
             for path in outputs.dem:
                 with secondary_output():
                     save_dem(path, grid)
-    if outputs.covariance:
-        with secondary_output(), atomic_path(outputs.more[-1]) as temporary:
+    if outputs.covariances is not None:
+        with secondary_output(), atomic_path(outputs.covariances) as temporary:
             covariances = point_covariances(cloud, poses_lm_left, focal_px)
             np.savez_compressed(temporary, covariance_m2=covariances, random_sigma_m=random_sigma)
     return cloud
@@ -87,8 +84,8 @@ def save_map(
 def check_dems(files: Sequence[Path]) -> None:
     """Raise ConfigError or MissingExtraError if elevation models with these names cannot be written."""
     for file in files:
-        if file.suffix not in SUFFIXES:
-            raise ConfigError(f"'--dem {file}': the name must end in {', '.join(SUFFIXES)}")
+        if file.suffix not in DEM_SUFFIXES:
+            raise ConfigError(f"'--dem {file}': the name must end in {', '.join(DEM_SUFFIXES)}")
     if any(file.suffix in geotiff.SUFFIXES for file in files):
         geotiff.load_rasterio()
 
@@ -115,29 +112,3 @@ def save_dem(path: Path, grid: TerrainGrid) -> None:
             np.savez_compressed(temporary, **of_model, **others)
         elif not cv2.imwrite(str(temporary), shaded_heights(model)):
             raise OutputError(f"cannot write '{path}': the image could not be encoded")
-
-
-# ---- the image of an elevation model
-
-
-def shaded_heights(model: ElevationModel) -> ColourImage:
-    """Return heights as colours, shaded by their slopes, with one pixel per cell and y of LM upwards.
-
-    Gaps of one or two cells are filled for display.
-    """
-    weight = np.isfinite(model.height_m).astype(np.float32)
-    weighted = np.where(weight > 0, model.height_m, 0.0)
-    total, near_share = (cv2.GaussianBlur(image, (0, 0), 1.0) for image in (weighted, weight))
-    near = np.asarray(total / np.maximum(near_share, 1e-6), np.float32)
-    near[near_share < BRIDGED_SHARE] = np.nan
-    heights = np.where(weight > 0, model.height_m, near)
-    known = np.isfinite(heights)
-    low, high = np.quantile(heights[known], HEIGHT_QUANTILES) if known.any() else (0.0, 1.0)
-    filled = np.where(known, heights, np.float32(np.nanmedian(model.height_m) if known.any() else 0.0))
-    slope_y, slope_x = np.gradient(filled.astype(np.float64), model.cell_m) if min(filled.shape) > 1 else (0.0, 0.0)
-    light = LIGHT / np.linalg.norm(LIGHT)
-    lit = (light[2] - slope_x * light[0] - slope_y * light[1]) / np.sqrt(1.0 + np.square(slope_x) + np.square(slope_y))
-    shade = np.asarray(AMBIENT + (1.0 - AMBIENT) * np.clip(lit / light[2], 0.0, 1.3))
-    level = np.rint(255.0 * np.clip((filled - low) / max(high - low, 1e-6), 0.0, 1.0)).astype(np.uint8)
-    image = np.where(known[..., None], cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS) * shade[..., None], VOID)
-    return np.clip(image, 0.0, 255.0).astype(np.uint8)[::-1]

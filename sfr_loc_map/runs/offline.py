@@ -1,7 +1,13 @@
 """A localiser or mapper over a complete source, without ROS; the nodes make the same calls of `process`.
 
-`run_localiser` and `run_mapper` accept the configuration of our localiser or mapper, or a method under test. Both
-return the complete run; `localiser_steps` yields the estimates of a drive one by one.
+`run_localiser` and `run_mapper` accept the configuration of our localiser or mapper, or a method under test
+(`UnderTest`), and return the complete run:
+
+    run_localiser ─► localiser_steps ─► localise, localise_with
+    run_mapper    ────────────────────► map_pairs, map_pairs_with
+
+`localise` and `map_pairs` call our own code in this process, the functions `..._with` a method in its own process.
+`localiser_steps` yields the estimates of a drive one by one.
 """
 
 from __future__ import annotations
