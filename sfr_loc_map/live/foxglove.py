@@ -20,7 +20,8 @@ from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample, 
 
 HOST = "127.0.0.1"  #: Only loopback, because the protocol has no token; other hosts need a tunnel (ssh -L).
 BACKLOG_MESSAGES = 64  #: Maximum number of messages that wait for a client; the SDK drops the oldest.
-TICK_S, PERIOD_S = 0.1, 1.0  #: Period of the check for new images and maps; period of figures and paths.
+TICK_S = 0.1  #: Period of the check for new images and maps.
+PERIOD_S = 1.0  #: Period of figures and paths.
 FIGURES = "/figures"
 ESTIMATE = "/path/estimate"
 TRUTH = "/path/truth"

@@ -15,6 +15,9 @@ from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.tables import Cell, Table
 
+NO_REPORT: dict[str, Any] = {"overall": None, "tables": [], "limits": [], "errors": None}
+"""Content of a page before the first report."""
+
 
 class LiveReport:
     """A report: the score, its JSON values, and the displayed tables and bars."""

@@ -21,7 +21,8 @@ from sfr_loc_map.live.updates import PoseSample, Track
 
 MAX_ROWS = 4000
 """Maximum number of poses. When exceeded, every second pose is dropped, and later poses are thinned likewise."""
-MAX_TRUTHS, MAX_PENDING = 4000, 400  #: Number of true poses kept; number of estimates that wait for a true pose.
+MAX_TRUTHS = 4000  #: Maximum number of true poses.
+MAX_PENDING = 400  #: Maximum number of estimates that wait for a true pose.
 MAX_GAP_NS = NS_PER_S  #: Longest gap of the truth across which poses are interpolated.
 Point = tuple[float, float, float]
 

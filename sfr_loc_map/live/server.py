@@ -16,7 +16,6 @@ from collections.abc import Awaitable, Callable
 from contextlib import closing, suppress
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 from aiohttp import WSMsgType, http_exceptions, web
@@ -27,10 +26,10 @@ from sfr_loc_map.live import updates
 from sfr_loc_map.live.access import TOKEN_COOKIE, is_equal, refusal_of
 from sfr_loc_map.live.config import LiveConfig
 from sfr_loc_map.live.connections import IDLE_TIMEOUT_S, BoundedConnections
-from sfr_loc_map.live.live_report import LiveReport
+from sfr_loc_map.live.messages import LIVE_PERIOD_S, CommonTexts
 from sfr_loc_map.live.run_end import EndFile, RunEnd
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.viewer import Viewer, text_message
+from sfr_loc_map.live.viewer import Viewer
 from sfr_loc_map.signals import stopping
 
 CONTENT_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
@@ -63,7 +62,6 @@ SHUTDOWN_S = 1.0  #: Time for pending requests when the server ends.
 LAST_MESSAGE_S = 0.1  #: Time for the last message to the pages.
 TICK_S = 0.01  #: Changes within this time are sent together.
 END_PERIOD_S = 0.1  #: Period of the check whether the run is over.
-LIVE_PERIOD_S = 0.25  #: Period of the state of the run, also a sign of life of the server.
 
 
 class LiveServer:
@@ -77,11 +75,8 @@ class LiveServer:
         self._command_token = secrets.token_urlsafe(18)
         self._files = _page_files(self._command_token)
         self._viewers: list[Viewer] = []
-        self._texts: dict[str, str] = {}  # latest message of each kind that is sent to all pages
+        self._texts = CommonTexts(state)
         self._begin_s = time.time()
-        self._live_sent_s = 0.0
-        self._events_version = -1
-        self._report: LiveReport | None = None
         self._connections: BoundedConnections | None = None
         self._changed = asyncio.Event()
 
@@ -120,8 +115,7 @@ class LiveServer:
             self.state.end_reception(now_s)
         else:
             self.state.end(run_end, now_s)
-        self._live_sent_s = 0.0
-        self._notify_viewers(now_s)
+        self._notify_viewers(now_s, at_once=True)
 
     def _application(self) -> web.Application:
         app = web.Application(middlewares=[self._guard], client_max_size=MAX_MESSAGE_BYTES)
@@ -172,24 +166,10 @@ class LiveServer:
             self._notify_viewers(time.time())
             await asyncio.sleep(TICK_S)
 
-    def _notify_viewers(self, now_s: float) -> None:
-        state = self.state
-        is_live_due = not 0.0 <= now_s - self._live_sent_s < LIVE_PERIOD_S
-        with state.lock:
-            if is_live_due:
-                state.tick(now_s)
-            if state.report is not None and state.report is not self._report:
-                self._report = state.report
-                self._texts["report"] = text_message("report", state.report.to_plain())
-            if self._events_version != state.timeline.version:
-                self._events_version = state.timeline.version
-                self._texts["events"] = text_message("events", {"events": state.events_to_plain()})
-            if is_live_due:
-                actions = sorted(state.operator.actions)
-                self._live_sent_s = now_s
-                self._texts["live"] = text_message("live", state.live_to_plain(now_s) | {"actions": actions})
+    def _notify_viewers(self, now_s: float, *, at_once: bool = False) -> None:
+        self._texts.update(now_s, at_once=at_once)
         for viewer in self._viewers:
-            viewer.notify(self._texts)
+            viewer.notify(self._texts.by_kind)
 
     # ---- access
 
@@ -231,7 +211,13 @@ class LiveServer:
     async def _get_state(self, request: web.Request) -> web.Response:
         now_s = time.time()
         content = self.state.to_plain(now_s)
-        content["live"] |= {"server": self._facts(now_s)}
+        content["live"]["server"] = {
+            "version": __version__,
+            "title": self._title,
+            "uptime_s": round(now_s - self._begin_s, 3),
+            "actions": sorted(self.state.operator.actions),
+            "pages": len(self._viewers),
+        }
         return web.json_response(content, dumps=lambda value: json.dumps(value, allow_nan=False))
 
     async def _get_report(self, request: web.Request) -> web.Response:
@@ -267,7 +253,7 @@ class LiveServer:
 
         async def send() -> None:
             with suppress(ConnectionError, TimeoutError):
-                await viewer.send_all(self._facts(time.time()))
+                await viewer.send_all(self._title)
             transport.abort()  # no closing handshake, because a page that does not read would never answer
 
         self._viewers.append(viewer)
@@ -282,16 +268,6 @@ class LiveServer:
             self.state.displayed.forget(viewer)
             sender.cancel()
         return channel
-
-    def _facts(self, now_s: float) -> dict[str, Any]:
-        return {
-            "version": __version__,
-            "title": self._title,
-            "time_s": now_s,
-            "uptime_s": round(now_s - self._begin_s, 3),
-            "actions": sorted(self.state.operator.actions),
-            "pages": len(self._viewers),
-        }
 
 
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, end_file: Path | None = None) -> None:

@@ -20,7 +20,7 @@ from sfr_loc_map.live.displayed_media import DisplayedMedia
 from sfr_loc_map.live.freshness import LiveTopic
 from sfr_loc_map.live.headline import headline
 from sfr_loc_map.live.live_node import LOCALISATION_NODE, MAX_LETTERS, LiveNode, NumberedCall, state_of_pose
-from sfr_loc_map.live.live_report import LiveReport
+from sfr_loc_map.live.live_report import NO_REPORT, LiveReport
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.run_end import Aborted, RunEnd
 from sfr_loc_map.live.timeline import EventKind, Timeline
@@ -29,8 +29,13 @@ from sfr_loc_map.metrics.score_json import from_json
 from sfr_loc_map.run_order import AnyOrder, CommonRuns
 from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
 
-MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
+MAX_NODES = 32
+MAX_TOPICS = 32
+MAX_STAMPS = 2000  #: Images whose time of publication is kept.
+MAX_PROBLEMS = 20
+MAX_CALLS = 600
 MAX_REPORT_CHARACTERS = 8_000_000
+NO_SCORE: dict[str, Any] = {"schema": SCHEMA, "figures": [], "verdicts": []}  #: Score before the first report.
 STALE_TOPICS = {ESTIMATE: "pose", REPORT: "figures"}  #: Topics whose silence makes the displayed data stale.
 
 
@@ -125,19 +130,11 @@ class LiveState:
     def to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the latest report (`sfr-score/2`) with the state of the run as `live`, as JSON values."""
         with self.lock:
-            live, report = self.live_to_plain(now_s), self.report
-        if report is None:
-            nothing: dict[str, Any] = {
-                "overall": None,
-                "tables": [],
-                "limits": [],
-                "errors": None,
-                "events": self.events_to_plain(),
-            }
-            return {"schema": SCHEMA, "figures": [], "verdicts": [], "live": live | nothing}
-        shown, content = report.to_plain(), report.content
-        live |= {name: shown[name] for name in ("overall", "tables", "limits", "errors")}
-        return content | {"live": live | {"events": self.events_to_plain()}}
+            live, report, events = self.live_to_plain(now_s), self.report, self.events_to_plain()
+        content = NO_SCORE if report is None else report.content
+        shown = NO_REPORT if report is None else report.to_plain()
+        live |= {name: shown[name] for name in NO_REPORT}
+        return content | {"live": live | {"events": events}}
 
     def live_to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the `live` part of `state.json` as JSON values, without events and the content of the report."""
@@ -268,10 +265,9 @@ class LiveState:
             raise InputError(f"{REPORT} has {length} characters: at most {MAX_REPORT_CHARACTERS} are read")
         report = LiveReport(from_json(update.text, REPORT), update.received_s)
         self.report = report.with_missing(self._missing) if self.ended else report
-        judged = {bar.place: bar for bar in self.report.bars}
-        states = self.report.score.verdicts
-        texts = ((item, judged[k].text) for k, item in enumerate(states) if k in judged)
-        self.timeline.judge(texts, update.received_s)
+        verdicts = self.report.score.verdicts
+        bars = sorted(self.report.bars, key=lambda bar: bar.place)
+        self.timeline.judge(((verdicts[bar.place], bar.text) for bar in bars), update.received_s)
         if (drive := self.report.score.association) is not None:
             self.path.note_length(drive.path_length_m)
 

@@ -26,8 +26,9 @@ from sfr_loc_map.message_types import Level
 from sfr_loc_map.report.table_formats import to_rich
 from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number
 
-PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05
-"""Period of the screen, of the lines without a terminal, and of the check for keys."""
+PERIOD_S = 0.5  #: Period of the screen.
+LINE_PERIOD_S = 1.0  #: Period of the lines without a terminal.
+KEY_PERIOD_S = 0.05  #: Period of the check for keys.
 STYLES = {
     Level.OK: ("✔", "green"),
     Level.WARN: ("!", "yellow"),

@@ -16,15 +16,13 @@ from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.runs.calls import CallRecord
 
-MAX_EVENTS, MAX_TEXT = 400, 200
-
-
+MAX_EVENTS = 400  #: Maximum number of events.
+MAX_TEXT = 200  #: Maximum length of a text.
 RECENT = 8  #: Number of last events among which the previous event of a lane is searched.
 FLICKER_S = 0.5  #: Tracking for less than this time does not separate two intervals of the same kind.
-GAP_S, GAP_PERIODS = 2.0, 20.0
-"""A step of the stamps is an event if it exceeds this time, s, and this multiple of the mean step."""
+GAP_S = 2.0  #: A step of the stamps is an event if it exceeds this time, s, and `GAP_PERIODS` times the mean step.
+GAP_PERIODS = 20.0
 POSE = "pose"  #: Lane of the events of the last pose.
-SILENT = "{}: silent"
 COMPILING_ACTIVITY = "compiling"  #: Activity in the health of a node that compiles its kernels.
 
 
@@ -35,7 +33,8 @@ class EventKind(StrEnum):
     DEGRADED = "degraded"
     LOST = "lost"
     STALE = "stale"
-    NODE = "node"
+    NODE = "node"  #: A node reports an error.
+    SILENT = "silent"  #: A node does not report.
     COMPILING = "compiling"
     CLOCK = "clock"
     LIMIT = "limit"
@@ -72,7 +71,7 @@ class Timeline:
     def take_call(self, call: updates.Call) -> None:
         """Process a call: its node is no longer silent, and the state of the last pose may change."""
         node = self._open.get(call.node)
-        if node is not None and node.text == SILENT.format(call.node):
+        if node is not None and node.kind is EventKind.SILENT:
             self.note(call.node, call.received_s, None)
         if call.node != LOCALISATION_NODE:
             return
@@ -119,7 +118,7 @@ class Timeline:
         if self._pose is not None and self._pose.is_stale(now_s):
             self.note(POSE, self._pose.received_s, EventKind.STALE, "no pose")
         for node, since_s in silent.items():
-            self.note(node, since_s, EventKind.NODE, SILENT.format(node))
+            self.note(node, since_s, EventKind.SILENT, f"{node}: silent")
 
     def judge(self, verdicts: Iterable[tuple[Verdict, str]], at_s: float) -> None:
         """Add events for missed limits, each with its text."""

@@ -1,4 +1,4 @@
-"""Send the state to an open page: all poses and calls in order, and the newest of all other data.
+"""Send the state to an open page (`messages`): all poses and calls in order, and the newest of all other data.
 
 New data are sent when the network accepts them. Data are not queued per page; only the state stores them. A page that
 does not read is disconnected.
@@ -7,51 +7,20 @@ does not read is disconnected.
 from __future__ import annotations
 
 import asyncio
-import json
-import struct
 from bisect import bisect_left
 from contextlib import suppress
-from functools import lru_cache
 from operator import attrgetter
 from typing import Any
 
-import numpy as np
 from aiohttp import web
 
 from sfr_loc_map.json_yaml import parse_json
+from sfr_loc_map.live.messages import PageMedia, binary_message, text_message
 from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import ElevationSample, ImageSample, MediaKind
+from sfr_loc_map.live.updates import MediaKind
 
 SEND_TIMEOUT_S = 10.0  #: A page that accepts no data for this time is disconnected.
-PageMedia = ImageSample | ElevationSample  #: Media of the page; clouds are displayed only in Foxglove.
-
-
-def text_message(kind: str, content: dict[str, Any]) -> str:
-    """Return a text message: JSON with the kind as `type`."""
-    return json.dumps({"type": kind, **content}, allow_nan=False, separators=(",", ":"))
-
-
-@lru_cache(maxsize=16)
-def binary_message(media: PageMedia) -> bytes:
-    """Return the message of an image or a map from above.
-
-    bytes 0..3     length of the header with its padding, unsigned, little endian
-    bytes 4..      header: UTF-8 JSON, padded with spaces to a multiple of four bytes
-    the rest       image: a JPEG file; map: float32, little endian, `rows` x `columns` cells with the layers `names`
-    """
-    header: dict[str, Any] = {"topic": media.topic, "stamp_ns": str(media.stamp_ns)}
-    if isinstance(media, ImageSample):
-        header |= {"type": "image", "size": media.size, "full_size": media.full_size, "tracks": media.track_count}
-        body = media.jpeg
-    else:
-        rows, columns, _ = media.layers.shape
-        header |= {"type": "elevation", "rows": rows, "columns": columns, "names": media.names}
-        header |= {"origin_m": media.origin_m, "cell_m": media.cell_m, "every": media.every}
-        body = np.ascontiguousarray(media.layers, "<f4").tobytes()
-    head = json.dumps(header, allow_nan=False, separators=(",", ":")).encode()
-    head += b" " * (-len(head) % 4)
-    return struct.pack("<I", len(head)) + head + body
 
 
 class Viewer:
@@ -82,9 +51,9 @@ class Viewer:
                 self._state.displayed.show(self, frozenset(kind for kind in MediaKind if kind.value in wanted))
         self._changed.set()
 
-    async def send_all(self, server: dict[str, Any]) -> None:
+    async def send_all(self, title: str) -> None:
         """Send new data until a ConnectionError (the page has left) or a TimeoutError (the page accepts no data)."""
-        await self._send(text_message("hello", {"server": server, "row_fields": ROW_FIELDS}))
+        await self._send(text_message("hello", {"title": title, "row_fields": ROW_FIELDS}))
         while True:
             self._changed.clear()
             for text in (*self._new_texts(), *self._new_rows(), *self._new_calls()):

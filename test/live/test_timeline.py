@@ -51,7 +51,7 @@ def test_what_happened_is_told_with_its_times() -> None:
     told = [
         (event["kind"], round(event["from"], 1), event["to"])
         for event in state.events_to_plain()
-        if event["kind"] != "node"
+        if event["kind"] not in ("node", "silent")
     ]
     kinds = [kind for kind, *_ in told]
     assert kinds[:6] == ["tracking", "degraded", "lost", "tracking", "stale", "tracking"]
@@ -107,7 +107,20 @@ def test_a_call_without_a_pose_leaves_the_poses_stale() -> None:
     drive(state, range(20))
     state.tick(8.0)
     state.put(call(21, 8.1))
-    assert [event["kind"] for event in state.events_to_plain() if event["kind"] != "node"] == ["tracking", "stale"]
+    assert [event["kind"] for event in state.events_to_plain() if event["kind"] not in ("node", "silent")] == [
+        "tracking",
+        "stale",
+    ]
+
+
+def test_a_node_in_error_that_becomes_silent_has_two_events() -> None:
+    state = LiveState()
+    state.put(health("mapping_node", 1.0, Level.ERROR, "out of memory"))
+    state.tick(9.0)
+    events = [(event["kind"], event["from"], event["to"]) for event in state.events_to_plain()]
+    assert events == [("node", 1.0, 1.0), ("silent", 1.0, None)]
+    state.put(health("mapping_node", 10.0))
+    assert [event["to"] for event in state.events_to_plain()] == [1.0, 10.0]
 
 
 def test_events_are_bounded() -> None:

@@ -1,4 +1,4 @@
-// The data of the run: the latest message of each kind, and the poses and calls so far.
+// The data of the run: the latest message of each kind, and the poses and calls so far. live/messages.py lists the kinds.
 
 const MAX_CALLS = 600;
 
@@ -19,7 +19,7 @@ export class Run {
   take(message) {
     switch (message.type) {
       case "hello":
-        this.title = message.server.title;
+        this.title = message.title;
         this.rowFields = message.row_fields;
         this.calls = []; // all calls are sent again
         break;

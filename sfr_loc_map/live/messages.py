@@ -1,0 +1,85 @@
+"""Messages between the server and a page over the websocket.
+
+Text messages of the server are JSON objects with their kind as `type`:
+
+    hello     title, row_fields          the first message: name of the run, and the fields of a pose
+    live      LiveState.live_to_plain    state of the run, every `LIVE_PERIOD_S`, also a sign of life of the server
+    report    LiveReport.to_plain        report of the monitor, when it has changed
+    events    events                     all events, when one of them begins or ends
+    path      whole, rows, before_m      new poses; if `whole`, all poses, which replace the earlier ones
+    calls     calls                      new calls
+
+`live`, `report` and `events` are equal for all pages (`CommonTexts`). Binary messages are images and maps from above
+(`binary_message`). A page sends only `{"type": "want", "media": [...]}` with the media that it displays.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.live.live_report import LiveReport
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.updates import ElevationSample, ImageSample
+
+LIVE_PERIOD_S = 0.25  #: Period of the state of the run.
+PageMedia = ImageSample | ElevationSample  #: Media of the page; clouds are displayed only in Foxglove.
+
+
+def text_message(kind: str, content: dict[str, Any]) -> str:
+    """Return a text message: JSON with the kind as `type`."""
+    return json.dumps({"type": kind, **content}, allow_nan=False, separators=(",", ":"))
+
+
+@lru_cache(maxsize=16)
+def binary_message(media: PageMedia) -> bytes:
+    """Return the message of an image or a map from above.
+
+    bytes 0..3     length of the header with its padding, unsigned, little endian
+    bytes 4..      header: UTF-8 JSON, padded with spaces to a multiple of four bytes
+    the rest       image: a JPEG file; map: float32, little endian, `rows` x `columns` cells with the layers `names`
+    """
+    header: dict[str, Any] = {"topic": media.topic, "stamp_ns": str(media.stamp_ns)}
+    if isinstance(media, ImageSample):
+        header |= {"type": "image", "size": media.size, "full_size": media.full_size, "tracks": media.track_count}
+        body = media.jpeg
+    else:
+        rows, columns, _ = media.layers.shape
+        header |= {"type": "elevation", "rows": rows, "columns": columns, "names": media.names}
+        header |= {"origin_m": media.origin_m, "cell_m": media.cell_m, "every": media.every}
+        body = np.ascontiguousarray(media.layers, "<f4").tobytes()
+    head = json.dumps(header, allow_nan=False, separators=(",", ":")).encode()
+    head += b" " * (-len(head) % 4)
+    return struct.pack("<I", len(head)) + head + body
+
+
+class CommonTexts:
+    """The latest text message of each kind that is equal for all pages."""
+
+    def __init__(self, state: LiveState) -> None:
+        self.by_kind: dict[str, str] = {}
+        self._state = state
+        self._report: LiveReport | None = None
+        self._events_version = -1
+        self._live_s = 0.0  # time of the last message `live`
+
+    def update(self, now_s: float, *, at_once: bool = False) -> None:
+        """Make the messages of what has changed. The state of the run follows its period, or `at_once`."""
+        state = self._state
+        is_due = at_once or not 0.0 <= now_s - self._live_s < LIVE_PERIOD_S
+        with state.lock:
+            if is_due:
+                state.tick(now_s)
+            if state.report is not None and state.report is not self._report:
+                self._report = state.report
+                self.by_kind["report"] = text_message("report", state.report.to_plain())
+            if self._events_version != state.timeline.version:
+                self._events_version = state.timeline.version
+                self.by_kind["events"] = text_message("events", {"events": state.events_to_plain()})
+            if is_due:
+                self._live_s = now_s
+                self.by_kind["live"] = text_message("live", state.live_to_plain(now_s))
