@@ -90,6 +90,12 @@ class InterruptedRunError(SfrError):
     exit_code = ExitCode.INTERRUPTED
 
 
+def split_advice(message: str) -> tuple[str, str]:
+    """Return the message of an error without its advice, and the advice, which follows the last colon."""
+    found, _, advice = message.rpartition(": ")
+    return found, advice
+
+
 @contextmanager
 def naming(source: object) -> Iterator[None]:
     """Add the name of a source to the errors that it causes."""

@@ -1,1 +1,11 @@
-"""Diagnosis of a recording or a running graph: the issues and their fixes."""
+"""Diagnosis of a recording or a running graph: the issues and their fixes.
+
+    sfr info SRC    observation.observe (a bag, or the messages of files)  ──┐
+    sfr doctor      nodes/graph/observer.py (a graph, over some time)      ──┴─► Observation
+                                                                                    │ examination.examine
+                                                                                    ▼
+                    fixes.with_fix (sfr info: the command that removes the cause) ◄─ list of Finding
+
+An `Observation` has only values, and the checks of `examination` are functions of an observation. `silence` and
+`transport` have findings that nodes and `sfr record` also report, with the same words.
+"""

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
 from sfr_loc_map.doctor.findings import Cause, Finding
 from sfr_loc_map.doctor.observation import EXPECTED, Observation, ObservedTopic, SourceKind, allowed_types
 from sfr_loc_map.doctor.silence import Publisher, Reliability, silence_of
+from sfr_loc_map.doctor.swapped_images import StampedImage, are_swapped
 from sfr_loc_map.doctor.transport import COMPARABLE_NS, MUCH_LOST, loss_fix
-from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import GreyImage, IntArray
+from sfr_loc_map.errors import InputError, split_advice
+from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
@@ -31,32 +31,25 @@ FEW_LOST = 0.01  # fraction of images lost in transport above which there is a w
 PAIRED = 0.5  # minimum fraction of stamps with a partner for a useful result
 COMPLETE = 0.9  # minimum fraction of stamps with a partner without a warning
 EDGE = 0.1  # fraction of the observed time at each end that is ignored: partners may be outside
-CORNERS = 80
-PATCH_PX = 6  # half the side of a patch, px
-MIN_NCC = 0.85  # minimum normalised cross-correlation of a match
-MIN_MATCHES = 10  # minimum number of matches on the wrong side for a finding
-SWAPPED_RATIO = 4.0  # maximum ratio of matches on the wrong side to correct matches unless images are swapped
 
 Findings = Iterator[Finding]
-StampedImage = tuple[int, GreyImage]
 
 
 def examine(seen: Observation) -> list[Finding]:
     """Return the findings of all checks, blocking ones first."""
-    found = [*_source(seen)]
-    if not seen.broken or seen.topics:
-        found += _names(seen)
-        for node in seen.waiting:
-            fix = "start the cameras, or name their topics (sfr run --config); otherwise omit the node"
-            text = "the node waits because none of its cameras is on the graph"
-            found.append(Finding(Cause.NO_PUBLISHER, node.name, text, fix, False))
-        for rig in seen.rigs:
-            found += _camera_topics(seen, rig)
-            if seen.has_images(rig):
-                found += [*_transport(seen, rig), *_pairs(seen, rig), *_stereo(seen, rig)]
-        for check in (_extrinsics, _order, _poses, _truth, _nodes, _host_clock):
-            found += check(seen)
+    checks = [_source]
+    if seen.topics or not seen.broken:
+        checks += [_names, _waiting, _rigs, _extrinsics, _order, _poses, _truth, _nodes, _host_clock]
+    found = [finding for check in checks for finding in check(seen)]
     return sorted(found, key=lambda finding: not finding.is_blocking)
+
+
+def _rigs(seen: Observation) -> Findings:
+    for rig in seen.rigs:
+        yield from _camera_topics(seen, rig)
+        if seen.has_images(rig):
+            for check in (_transport, _pairs, _stereo):
+                yield from check(seen, rig)
 
 
 # ---- the source and its topics
@@ -64,8 +57,9 @@ def examine(seen: Observation) -> list[Finding]:
 
 def _source(seen: Observation) -> Findings:
     if seen.broken:
-        text, separator, command = seen.broken.partition(": sfr ")
-        fix = f"sfr {command}" if separator else "correct, record or copy it again"
+        text, fix = split_advice(seen.broken)
+        if not fix.startswith("sfr "):
+            text, fix = seen.broken, "correct, record or copy it again"
         yield Finding(Cause.BROKEN, seen.subject, text, fix)
     if seen.skipped_pairs:
         text = f"{seen.skipped_pairs} listed pairs are skipped because their images are missing"
@@ -96,10 +90,17 @@ def _names(seen: Observation) -> Findings:
         yield Finding(Cause.NO_TOPIC, seen.subject, text, fix)
 
 
+def _waiting(seen: Observation) -> Findings:
+    for node in seen.waiting:
+        text = "the node waits because none of its cameras is on the graph"
+        fix = "start the cameras, or name their topics (sfr run --config); otherwise omit the node"
+        yield Finding(Cause.NO_PUBLISHER, node.name, text, fix, False)
+
+
 def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Findings:
     if name in seen.ambiguous:
         return
-    if topic is None or not topic.publishers:
+    if topic is None or not topic.is_published:
         where = topic.source_name if topic is not None else f"{seen.prefix}{name}"
         hint = "or name it with --remap FOUND:=EXPECTED"
         if where.endswith(RECTIFIED) and where.removesuffix(RECTIFIED) + RAW in seen.others:
@@ -117,7 +118,9 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Finding
 
 def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Finding:
     """Return why no message of a topic is received, by the doctor or by a node that requests more reliability."""
-    publishers = topic.publishers if seen.is_live else [Publisher("", kind) for kind in topic.types]
+    publishers = topic.publishers
+    if publishers is None:  # a recording has the types of the messages
+        publishers = tuple(Publisher("", kind) for kind in topic.types)
     strict = Reliability.RELIABLE in topic.requests.values()
     requested = Reliability.RELIABLE if strict else Reliability.BEST_EFFORT
     found = silence_of(topic.source_name, allowed_types(name), publishers, requested)
@@ -179,7 +182,7 @@ def _stereo(seen: Observation, rig: str) -> Findings:
             cameras, rectifier = describe([topic.messages[0] for topic in infos], rig)
             size = cameras.width, cameras.height
         except InputError as error:
-            text, _, fix = str(error).partition(": ")
+            text, fix = split_advice(str(error))
             yield Finding(Cause.CAMERA_INFO, f"{rig}/left/camera_info, {rig}/right/camera_info", text, fix)
     images: list[list[StampedImage]] = []
     depth = SampleDepth(lambda _: None, rig)
@@ -192,7 +195,7 @@ def _stereo(seen: Observation, rig: str) -> Findings:
             return
         images.append(of_side)
     left, right = images if rectifier is None else _rectified(rectifier, *images)
-    if _left_right_swapped(left, right):
+    if are_swapped(left, right):
         text = "objects are further right in the right images: left and right are swapped"
         where = f"{rig}/left/{seen.image_name(rig)}"
         yield Finding(Cause.SWAPPED, where, text, "swap the topics (cables, remaps)")
@@ -224,29 +227,6 @@ def _rectified(
         for (left_ns, left), (right_ns, right) in zip(lefts, rights, strict=False)
     ]
     return [left for left, _ in pairs], [right for _, right in pairs]
-
-
-def _left_right_swapped(lefts: list[StampedImage], rights: list[StampedImage]) -> bool:
-    """Return whether patches of the left images match further to the right in the right images of the nearest stamp.
-
-    A point at depth Z in front of parallel cameras with focal length f has the disparity
-    u_left - u_right = f baseline / Z > 0.
-    """
-    if lefts[0][1].shape != rights[0][1].shape:
-        return False
-    wrong = correct = 0
-    for stamp_ns, left in lefts:
-        _, right = min(rights, key=lambda item: abs(item[0] - stamp_ns))
-        corners = cv2.goodFeaturesToTrack(left, CORNERS, 0.02, 2.0 * PATCH_PX)
-        for u, v in np.rint(np.empty((0, 2)) if corners is None else corners[:, 0]).astype(int):
-            top, first = max(v - PATCH_PX, 0), max(u - PATCH_PX, 0)
-            patch = left[top : v + PATCH_PX + 1, first : u + PATCH_PX + 1]
-            scores = cv2.matchTemplate(right[top : v + PATCH_PX + 1], patch, cv2.TM_CCOEFF_NORMED)[0]
-            best = int(np.argmax(scores))
-            if scores[best] > MIN_NCC:
-                wrong += best > first
-                correct += best < first
-    return wrong >= MIN_MATCHES and wrong > SWAPPED_RATIO * correct
 
 
 # ---- stamps, truth, extrinsics, nodes
@@ -299,8 +279,8 @@ def _truth(seen: Observation) -> Findings:
         topic, images = seen.topics.get(name), seen.image_stamps(rig)
         if topic is not None and set(topic.types) - set(EXPECTED[name]):
             yield from _topic(seen, name, topic)
-        elif topic is None or not topic.publishers or not len(topic.stamps_ns):
-            comes_with_pairs = rig == "nav" and topic is not None and topic.publishers
+        elif topic is None or not topic.is_published or not len(topic.stamps_ns):
+            comes_with_pairs = rig == "nav" and topic is not None and topic.is_published
             if not (comes_with_pairs and (seen.is_live or seen.is_idle(rig))):
                 fix = "add it" if seen.kind is SourceKind.FILES else "record or publish it"
                 yield Finding(Cause.TRUTH, name, "there is no truth: nothing can be scored", fix, False)

@@ -48,11 +48,16 @@ class ObservedTopic:
 
     source_name: str  # name in the bag or graph
     types: tuple[str, ...]
-    publishers: tuple[Publisher, ...] = (Publisher("", ""),)  # a bag or files: one without a name
+    publishers: tuple[Publisher, ...] | None = None  # on the graph; None for a recording
     stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))  # `(N,)`, in the order of reception
     messages: tuple[Any, ...] = ()  # the first messages, with fields as attributes
     requests: Mapping[str, Reliability] = field(default_factory=dict)  # requested reliability by node of the suite
     lost: int = 0  # messages that were published between received ones but not received
+
+    @property
+    def is_published(self) -> bool:
+        """Whether the topic is in the recording, or has a publisher on the graph."""
+        return self.publishers is None or bool(self.publishers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,13 +111,15 @@ class Observation:
     @property
     def rigs(self) -> list[str]:
         """The rigs to examine: those of running nodes that do not wait, else those with a topic."""
-        running = [rig for rig in RIGS if self.node(rig) is not None and self.node(rig) not in self.waiting]
-        return running or [rig for rig in RIGS if any(name.startswith(f"{rig}/") for name in self.topics)]
+        running = {node.rig for node in self.nodes} - {node.rig for node in self.waiting}
+        with_topics = {name.partition("/")[0] for name in self.topics}
+        examined = running & set(RIGS) or with_topics
+        return [rig for rig in RIGS if rig in examined]
 
     @property
     def waiting(self) -> list[ObservedNode]:
         """Nodes whose cameras publish nothing on the graph; empty unless the cameras of another node publish."""
-        published = {name.partition("/")[0] for name, topic in self.topics.items() if topic.publishers}
+        published = {name.partition("/")[0] for name, topic in self.topics.items() if topic.is_published}
         if not any(node.rig in published for node in self.nodes):
             return []
         return [node for node in self.nodes if node.rig and node.rig not in published]
@@ -140,7 +147,7 @@ class Observation:
         """Return the topic of the images of a side, raw or compressed: the topic that has a publisher."""
         plain = f"{rig}/{side}/{self.image_name(rig)}"
         found = [self.topics[name] for name in (plain, f"{plain}{COMPRESSED_END}") if name in self.topics]
-        return max(found, key=lambda topic: bool(topic.publishers), default=None)
+        return max(found, key=lambda topic: topic.is_published, default=None)
 
     def image_stamps(self, rig: str, side: str = "left") -> IntArray:
         """Return the stamps of the images of a side, `(N,)`."""
@@ -158,7 +165,7 @@ class Observation:
         # maps are made occasionally: silence is normal on a graph, and a bag may be recorded between two maps
         is_normal = rig == "nav" if self.is_live else any(self.has_images(other) for other in RIGS if other != rig)
         topics = [self.images(rig, side) for side in SIDES]
-        return is_normal and all(topic is not None and topic.publishers and not topic.messages for topic in topics)
+        return is_normal and all(topic is not None and topic.is_published and not topic.messages for topic in topics)
 
     def has_images(self, rig: str) -> bool:
         """Return whether there are images of both sides."""

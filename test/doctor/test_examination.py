@@ -40,3 +40,22 @@ def test_images_of_which_none_has_a_stamp_are_no_fault() -> None:
         }
         for kind in (SourceKind.BAG, SourceKind.GRAPH):
             assert "pair" not in {finding.cause.value for finding in examine(Observation("", kind, topics=topics))}
+
+
+def test_the_finding_of_a_camera_has_the_problem_and_its_fix() -> None:
+    """The fix of an error follows its last colon, also if the problem contains one."""
+    numbers = {"k": (100.0, 0.0, 32.0, 0.0, 100.0, 24.0, 0.0, 0.0, 1.0), "d": (), "r": (2.0, *[0.0] * 8)}
+    p = (100.0, 0.0, 32.0, -10.0, 0.0, 100.0, 24.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    info = SimpleNamespace(width=64, height=48, distortion_model="", p=p, binning_x=0, binning_y=0, **numbers)
+    info.roi = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False)
+    image = SimpleNamespace(header=SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=1), frame_id=""), data=b"")
+    kinds = {"image_raw": image, "camera_info": info}
+    topics = {
+        f"loc/{side}/{kind}": ObservedTopic(
+            f"loc/{side}/{kind}", EXPECTED[f"loc/{side}/{kind}"], stamps_ns=np.array([1]), messages=(message,)
+        )
+        for side in ("left", "right")
+        for kind, message in kinds.items()
+    }
+    (found,) = [item for item in examine(Observation("", SourceKind.BAG, topics=topics)) if item.cause == "camera_info"]
+    assert (found.text, found.fix) == ("loc/left/camera_info: r is not a rotation", "calibrate the pair")
