@@ -97,6 +97,7 @@ def run(
 def _list_jobs(specification: SuiteSpecification, store: Store, workers: int | None, *, retry_failed: bool) -> None:
     """Print the jobs that `sfr suite run` would run."""
     from sfr_loc_map.suite.run import open_jobs, planned_jobs, slots_for
+    from sfr_loc_map.suite.statistics.summary import SequentialDecision
 
     settings = specification.settings
     with store.locked():
@@ -104,6 +105,10 @@ def _list_jobs(specification: SuiteSpecification, store: Store, workers: int | N
         for refusal in refusals:
             _tell(f"skipped: {refusal.reason}")
         jobs = open_jobs(planned, store, settings, retry_failed=retry_failed)
+        is_same_plan = [job.key for job in planned] == [job.key for job in store.jobs]
+        if settings.stop_when_decided and is_same_plan and SequentialDecision(store).is_made:
+            jobs = [job for job in jobs if store.state(job.key) == "failed"]  # only by --retry-failed
+            _tell("decided by the existing results: the remaining jobs are not needed")
     for job in jobs:
         say(f"{job.key}  {job.label}")
     slots = min(slots_for(settings, workers), max(1, len(jobs)))
