@@ -21,7 +21,7 @@ from sfr_loc_map.cli.options import (
     refuse_given,
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, progress_bar, say, warn
-from sfr_loc_map.errors import ConfigError, InputError, naming
+from sfr_loc_map.errors import ConfigError, naming
 
 PAIRS = ".sfrp"  #: Suffix of a file of pairs for a target board.
 
@@ -120,17 +120,13 @@ def convert(
 
 def _convert_cloud(source: Path, destination: Path, *, overwrite: bool) -> None:
     """Write a cloud in another format."""
-    from sfr_loc_map.io.clouds.cloud_file import SUFFIXES, load_cloud, save_cloud
+    from sfr_loc_map.io.clouds.cloud_file import SUFFIXES
+    from sfr_loc_map.io.convert import convert_cloud
 
     check_suffix(destination, SUFFIXES)
     check_outputs(destination, inputs=(source,), overwrite=overwrite)
-    cloud = load_cloud(source).cloud
-    if cloud is None:
-        raise InputError(
-            f"cloud '{source}' lacks the pixel and pair of each point (u, v, pair): it cannot be converted"
-        )
-    save_cloud(destination, cloud)
-    say(f"{len(cloud)} points: {destination}", err=True)
+    count = convert_cloud(source, destination)
+    say(f"{count} points: {destination}", err=True)
     propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")
 
 
@@ -166,9 +162,8 @@ def _convert_trajectory(
     columns: str,
 ) -> None:
     """Write a trajectory, or the true trajectory of a source, as a file of poses, a folder or a bag."""
-    from sfr_loc_map.io.bag.files import is_bag
     from sfr_loc_map.io.convert import convert_trajectory
-    from sfr_loc_map.io.registry import read_truth
+    from sfr_loc_map.io.registry import true_trajectory
     from sfr_loc_map.io.source_config import source_config
     from sfr_loc_map.io.tables.trajectory_file import files_written, format_of_name, read_trajectory_file
 
@@ -180,17 +175,9 @@ def _convert_trajectory(
         poses = read.trajectory
         if read.is_announced:
             say(read.text, err=True)
-    elif is_bag(source):  # a bag may contain only poses
-        how = source_config(source, config or announced_config(source), parse_remaps(remap))
-        poses = read_truth(source, how.truth, how.remap)
     else:
-        opened, _ = open_as(source, remap, config)
-        if opened.loc is None or opened.loc.ground_truth is None:
-            raise InputError(
-                f"'{source}' has no ground-truth trajectory to write as '{destination}': name it by truth.source in "
-                "sfr.yaml"
-            )
-        poses = opened.loc.ground_truth
+        how = source_config(source, config or announced_config(source), parse_remaps(remap))
+        poses = true_trajectory(source, how)
     if to_file:
         count = convert_trajectory(poses, destination)
         propose("sfr", "score", "EST", destination, why="an estimate against these poses")

@@ -1,4 +1,4 @@
-"""Conversion of any source to a ROS 2 bag, or to a folder in the layout of the suite or of another data set."""
+"""Conversion of sources to bags, folders and layouts of other data sets, and of trajectories and clouds."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.atomic import atomic_path
-from sfr_loc_map.errors import OutputError
+from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX, BagWriter
+from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
 from sfr_loc_map.io.layouts.euroc import EurocWriter
 from sfr_loc_map.io.layouts.folder import FolderWriter
 from sfr_loc_map.io.layouts.kitti import KittiWriter
@@ -141,3 +142,14 @@ def _warn_of_lever_arm(truth: Trajectory) -> None:
 def _truth_events(truth: Trajectory, writer: SourceWriter) -> Iterator[Event]:
     for pose in zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True):
         yield pose[0], False, writer.write_truth, pose
+
+
+def convert_cloud(source: Path, destination: Path) -> int:
+    """Write a cloud in another format, and return the number of points."""
+    cloud = load_cloud(source).cloud
+    if cloud is None:
+        raise InputError(
+            f"cloud '{source}' lacks the pixel and pair of each point (u, v, pair): it cannot be converted"
+        )
+    save_cloud(destination, cloud)
+    return len(cloud)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from sfr_loc_map.config import changed
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.trajectory import Truth
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import check_regular, refusing
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.layouts.euroc import is_euroc, open_euroc
@@ -97,6 +97,16 @@ def format_of(path: Path) -> SourceFormat:
         f"left/ and right/ with images (and --calibration FILE); found {found}; "
         f"give the folder that contains such files"
     )
+
+
+def true_trajectory(path: Path, config: SourceConfig) -> Trajectory:
+    """Return the true trajectory of a source; of a bag also if the bag contains only poses. InputError without one."""
+    if is_bag(path):
+        return read_truth(path, config.truth, config.remap)
+    drive = open_source(path, config).loc
+    if drive is None or drive.ground_truth is None:
+        raise InputError(f"'{path}' has no ground-truth trajectory: name it by truth.source in sfr.yaml")
+    return drive.ground_truth
 
 
 def read_truth(path: Path, config: TruthConfig | None = None, remap: Mapping[str, str] | None = None) -> Truth:
