@@ -12,9 +12,9 @@ from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption, refuse_given
 from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show, warn
-from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, write_junit
+from sfr_loc_map.cli.verdict import conclude_all, write_junit
 from sfr_loc_map.config import build
-from sfr_loc_map.errors import ConfigError, NotJudgedError
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 
 if TYPE_CHECKING:
@@ -110,26 +110,24 @@ def report(
         refuse_given(context, heading, "is shown in the test report: give --test-report T.html or --control F.csv, too")
     if all(path.suffix == ".json" for path in results):
         refuse_given(context, OF_TRAJECTORIES, "applies only to trajectories, but scores were given: omit it")
+        is_signed = any(context.params[name] is not None for name in OF_TEST)
+        if is_signed:
+            pages = ("output", "json_path")
+            refuse_given(context, pages, "is not written with --test-report, --junit or --control: omit it")
         scores = _read_scores(results)
-        if any(context.params[name] is not None for name in OF_TEST):
-            refuse_given(
-                context, ("output", "json_path"), "is not written with --test-report, --junit or --control: omit it"
-            )
+        if is_signed:
             _sign(results, scores, (title, number, issue), evidence or (), test_report, junit, control)
-            _conclude_signed(scores, lenient=lenient)
-            return
-        if len(scores) > 1:
+        elif len(scores) > 1:
             _compare_scores(results, scores, output, json_path)
         else:
             page = results[0].with_name("report.html") if output is None else output
             check_outputs(page, inputs=results, overwrite=overwrite)
             _write_score(scores[0], page, json_path)
-        _conclude_all(scores, lenient=lenient)
+        conclude_all(scores, requires_common_verdict=is_signed, lenient=lenient)
         return
     other = next(path for path in results if path.suffix != ".json")
-    refuse_given(
-        context, OF_SCORES, f"requires scores, but '{other}' is not a score: give *.json of sfr score or replay"
-    )
+    reason = f"requires scores, but '{other}' is not a score: give *.json of sfr score or replay"
+    refuse_given(context, OF_SCORES, reason)
     if all((path / "plan.json").is_file() for path in results):
         refuse_given(context, OF_TRAJECTORIES, "applies only to trajectories, but suites were given: omit it")
         _compare_suites(results, output, json_path)
@@ -177,30 +175,6 @@ def _write_score(score: Score, page: Path, json_path: str | None) -> None:
     say(f"report: {page}", err=json_path is not None)
     if page.suffix in HTML_SUFFIXES:
         propose(f"open {page} in a browser")
-
-
-def _conclude_all(scores: list[Score], *, lenient: bool) -> None:
-    """Raise the error of the verdicts of scores; a missed limit precedes a limit that could not be judged."""
-    undecided: NotJudgedError | None = None
-    for score in scores:
-        if not score.is_judged:
-            continue
-        try:
-            conclude(score, (), lenient=lenient)
-        except NotJudgedError as error:
-            undecided = error
-    if undecided is not None:
-        raise undecided
-
-
-def _conclude_signed(scores: list[Score], *, lenient: bool) -> None:
-    """Raise the error of the verdicts of scores; without limits, or without a common verdict, they are not judged."""
-    from sfr_loc_map.metrics.judging.several_scores import common_verdict
-
-    _conclude_all(scores, lenient=lenient)
-    reason = common_verdict(scores).text
-    if reason or not all(score.is_judged for score in scores):
-        not_judged([reason or NO_LIMITS], lenient=lenient)
 
 
 def _sign(

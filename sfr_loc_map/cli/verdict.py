@@ -88,6 +88,29 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     not_judged(reasons_not_judged(score, asked), lenient=lenient or is_pass)
 
 
+def conclude_all(scores: Sequence[Score], *, requires_common_verdict: bool, lenient: bool) -> None:
+    """Raise the error of the verdicts of scores; a missed limit precedes a limit that could not be judged.
+
+    Scores without limits are ignored. If a common verdict is required, they are not judged instead.
+    """
+    from sfr_loc_map.metrics.judging.several_scores import common_verdict
+
+    undecided: NotJudgedError | None = None
+    for score in scores:
+        if not score.is_judged:
+            continue
+        try:
+            conclude(score, (), lenient=lenient)
+        except NotJudgedError as error:
+            undecided = error
+    if undecided is not None:
+        raise undecided
+    if requires_common_verdict:
+        reason = common_verdict(scores).text
+        if reason or not all(score.is_judged for score in scores):
+            not_judged([reason or NO_LIMITS], lenient=lenient)
+
+
 def check_conditions(truth: Trajectory | None, conditions: Sequence[str], *, lenient: bool) -> None:
     """Check before the work starts that a drive reaches the conditions."""
     from sfr_loc_map.metrics.judging.reasons import conditions_beyond
