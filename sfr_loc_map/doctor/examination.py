@@ -27,10 +27,10 @@ VIDEO = {
     "theora_image_transport/msg/Packet",
 }
 """Message types of video (H.264, H.265, Theora), which is not supported."""
-FEW_LOST = 0.01  # fraction of images lost in transport above which there is a warning
-PAIRED = 0.5  # minimum fraction of stamps with a partner for a useful result
-COMPLETE = 0.9  # minimum fraction of stamps with a partner without a warning
-EDGE = 0.1  # fraction of the observed time at each end that is ignored: partners may be outside
+FEW_LOST = 0.01  #: Fraction of images lost in transport above which there is a warning.
+PAIRED = 0.5  #: Minimum fraction of stamps with a partner for a useful result.
+COMPLETE = 0.9  #: Minimum fraction of stamps with a partner without a warning.
+EDGE = 0.1  #: Fraction of the observed time at each end that is ignored, because partners may be outside.
 
 Findings = Iterator[Finding]
 
@@ -72,22 +72,25 @@ def _source(seen: Observation) -> Findings:
 
 def _names(seen: Observation) -> Findings:
     for name, found in seen.ambiguous.items():
-        fix = "choose a rover with --namespace, or one topic with --remap FOUND:=EXPECTED"
+        fix = "choose one topic with --remap FOUND:=EXPECTED"
         yield Finding(Cause.AMBIGUOUS, name, f"several topics are possible: {', '.join(found)}", fix)
     if not seen.rigs and not seen.ambiguous:
-        images = [name for name, types in sorted(seen.others.items()) if {IMAGE, COMPRESSED} & set(types)]
-        videos = [f"{name} ({kind})" for name, types in sorted(seen.others.items()) for kind in set(types) & VIDEO]
-        fix = "start the cameras, or give --remap FOUND:=EXPECTED" if seen.is_live else "give --remap FOUND:=EXPECTED"
-        there = f"topics with images are {', '.join(images)}"
-        if not images:
-            there = (
-                f"topics with video, which is unsupported, are {', '.join(videos)}" if videos else "no topic has images"
-            )
-            fix = "start the cameras" if seen.is_live else "give a bag with images of both cameras"
-        if videos and not images:
-            fix = "publish or record the images as sensor_msgs/Image, or as sensor_msgs/CompressedImage of JPEG or PNG"
-        text = f"neither loc/left/image_rect nor nav/left/image_rect exists (nor image_raw); {there}"
+        others, fix = _other_images(seen)
+        text = f"neither loc/left/image_rect nor nav/left/image_rect exists (nor image_raw); {others}"
         yield Finding(Cause.NO_TOPIC, seen.subject, text, fix)
+
+
+def _other_images(seen: Observation) -> tuple[str, str]:
+    """Return which topics with other names have images or video, and the fix."""
+    images = [name for name, types in sorted(seen.others.items()) if {IMAGE, COMPRESSED} & set(types)]
+    if images:
+        fix = "give --remap FOUND:=EXPECTED"
+        return f"topics with images are {', '.join(images)}", f"start the cameras, or {fix}" if seen.is_live else fix
+    videos = [f"{name} ({kind})" for name, types in sorted(seen.others.items()) for kind in set(types) & VIDEO]
+    if videos:
+        fix = "publish or record the images as sensor_msgs/Image, or as sensor_msgs/CompressedImage of JPEG or PNG"
+        return f"topics with video, which is unsupported, are {', '.join(videos)}", fix
+    return "no topic has images", "start the cameras" if seen.is_live else "give a bag with images of both cameras"
 
 
 def _waiting(seen: Observation) -> Findings:
@@ -101,19 +104,24 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Finding
     if name in seen.ambiguous:
         return
     if topic is None or not topic.is_published:
-        where = topic.source_name if topic is not None else f"{seen.prefix}{name}"
-        hint = "or name it with --remap FOUND:=EXPECTED"
-        if where.endswith(RECTIFIED) and where.removesuffix(RECTIFIED) + RAW in seen.others:
-            hint = f"or set input.rectify of the node: {RAW} exists"
-        if seen.is_live:
-            yield replace(silence_of(where, allowed_types(name), ()), fix=f"publish or record it, {hint}")
-        else:
-            yield Finding(Cause.NO_TOPIC, where, "the topic is not in the bag", f"publish or record it, {hint}")
+        yield _missing(seen, name, topic)
         return
     found = _silence(seen, name, topic)
     is_silent = not topic.messages and not seen.is_idle(name.partition("/")[0])
     if is_silent or found.cause in (Cause.WRONG_TYPE, Cause.QOS):
         yield found
+
+
+def _missing(seen: Observation, name: str, topic: ObservedTopic | None) -> Finding:
+    """Return the finding of a topic that is not in the recording, or has no publisher on the graph."""
+    where = topic.source_name if topic is not None else f"{seen.prefix}{name}"
+    hint = "or name it with --remap FOUND:=EXPECTED"
+    if where.endswith(RECTIFIED) and where.removesuffix(RECTIFIED) + RAW in seen.others:
+        hint = f"or set input.rectify of the node: {RAW} exists"
+    fix = f"publish or record it, {hint}"
+    if seen.is_live:
+        return replace(silence_of(where, allowed_types(name), ()), fix=fix)
+    return Finding(Cause.NO_TOPIC, where, "the topic is not in the bag", fix)
 
 
 def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Finding:
