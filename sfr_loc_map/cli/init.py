@@ -88,14 +88,5 @@ def _init_from(
         propose("..." if overwrite else "... --overwrite", why="with the missing values")
         raise FailedVerdictError(f"'{path}' is not complete: {'; '.join(found.missing)}")
     start = ("--start", "truth") if found.has_attitude else ()
-    propose(
-        "sfr",
-        "replay",
-        source,
-        "--config",
-        path,
-        *start,
-        "--out",
-        "out",
-        why="plays it to the nodes and scores the results",
-    )
+    words = ("sfr", "replay", source, "--config", path, *start, "--out", "out")
+    propose(*words, why="plays it to the nodes and scores the results")

@@ -53,6 +53,7 @@ PLAYED = "Playback of the source"
 UNDER_TEST = "External node in place of ours"
 OF_EXTERNAL = ("command", "watch", "answers", "frames", "answer_timeout", "convention", "apply_diagnosis")
 """Options that apply only to an external node."""
+OF_DRIVES = ("start", "condition", "partial", "spacing", "rebase")  #: Options that apply only to a drive.
 
 
 @app.command(
@@ -173,6 +174,8 @@ def replay(
         from sfr_loc_map.scoring.settings import score_settings
 
         opened, read_from = open_as(source, remap, config)
+        if opened.loc is None:
+            refuse_given(context, OF_DRIVES, f"applies to a drive, but '{source}' has only mapping pairs: omit it")
         parameters = Configuration.read(read_from)
         by = Judgement.of(limits, condition, parameters)
         correction = correction_of(convention, apply_diagnosis)

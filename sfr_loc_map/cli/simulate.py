@@ -85,16 +85,9 @@ def simulate(
             text = f"interrupted: the finished images are in '{place}'; repeat the command to render the others"
             raise InterruptedRunError(text) from None
     say(f"{count} pairs: {out}", err=True)
-    propose(
-        "sfr",
-        "replay",
-        out,
-        "--start",
-        "truth",
-        "--out",
-        f"{out}_result",
-        why="plays it to the nodes and scores the results",
-    )
+    start = ("--start", "truth") if config.drive.enabled else ()
+    words = ("sfr", "replay", out, *start, "--out", f"{out}_result")
+    propose(*words, why="plays it to the nodes and scores the results")
 
 
 def _inject(
