@@ -6,9 +6,9 @@ The name of a limit states figure, statistic and unit. Limits are upper bounds, 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -49,6 +49,26 @@ class Terms(NamedTuple):
     normal: bool = False  #: Whether errors are declared to be normal, which a small sample cannot prove.
     power: float = CONFIDENCE  #: Probability of a pass if the fraction `good` of the drives fails.
     good: float | None = None  #: Acceptable fraction of failures; if given, a sequential test judges the drives.
+
+
+def fault_of_terms(given: Mapping[str, Any]) -> str | None:
+    """Return the first fault of given terms by the names of `Terms`, None if they are valid."""
+    for name in ("prob", "confidence", "power"):
+        value = given.get(name, 0.5)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.5 <= value < 1.0:
+            return f"'{name}' is {value!r}: a number from 0.5 to below 1 is required, 0.95 for 95 %"
+    good = given.get("good", 0.0)
+    most = 1.0 - float(given.get("prob", THREE_SIGMA))
+    if isinstance(good, bool) or not isinstance(good, (int, float)) or not 0.0 <= good < most:
+        return f"'good' is {good!r}: a fraction of failures from 0 to below 1 - prob = {most:g} is required"
+    if "normal" in given and not isinstance(given["normal"], bool):
+        return f"'normal' is {given['normal']!r}: true or false is required"
+    word = given.get("interpretation", Interpretation.TEMPORAL)
+    if word not in [str(kind) for kind in Interpretation]:
+        return f"'interpretation' is {word!r}: {', '.join(Interpretation)} are allowed"
+    if "good" in given and word == Interpretation.TEMPORAL:
+        return "'good' is a fraction of drives: the interpretation ensemble or mixed is required"
+    return None
 
 
 class Limited(NamedTuple):
@@ -148,11 +168,20 @@ class Limit(Record, frozen=True, kw_only=True):
     good: float | None = None  #: Acceptable fraction of failures; if given, a sequential test judges the drives.
 
     def __post_init__(self) -> None:
-        """Check that the name and the condition of the limit are valid; ValueError if not."""
+        """Check name, condition and terms of the limit, which may come from a stored score; ValueError if invalid."""
         if self.name not in PLACES[self.section]:
-            raise ValueError(f"'{self.name}' is not a limit of the part '{self.section}'")
+            raise ValueError(f"'{self.name}' is not a limit of the section '{self.section}'")
         if self.condition is not None and Condition.parse(self.condition).setting != self.condition:
             raise ValueError(f"'{self.condition}' is not a condition as scores write it, such as distance=5")
+        if (self.condition is not None) != (self.section is LimitSection.TRAJECTORY):
+            raise ValueError(f"'{self.name}': the limits of the section trajectory have a condition, others have none")
+        given = {name: value for name in Terms._fields if (value := getattr(self, name)) is not None}
+        is_bound = self.limited.statistic == BOUND
+        if is_bound != (self.terms is not None) or is_bound != bool(given):
+            terms = "prob, confidence and interpretation"
+            raise ValueError(f"'{self.name}': a limit on a tolerance bound has {terms}, and no other limit has them")
+        if (fault := fault_of_terms(given)) is not None:
+            raise ValueError(f"'{self.name}': {fault}")
 
     @property
     def limited(self) -> Limited:

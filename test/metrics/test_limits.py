@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from helpers.random_drives import drive, score_of, trajectory
 from helpers.score_rows import complete
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import Calls, score_target
@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.raw_values import raw_contradiction
 from sfr_loc_map.metrics.records import AnswerCounts, Association, ExternalScore, FindingKind, FindingRecord
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import from_json, to_json
+from sfr_loc_map.metrics.score_json import from_dict, from_json, to_dict, to_json
 from sfr_loc_map.metrics.stored import stored_contradiction
 from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
@@ -219,6 +219,27 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
         rows = tuple(smaller if each is row else each for each in score.figures)
         assert "rmse of horizontal" in (raw_contradiction(replace(score, figures=rows)) or "")
         assert "its errors are absent" in (raw_contradiction(replace(score, errors=(), details=None)) or "")
+
+
+@pytest.mark.parametrize(
+    ("name", "changed", "words"),
+    [
+        ("position_bound_m", {"prob": 0.3}, "'prob' is 0.3: a number from 0.5 to below 1 is required"),
+        ("position_bound_m", {"prob": None}, "a limit on a tolerance bound has prob"),
+        ("position_bound_m", {"good": 0.1}, "the interpretation ensemble or mixed is required"),
+        ("position_mean_m", {"prob": 0.9}, "no other limit has them"),
+        ("position_mean_m", {"condition": None}, "have a condition"),
+    ],
+)
+def test_the_terms_of_a_stored_limit_are_checked_as_in_a_limits_file(
+    name: str, changed: dict[str, Any], words: str
+) -> None:
+    limits = parse_limits({"trajectory": [{"condition": "distance=5", name: {"limit": 0.5}}]}, "limits")
+    stored = to_dict(judged(with_position(0.4), limits))
+    stored["rules"]["limits"][0] |= changed
+    with pytest.raises(InputError, match=words) as caught:
+        from_dict(stored)
+    assert "\n" not in str(caught.value)
 
 
 def test_a_new_quantile_changes_no_verdict_on_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:

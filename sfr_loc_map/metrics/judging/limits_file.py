@@ -22,8 +22,8 @@ from sfr_loc_map.metrics.limits import (
     Limits,
     LimitSection,
     Terms,
+    fault_of_terms,
 )
-from sfr_loc_map.metrics.tolerance import THREE_SIGMA
 
 NOTHING = Limited(Subject.TRAJECTORY, "", "")
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: Keys of a requirement besides its limits.
@@ -125,19 +125,8 @@ def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -
 def terms_of(entry: Mapping[str, Any]) -> tuple[Terms, str | None]:
     """Return the terms of an entry of a limits file, and the first fault of the terms, None if they are valid."""
     given = {name: entry[name] for name in Terms._fields if name in entry}
-    for name in ("prob", "confidence", "power"):
-        value = given.get(name, 0.5)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.5 <= value < 1.0:
-            return Terms(), f"'{name}' is {value!r}: a number from 0.5 to below 1 is required, 0.95 for 95 %"
-    good = given.get("good", 0.0)
-    most = 1.0 - float(given.get("prob", THREE_SIGMA))
-    if isinstance(good, bool) or not isinstance(good, (int, float)) or not 0.0 <= good < most:
-        return Terms(), f"'good' is {good!r}: a fraction of failures from 0 to below 1 - prob = {most:g} is required"
-    if "normal" in given and not isinstance(given["normal"], bool):
-        return Terms(), f"'normal' is {given['normal']!r}: true or false is required"
+    fault = fault_of_terms(given)
+    if fault is not None:
+        return Terms(), fault
     word = given.pop("interpretation", Interpretation.TEMPORAL)
-    if word not in [str(kind) for kind in Interpretation]:
-        return Terms(), f"'interpretation' is {word!r}: {', '.join(Interpretation)} are allowed"
-    if "good" in given and word == Interpretation.TEMPORAL:
-        return Terms(), "'good' is a fraction of drives: the interpretation ensemble or mixed is required"
     return Terms(**given)._replace(interpretation=Interpretation(word)), None
