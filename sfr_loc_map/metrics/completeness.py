@@ -130,7 +130,7 @@ def drive_completeness(
         gaps = gaps.with_others(evident)
     longest = LongestGap.of(gaps, path)
     incomplete = None
-    if 1.0 - evidently_covered > MISSING_SHARE or hides_a_condition(LongestGap.of(evident, path), conditions):
+    if 1.0 - evidently_covered > MISSING_SHARE or hides_a_condition(evident, path, conditions):
         incomplete = covered_text(covered, "images" if images else "true poses", longest)
     figures = [
         expected_row(RowPart(DRIVE), int(np.count_nonzero(has_estimate & has_truth)), expected),
@@ -321,15 +321,18 @@ def covered_path(gaps: Gaps, stamps: IntArray, path: TruePath) -> float:
     return 1.0 - in_gaps / whole if whole > 0.0 else 1.0
 
 
-def hides_a_condition(longest: LongestGap, conditions: Sequence[Condition]) -> bool:
-    """Return whether a gap is longer than the sub-trajectories of a condition."""
-    lengths = {
-        ConditionKind.DISTANCE: longest.distance_m,
-        ConditionKind.DISPLACEMENT: longest.distance_m,
-        ConditionKind.TIME: longest.time_s,
-    }
-    parts = [part for condition in conditions for part in condition.parts]
-    return any(lengths.get(part.kind, 0.0) > part.value for part in parts)
+def hides_a_condition(gaps: Gaps, path: TruePath, conditions: Sequence[Condition]) -> bool:
+    """Return whether a gap is longer than the sub-trajectories of a condition, in each part of a combined condition.
+
+    The frames and the turn of a gap are unknown, so that parts of these kinds are ignored.
+    """
+    lengths_m, lengths_s = gaps.lengths_m(path), gaps.lengths_s()
+    lengths = {ConditionKind.DISTANCE: lengths_m, ConditionKind.DISPLACEMENT: lengths_m, ConditionKind.TIME: lengths_s}
+    for condition in conditions:
+        is_longer = [lengths[part.kind] > part.value for part in condition.parts if part.kind in lengths]
+        if is_longer and np.all(is_longer, axis=0).any():
+            return True
+    return False
 
 
 def covered_text(share: float, of: str, longest: LongestGap | None) -> str:

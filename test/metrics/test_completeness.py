@@ -51,9 +51,11 @@ class Covered:
         self.longest_gap_s = score.number("longest_gap", part="time")
 
 
-def covered(estimate: Trajectory, truth: Trajectory, images: Trajectory | None = None) -> Covered:
+def covered(
+    estimate: Trajectory, truth: Trajectory, images: Trajectory | None = None, condition: str = "distance=2"
+) -> Covered:
     stamps = None if images is None else images.stamps_ns
-    config = TrajectoryScoreConfig(conditions=("distance=2",))
+    config = TrajectoryScoreConfig(conditions=(condition,))
     return Covered(as_score(score_trajectory(Estimates.of(estimate), truth, config, image_stamps_ns=stamps)))
 
 
@@ -119,6 +121,39 @@ def test_one_hole_longer_than_a_condition_is_named_whatever_its_share() -> None:
         sparse = Trajectory(long.stamps_ns[keep], long.positions[keep], long.quats_xyzw[keep])
         assert covered(sparse, long, images).incomplete is None
         keep[5000:5250] = False
+
+
+@pytest.mark.parametrize(
+    ("condition", "is_hidden"),
+    [
+        ("distance=2,time=20", True),
+        ("distance=2,time=30", False),  # a sub-trajectory ends where both parts hold, after 30 s and 3 m
+        ("time=20,distance=3", False),
+        ("distance=2,frames=1000", True),  # the frames of a gap are unknown
+        ("frames=10", False),
+    ],
+)
+def test_a_gap_hides_a_combined_condition_if_it_is_longer_in_each_part(condition: str, is_hidden: bool) -> None:
+    """A gap of 2.51 m and 25.1 s."""
+    long = straight(last=100_001)
+    keep = np.ones(100_001, np.bool_)
+    keep[5000:5250] = False
+    holed = Trajectory(long.stamps_ns[keep], long.positions[keep], long.quats_xyzw[keep])
+    for images in (None, long):
+        assert (covered(holed, long, images, condition).incomplete is not None) == is_hidden
+
+
+def test_two_gaps_do_not_hide_together_what_neither_hides() -> None:
+    """One gap of 2.51 m and 25.1 s, one of 0.01 m and 50.1 s, and a condition of 2 m and 30 s."""
+    long = straight(last=100_001)
+    positions = long.positions.copy()
+    positions[7000:7500] = positions[6999]
+    positions[7500:] -= positions[7500] - positions[7000] - np.array([0.01, 0.0, 0.0])
+    keep = np.ones(100_001, np.bool_)
+    keep[5000:5250] = keep[7000:7500] = False
+    truth = Trajectory(long.stamps_ns, positions, long.quats_xyzw)
+    holed = Trajectory(truth.stamps_ns[keep], positions[keep], truth.quats_xyzw[keep])
+    assert covered(holed, truth, truth, "distance=2,time=30").incomplete is None
 
 
 def test_two_runs_in_one_file_are_refused() -> None:
