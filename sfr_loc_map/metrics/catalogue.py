@@ -1,9 +1,9 @@
 """The catalogue of figures, one line each: the names, clauses and displayed statistics that every view uses.
 
-To add a figure, add its line here, the text of a new clause in `CLAUSES`, and, for an error of sub-trajectories, the
-function that computes its errors in `metrics.trajectory_errors.ERRORS`. To show one more statistic of a figure, add its
-name to the line. To add a quantile, add its field to `metrics.formulas.Statistics` and its line to
-`metrics.formulas.QUANTILES`. Any other statistic is computed in `metrics.formulas.statistics`, and `EXPANSION` of
+To add a figure, add its line here, and the text of a new clause in `CLAUSES`. The line of an error of sub-trajectories
+also has the function that returns the errors (`errors_of`). The rows of any other figure are made where its values are
+computed. To show one more statistic of a figure, add its name to the line. To add a quantile, add its field to
+`metrics.formulas.Statistics`. Any other statistic is computed in `metrics.formulas.statistics`, and `EXPANSION` of
 `metrics.judging.limited_figure` states how the error of the truth affects it. Reports, comparisons, suites, searches,
 histories, limits, the topics of the monitor and the check of stored scores then include the figure or statistic. Scores
 that were stored without a new statistic remain readable.
@@ -16,12 +16,17 @@ all other tests changes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import StrEnum
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.formulas import QUANTILES
+from sfr_loc_map.metrics.formulas import QUANTILES, chord_error
 from sfr_loc_map.metrics.row_part import Place, RowPart, is_of_distance
+
+if TYPE_CHECKING:
+    from sfr_loc_map.metrics.trajectory_errors import SubTrajectories
 
 
 class Subject(StrEnum):
@@ -70,6 +75,10 @@ class FigureKind(NamedTuple):
     is_one_number: bool = False  #: Whether its rows have one number (`value`) instead of the statistics of many values.
     is_count: bool = False  #: Whether a figure of unit `1` is a count instead of a fraction.
     is_better_if_larger: bool = False  #: Whether a larger value is better, unlike errors, times and memory.
+    #: Errors of sub-trajectories, `(M,)` or vectors `(M, d)`, that the figure is about; None for any other figure.
+    errors_of: Callable[[SubTrajectories], FloatArray] | None = None
+    is_of_all_readings: bool = False  #: Whether these errors do not depend on the reading of the document.
+    is_without_height: bool = False  #: Whether only a ground truth without heights has the figure.
 
 
 def of_completeness(name: str, title: str, *, unit: str = "1", is_count: bool = False) -> FigureKind:
@@ -87,7 +96,17 @@ OF_CALLS = ("mean", "p50", "p95")
 ONE_NUMBER = ("value",)
 CATALOGUE = (
     # errors of sub-trajectories
-    FigureKind("position", Subject.TRAJECTORY, "4.2.3.1", "m", "position error", OF_ERRORS, (TOTAL,), topic="position"),
+    FigureKind(
+        "position",
+        Subject.TRAJECTORY,
+        "4.2.3.1",
+        "m",
+        "position error",
+        OF_ERRORS,
+        (TOTAL,),
+        topic="position",
+        errors_of=lambda judged: judged.errors.position_m,
+    ),
     FigureKind(
         "attitude",
         Subject.TRAJECTORY,
@@ -98,10 +117,37 @@ CATALOGUE = (
         (TOTAL,),
         topic="attitude",
         is_unsigned=True,
+        errors_of=lambda judged: judged.errors.attitude_deg,
     ),
-    FigureKind("heading", Subject.TRAJECTORY, "4.2.3.3", "deg", "heading error", OF_ERRORS, (TOTAL,), topic="heading"),
-    FigureKind("horizontal", Subject.TRAJECTORY, "", "m", "horizontal position error"),
-    FigureKind("chord", Subject.TRAJECTORY, "", "m", "chord error"),
+    FigureKind(
+        "heading",
+        Subject.TRAJECTORY,
+        "4.2.3.3",
+        "deg",
+        "heading error",
+        OF_ERRORS,
+        (TOTAL,),
+        topic="heading",
+        errors_of=lambda judged: judged.errors.heading_deg,
+    ),
+    FigureKind(
+        "horizontal",
+        Subject.TRAJECTORY,
+        "",
+        "m",
+        "horizontal position error",
+        errors_of=lambda judged: judged.errors.position_m[:, :2],
+        is_without_height=True,
+    ),
+    FigureKind(
+        "chord",
+        Subject.TRAJECTORY,
+        "",
+        "m",
+        "chord error",
+        errors_of=lambda judged: chord_error(judged.poses, judged.starts, judged.ends),
+        is_of_all_readings=True,
+    ),
     FigureKind("ape", Subject.TRAJECTORY, "", "m", "absolute pose error (APE)"),
     FigureKind("rpe", Subject.TRAJECTORY, "", "m", "relative pose error (RPE)"),
     # the map; of these figures the document defines only the point error

@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
-from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, OTHER_FRAMES
+from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, OTHER_FRAMES, FigureKind
 from sfr_loc_map.metrics.completeness import share_of
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.placement import PlacedFrames
 from sfr_loc_map.metrics.shortfall_kinds import BEYOND_MOST
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.metrics.trajectory_errors import ErrorFigure, SubTrajectories, error_figures, error_row
+from sfr_loc_map.metrics.trajectory_errors import SubTrajectories, error_figures, error_row, errors_of
 
 BEYOND = 3.0
 """Multiple of the largest judged error that the error at another frame must not exceed."""
@@ -27,7 +27,7 @@ def rows_of_other_frames(
     if not len(judged.starts):
         return
     others, frames = to_other_frames(judged, placed), len(placed.frames.stamps_ns)
-    for kind in error_figures(with_horizontal=not has_height):
+    for kind in error_figures(has_height=has_height):
         yield error_row(kind, condition, OTHER_FRAMES, others)
         beyond = int(np.count_nonzero(beyond_the_judged(kind, others, judged)))
         yield figure_row(ERRORS_BEYOND, condition, kind.name, n=frames, value=share_of(beyond, frames))
@@ -47,16 +47,16 @@ def to_other_frames(judged: SubTrajectories, placed: PlacedFrames) -> SubTraject
     return SubTrajectories(starts, ends, placed.poses, placed.reading(placed.poses, starts, ends))
 
 
-def beyond_the_judged(kind: ErrorFigure, others: SubTrajectories, judged: SubTrajectories) -> Mask:
+def beyond_the_judged(kind: FigureKind, others: SubTrajectories, judged: SubTrajectories) -> Mask:
     """Return which sub-trajectories have a known error above `BEYOND` times the largest judged error."""
     judged_sizes, sizes = (error_sizes(kind, sub_trajectories) for sub_trajectories in (judged, others))
     largest = np.max(judged_sizes[np.isfinite(judged_sizes)], initial=0.0)
     return np.asarray(sizes > BEYOND * largest)
 
 
-def error_sizes(kind: ErrorFigure, sub_trajectories: SubTrajectories) -> FloatArray:
+def error_sizes(kind: FigureKind, sub_trajectories: SubTrajectories) -> FloatArray:
     """Return the sizes of the errors of a figure: norms of vectors, or absolute values."""
-    errors = kind.errors_of(sub_trajectories)
+    errors = errors_of(kind, sub_trajectories)
     return np.asarray(np.linalg.norm(np.atleast_2d(errors.T), axis=0))
 
 
@@ -65,7 +65,7 @@ def unjudged_frames(
 ) -> Iterator[str]:
     """Yield a warning that names the other frames with a far larger error, if their fraction exceeds `BEYOND_MOST`."""
     many = {row.part for row in rows if row.figure == ERRORS_BEYOND and (row.value or 0.0) > BEYOND_MOST}
-    kinds = [kind for kind in error_figures() if kind.name in many]
+    kinds = [kind for kind in error_figures(has_height=False) if kind.name in many]
     if not kinds:
         return
     others = to_other_frames(judged, placed)

@@ -9,7 +9,7 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import POSITION_VARIANCES, Estimates, Frames
 from sfr_loc_map.metrics.details import NAMED_ERRORS, PathRows, SubTrajectoryRows, Values, column
 from sfr_loc_map.metrics.formulas import Lengths
-from sfr_loc_map.metrics.trajectory_errors import SubTrajectories, error_figures
+from sfr_loc_map.metrics.trajectory_errors import SubTrajectories, error_figures, errors_of
 
 PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Maximum number of frames, and of sub-trajectories of each condition, in plots.
 
@@ -27,7 +27,7 @@ def sub_trajectory_rows(
     shown = sub_trajectories.every(every)
     starts, ends = shown.starts, shown.ends
     directions = shown.by_direction()
-    others = [kind for kind in error_figures() if kind.name not in NAMED_ERRORS]
+    others = [kind for kind in error_figures(has_height=True) if kind.name not in NAMED_ERRORS]
     return SubTrajectoryRows(
         condition=condition,
         every=every,
@@ -44,7 +44,7 @@ def sub_trajectory_rows(
         along_m=column(directions["along"]),
         cross_m=column(directions["cross"]),
         travelled_m=column(length_m[ends] - length_m[starts]),
-        others={kind.name: column(kind.errors_of(shown)) for kind in others},
+        others={kind.name: column(errors_of(kind, shown)) for kind in others},
     )
 
 

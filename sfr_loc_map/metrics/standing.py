@@ -32,7 +32,7 @@ def rows_of_moving(condition: str, judged: SubTrajectories, overlap: float, *, h
         return
     errors = SubTrajectoryErrors(*(values[moves] for values in judged.errors))
     others = judged._replace(starts=judged.starts[moves], ends=judged.ends[moves], errors=errors)
-    for kind in error_figures(with_horizontal=not has_height):
+    for kind in error_figures(has_height=has_height):
         yield error_row(kind, condition, MOVING, others, overlap)
 
 

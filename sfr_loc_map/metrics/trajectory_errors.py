@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import StampedPoses
-from sfr_loc_map.metrics.catalogue import KINDS
+from sfr_loc_map.metrics.catalogue import KINDS, FigureKind
 from sfr_loc_map.metrics.config import Condition, ConditionKind
 from sfr_loc_map.metrics.formulas import Lengths, Poses, Reading, SubTrajectoryErrors
 from sfr_loc_map.metrics.intervals import interval95
@@ -54,36 +54,17 @@ class SubTrajectories(NamedTuple):
         return {"x": x, "y": y, "z": z, "along": along, "cross": cross}
 
 
-class ErrorFigure(NamedTuple):
-    """A figure of sub-trajectories: its name in the catalogue, and the function that computes its errors."""
-
-    name: str
-    errors_of: Callable[[SubTrajectories], FloatArray]
-
-
-ERRORS = [
-    ErrorFigure("position", lambda sub_trajectories: sub_trajectories.errors.position_m),
-    ErrorFigure("attitude", lambda sub_trajectories: sub_trajectories.errors.attitude_deg),
-    ErrorFigure("heading", lambda sub_trajectories: sub_trajectories.errors.heading_deg),
-]
-"""Errors that depend on the reading of the document."""
-ERRORS_OF_ALL_READINGS = [
-    ErrorFigure(
-        "chord",
-        lambda sub_trajectories: formulas.chord_error(
-            sub_trajectories.poses, sub_trajectories.starts, sub_trajectories.ends
-        ),
-    )
-]
-"""Errors that do not depend on the reading."""
-HORIZONTAL = ErrorFigure("horizontal", lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2])
-"""Errors that replace the position errors if the truth has no heights."""
+def error_figures(*, has_height: bool) -> list[FigureKind]:
+    """Return the figures of sub-trajectories for a ground truth with or without heights."""
+    kinds = [kind for kind in KINDS.values() if kind.errors_of is not None]
+    without_height = [] if has_height else [kind for kind in kinds if kind.is_without_height]
+    return [kind for kind in kinds if not kind.is_without_height] + without_height
 
 
-def error_figures(*, with_horizontal: bool = True) -> tuple[ErrorFigure, ...]:
-    """Return the figures of sub-trajectories; horizontal errors apply only to a truth without heights."""
-    horizontal = (HORIZONTAL,) if with_horizontal else ()
-    return (*ERRORS, *ERRORS_OF_ALL_READINGS, *horizontal)
+def errors_of(kind: FigureKind, sub_trajectories: SubTrajectories) -> FloatArray:
+    """Return the errors of a figure of sub-trajectories."""
+    assert kind.errors_of is not None  # as in all `error_figures`
+    return kind.errors_of(sub_trajectories)
 
 
 # ---- selection
@@ -125,42 +106,41 @@ def overlap_of(starts: IntArray, ends: IntArray, spacing: int) -> float:
 
 
 def error_row(
-    kind: ErrorFigure, condition: str | None, part: str, sub_trajectories: SubTrajectories, overlap: float = 0.0
+    kind: FigureKind, condition: str | None, part: str, sub_trajectories: SubTrajectories, overlap: float = 0.0
 ) -> Figure:
     """Return the row of a figure, with its 95 % interval if the overlap of the sub-trajectories is given."""
-    errors = kind.errors_of(sub_trajectories)
+    errors = errors_of(kind, sub_trajectories)
     statistics = formulas.statistics(errors)
     if not overlap:
         return figure_row(kind.name, condition, part, statistics=statistics)
-    low95, high95 = interval95(errors, overlap, unsigned=KINDS[kind.name].is_unsigned) or (None, None)
+    low95, high95 = interval95(errors, overlap, unsigned=kind.is_unsigned) or (None, None)
     independent = len(errors) / overlap
     return figure_row(
         kind.name, condition, part, statistics=statistics, independent=independent, low95=low95, high95=high95
     )
 
 
-def condition_rows(condition: str, part: str, sub_trajectories: SubTrajectories, overlap: float) -> Iterator[Figure]:
-    """Yield the rows of one condition by the judged reading, then its position errors by direction."""
-    for kind in (*ERRORS, *ERRORS_OF_ALL_READINGS):
-        yield error_row(kind, condition, part, sub_trajectories, overlap)
-    for direction, errors in sub_trajectories.by_direction().items():
-        yield figure_row("position", condition, direction, statistics=formulas.statistics(errors))
-
-
 def error_rows(
     condition: str, sub_trajectories: SubTrajectories, overlap: float, placed: PlacedFrames, truth: Trajectory
 ) -> Iterator[Figure]:
-    """Yield the errors of one condition by the judged reading, then by the other readings of the document."""
+    """Yield the errors of one condition by the judged reading, by direction, and by the other readings."""
     known, rebase = known_of(truth), placed.association.rebase
-    yield from condition_rows(condition, str(rebase), sub_trajectories, overlap)
-    if not known.has_height:
-        yield error_row(HORIZONTAL, condition, str(rebase), sub_trajectories, overlap)
+    kinds = error_figures(has_height=known.has_height)
+    for kind in kinds:
+        if not kind.is_without_height:
+            yield error_row(kind, condition, str(rebase), sub_trajectories, overlap)
+    for direction, errors in sub_trajectories.by_direction().items():
+        yield figure_row("position", condition, direction, statistics=formulas.statistics(errors))
+    for kind in kinds:
+        if kind.is_without_height:
+            yield error_row(kind, condition, str(rebase), sub_trajectories, overlap)
     for name, reading in READINGS.items() if truth.has_attitude else ():
-        if name is not rebase:
-            other = sub_trajectories._replace(
-                errors=of_known(known, reading)(placed.poses, sub_trajectories.starts, sub_trajectories.ends)
-            )
-            for kind in ERRORS:
+        if name is rebase:
+            continue
+        errors_by_reading = of_known(known, reading)(placed.poses, sub_trajectories.starts, sub_trajectories.ends)
+        other = sub_trajectories._replace(errors=errors_by_reading)
+        for kind in kinds:
+            if not kind.is_of_all_readings:
                 yield error_row(kind, condition, str(name), other)
 
 
@@ -175,5 +155,6 @@ def growth_rows(poses: Poses, length_m: Lengths, spacing: int, reading: Reading)
         starts, ends = starts[is_short], ends[is_short]
         if len(starts):
             sub_trajectories = SubTrajectories(starts, ends, poses, reading(poses, starts, ends))
-            for kind in ERRORS:
-                yield error_row(kind, None, distance_part(metres), sub_trajectories)
+            for kind in error_figures(has_height=True):
+                if not kind.is_of_all_readings:
+                    yield error_row(kind, None, distance_part(metres), sub_trajectories)

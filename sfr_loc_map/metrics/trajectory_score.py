@@ -34,6 +34,7 @@ from sfr_loc_map.metrics.trajectory_errors import (
     SubTrajectories,
     error_figures,
     error_rows,
+    errors_of,
     growth_rows,
     overlap_of,
     select,
@@ -162,9 +163,9 @@ def error_columns(
     condition: str, sub_trajectories: SubTrajectories, kept_errors: Collection[tuple[str, str]]
 ) -> Iterator[ErrorRows]:
     """Yield all errors of the figures in `kept_errors` over a condition."""
-    for kind in error_figures():
+    for kind in error_figures(has_height=False):
         if (kind.name, condition) in kept_errors:
-            columns = tuple(column(values, None) for values in np.atleast_2d(kind.errors_of(sub_trajectories).T))
+            columns = tuple(column(values, None) for values in np.atleast_2d(errors_of(kind, sub_trajectories).T))
             yield ErrorRows(figure=kind.name, condition=condition, errors=columns)
 
 

@@ -221,6 +221,20 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
         assert "its errors are absent" in (raw_contradiction(replace(score, errors=(), details=None)) or "")
 
 
+def test_a_limit_on_horizontal_errors_is_judged_by_each_reading() -> None:
+    """The axes of the estimate are not those of the truth, which only the reading `pose` removes."""
+    true, estimate = (trajectory(poses) for poses in drive(1, count=400))
+    truth = Truth(true.stamps_ns, true.positions, true.quats_xyzw, has_height=False)
+    scored = score_trajectory(Estimates.of(estimate), truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+    score = Score(figures=scored.figures, association=scored.association, truth=scored.truth)
+    readings = {row.part: row.mean_plus_3sigma for row in score.rows("horizontal", condition="distance=5")}
+    assert readings["pose"] is not None
+    assert readings["position"] == readings["displacement"] > 2.0 * readings["pose"]
+    content = {"trajectory": [{"condition": "distance=5", "horizontal_mean_plus_3sigma_m": 1.5 * readings["pose"]}]}
+    (verdict,) = judged(score, parse_limits({**content, "minimum_independent": 1}, "limits")).on_limits
+    assert verdict.by_reading == {"pose": "pass", "displacement": "fail", "position": "fail"}
+
+
 @pytest.mark.parametrize(
     ("name", "changed", "words"),
     [
