@@ -204,8 +204,8 @@ MUTATIONS = (
     Mutation(
         "metrics/association.py", "truth.positions[before] + share[:, None] * move", "truth.positions[before] + move"
     ),
-    Mutation("metrics/completeness.py", "GAP_PERIODS = 5", "GAP_PERIODS = 7"),
-    Mutation("metrics/completeness.py", "MISSING_SHARE = 0.01", "MISSING_SHARE = 0.013"),
+    Mutation("metrics/drive_completeness.py", "GAP_PERIODS = 5", "GAP_PERIODS = 7"),
+    Mutation(SHORTFALLS, "MISSING_SHARE = 0.01", "MISSING_SHARE = 0.013"),
     Mutation("metrics/association.py", "IMAGE_PERIOD_SHARE = 0.4", "IMAGE_PERIOD_SHARE = 0.15"),
     Mutation("metrics/truth_error.py", "[2.0 * of_position] * 3", "[1.0 * of_position] * 3"),
     Mutation("metrics/consistency.py", "free_from = end\n", "free_from = start\n"),
@@ -215,8 +215,8 @@ MUTATIONS = (
     Mutation("metrics/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
     Mutation("metrics/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
     Mutation(JUDGE, "incomplete = text_of(missing)", "incomplete = score.incomplete"),
-    Mutation(JUDGE, "RowPart(LIVE) in incomplete or needed_part(limit) in incomplete:", "RowPart(LIVE) in incomplete:"),
-    Mutation(SHORTFALLS, '"points_without_truth", MAP, 0.01', '"points_without_truth", MAP, 0.1'),
+    Mutation(JUDGE, "RowPart(Scope.LIVE) in incomplete or needed_part(limit) in", "RowPart(Scope.LIVE) in"),
+    Mutation(SHORTFALLS, "Rule.JUDGED,\n        0.01,", "Rule.JUDGED,\n        0.1,"),
     Mutation("metrics/config.py", "return min(states, key", "return max(states, key"),
     Mutation(JUDGE, "figure.n < limits.minimum_count", "figure.n <= limits.minimum_count"),
     Mutation(
@@ -244,9 +244,9 @@ MUTATIONS = (
     Mutation("metrics/judging/limits_file.py", "minimum_independent=float(independent))", ")"),
     Mutation("metrics/limits.py", "name: limited.of_target() for", "name: limited for"),
     # completeness of a drive, a map, calls, a live run
-    Mutation("metrics/completeness.py", "np.count_nonzero(has_estimate & has_truth)", "np.count_nonzero(has_estimate)"),
-    Mutation("metrics/completeness.py", "DOUBLED_SHARE = 0.1 ", "DOUBLED_SHARE = 0.6 "),
-    Mutation("metrics/completeness.py", "stamps_ns.max() - in_flight_ns", "stamps_ns.max() - 2 * in_flight_ns"),
+    Mutation("metrics/drive_completeness.py", "self.has_estimate & self.has_truth", "self.has_estimate"),
+    Mutation("metrics/drive_completeness.py", "DOUBLED_SHARE = 0.1 ", "DOUBLED_SHARE = 0.6 "),
+    Mutation("metrics/drive_completeness.py", "stamps_ns.max() - in_flight_ns", "stamps_ns.max() - 2 * in_flight_ns"),
     Mutation("metrics/completeness.py", "max(expected_pairs - mapped, 0), expected_pairs", "0, expected_pairs"),
     Mutation("metrics/completeness.py", "max(known, default=None)", "min(known, default=None)"),
     Mutation("metrics/completeness.py", "not_finite, points + not_finite)", "not_finite, points)"),
@@ -256,7 +256,7 @@ MUTATIONS = (
     Mutation("scoring/score_parts.py", "periods_ns[is_long].sum()", "periods_ns[is_long].min(initial=0)"),
     Mutation("metrics/completeness.py", "(counts - 1).sum()", "(counts - 2).sum()"),
     Mutation("metrics/completeness.py", "repeated_stamps + len(pairs) - len(np.unique(pairs))", "repeated_stamps"),
-    Mutation("metrics/completeness.py", 'single_run_stamps(truth, "ground truth")', "pass"),
+    Mutation("metrics/drive_completeness.py", 'single_run_stamps(truth, "ground truth")', "pass"),
     Mutation("metrics/association.py", "np.lexsort((difference[near], image[near]))", "np.argsort(image[near])"),
     Mutation("metrics/association.py", "return rows[chosen] if len(chosen) else rows", "return rows[chosen]"),
     Mutation("metrics/association.py", "near = np.flatnonzero(difference <= near_ns)", "near = np.arange(len(image))"),
@@ -272,23 +272,37 @@ MUTATIONS = (
     Mutation("metrics/call_meter.py", "peak_bytes - self._idle_bytes, 0)", "peak_bytes, 0)"),
     Mutation("metrics/calls.py", "if row.call in kinds else row for", "if row.part in kinds else row for"),
     # verdicts
-    Mutation(SHORTFALLS, '"missing", DRIVE, 0.0', '"missing", DRIVE, 0.01'),
     Mutation(
         SHORTFALLS,
-        '"images_without_truth",\n        DRIVE,\n        0.0,',
-        '"images_without_truth",\n        DRIVE,\n        0.01,',
+        '"missing", Scope.DRIVE, IMAGES, Rule.JUDGED, 0.0',
+        '"missing", Scope.DRIVE, IMAGES, Rule.JUDGED, 0.01',
     ),
-    Mutation(SHORTFALLS, '"points_not_finite", MAP, 0.0', '"points_not_finite", MAP, 0.5'),
-    Mutation(SHORTFALLS, "MAP,\n        0.5,", "MAP,\n        0.99,"),
-    Mutation(SHORTFALLS, '"calls_doubled", CALLS, 0.0', '"calls_doubled", CALLS, 0.1'),
-    Mutation("metrics/judging/incomplete.py", "not kind.is_wrong", 'kind.figure != "calls_other"'),
+    Mutation(
+        SHORTFALLS,
+        "        IMAGES,\n        Rule.JUDGED,\n        0.0,",
+        "        IMAGES,\n        Rule.JUDGED,\n        0.01,",
+    ),
+    Mutation(
+        SHORTFALLS,
+        '"points_not_finite", Scope.MAP, "map points", Rule.JUDGED, 0.0',
+        '"points_not_finite", Scope.MAP, "", Rule.JUDGED, 0.5',
+    ),
+    Mutation(SHORTFALLS, "Rule.JUDGED,\n        0.5,", "Rule.JUDGED,\n        0.99,"),
+    Mutation(
+        SHORTFALLS,
+        '"calls_doubled",\n        Scope.CALLS,\n        "calls",\n        Rule.JUDGED,\n        0.0',
+        '"calls_doubled",\n        Scope.CALLS,\n        "calls",\n        Rule.JUDGED,\n        0.1',
+    ),
+    Mutation(SHORTFALLS, "and not self.is_wrong", 'and self.figure != "calls_other"'),
     Mutation("metrics/judging/incomplete.py", "row.n and row.value is None", "row.n and row.value == 0.0"),
     Mutation(
         "metrics/judging/limit_scope.py",
         "not in tasks_of(score):\n        return False",
         "not in tasks_of(score) or True:\n        return False",
     ),
-    Mutation(SHORTFALLS, '"doubled", DRIVE, 0.0', '"doubled", DRIVE, 0.1'),
+    Mutation(
+        SHORTFALLS, '"estimates",\n        Rule.JUDGED,\n        0.0', '"estimates",\n        Rule.JUDGED,\n        0.1'
+    ),
     # calls belong to the estimate that they produced
     Mutation("scoring/inputs.py", "stats = [beside] if beside.is_file() else []", "stats = []"),
     Mutation(
@@ -348,20 +362,22 @@ MUTATIONS = (
     Mutation("scoring/score_run.py", " or fitted_unit(run.convention)", ""),
     Mutation("metrics/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
     Mutation(
-        "metrics/completeness.py",
-        "stamps[~is_spanned(stamps, true_ns, max_gap_ns, tolerance_ns)]",
-        "stamps[(stamps < true_ns[0]) | (stamps > true_ns[-1])]",
+        "metrics/drive_completeness.py",
+        "estimates_ns[~is_covered]",
+        "estimates_ns[(estimates_ns < true_ns[0]) | (estimates_ns > true_ns[-1])]",
     ),
-    Mutation("metrics/completeness.py", "stamps[~is_spanned(stamps, true_ns, max_gap_ns, tolerance_ns)]", "stamps[:0]"),
+    Mutation("metrics/drive_completeness.py", "estimates_ns[~is_covered]", "estimates_ns[:0]"),
     # a path without images, a range without pixels, a stationary rover
-    Mutation("metrics/completeness.py", "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"),
-    Mutation("metrics/completeness.py", "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
+    Mutation(
+        "metrics/drive_completeness.py", "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"
+    ),
+    Mutation("metrics/drive_completeness.py", "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
     Mutation("metrics/judging/incomplete.py", "value is None and kind.unknown", "value is None and False"),
     Mutation("metrics/judging/incomplete.py", "(share.value or 0.0) <= STANDING_MOST", "(share.value or 0.0) <= 1.0"),
     Mutation(
         "metrics/judging/incomplete.py",
-        " or not meets(limit, value):\n            text = standing",
-        ":\n            text = standing",
+        " or not meets(limit, value):\n        text = standing",
+        ":\n        text = standing",
     ),
     Mutation("metrics/standing.py", "farthest_m > MOVING_SHARE * np.max", "farthest_m >= 0.0 * np.max"),
     Mutation("metrics/standing.py", "if not 0 < standing < count:", "if not 0 < standing:"),
@@ -369,8 +385,8 @@ MUTATIONS = (
     # true poses at starts and ends
     Mutation(
         SHORTFALLS,
-        '"errors_of_truth",\n        DRIVE,\n        0.1,',
-        '"errors_of_truth",\n        DRIVE,\n        1.0,',
+        'a start to an end",\n        Rule.JUDGED,\n        0.1,',
+        'a start to an end",\n        Rule.JUDGED,\n        1.0,',
     ),
     Mutation("metrics/copies.py", "is_moving = lengths_m > MOVING_SHARE * np", "is_moving = lengths_m >= 0.0 * np"),
     # frames that are in no judged error
@@ -440,17 +456,17 @@ MUTATIONS = (
         "configurations = {(DRIVE, _configuration(score.method)) for score in scores}",
     ),
     Mutation("metrics/judging/several_scores.py", "if None in items:", "if items == {None, 0}:"),
-    Mutation("metrics/judging/several_scores.py", " or figure_of(item, score).value is not None", ""),
+    Mutation("metrics/judging/several_scores.py", " or value_of(item, score).value is not None", ""),
     Mutation("scoring/load.py", "if len(here) > 1:", "if len(here) > 2:"),
     Mutation(JUDGE, "(figure.independent or 0.0) >= limits", "(figure.independent or 0.0) > limits"),
     Mutation("metrics/verdict.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
-    Mutation("metrics/judging/limited_figure.py", '"mean_plus_3sigma": 3.0, "max"', '"mean_plus_3sigma": 1.0, "max"'),
+    Mutation("metrics/judging/limited_value.py", '"mean_plus_3sigma": 3.0, "max"', '"mean_plus_3sigma": 1.0, "max"'),
     Mutation(
         "metrics/stored.py", "expected = mean_plus_3sigma(row.mean, row.sigma)", "expected = row.mean_plus_3sigma"
     ),
     Mutation("metrics/stored.py", "if mine != theirs and not _is_near(mine, theirs):", "if False:"),
     Mutation(
-        "metrics/judging/limited_figure.py",
+        "metrics/judging/limited_value.py",
         "math.inf if item.value is None else item.value,",
         "0.0 if item.value is None else -item.value,",
     ),

@@ -9,7 +9,8 @@ The modules by subject, each subject in the order of its use:
   sub-trajectories and their rows, and `trajectory_score` the score. It also calls `other_frames` and `standing` (errors
   that the figures do not contain), `copies`, `truth_error`, `consistency` (NEES), `three_sigma` and `plot_columns`.
 - map and calls: `cloud_error` scores clouds. `call_meter` measures a call, and `calls` scores the calls of a run.
-- completeness: `completeness` counts expected and judged items. `shortfall_kinds` states how many may be missing.
+- completeness: `shortfall_kinds` is the table of what is expected and when a result is incomplete.
+  `drive_completeness` and `completeness` (map, calls, live run) count the expected and the judged items.
 - statistics: `intervals` has the 95 % interval of mean + 3 sigma, `tolerance` the tolerance bounds.
 - verdicts: `limits` has the limits, and the package `judging` makes the verdicts.
 - stored scores: `score_json` reads and writes scores. `stored` and `raw_values` check a score that is read.

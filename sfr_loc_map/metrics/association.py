@@ -306,3 +306,9 @@ def nearest_stamps(stamps: IntArray, among: IntArray) -> tuple[Rows, IntArray]:
     before = np.maximum(after - 1, 0)
     to_before, to_after = np.abs(stamps - among[before]), np.abs(among[after] - stamps)
     return np.where(to_before <= to_after, before, after), np.minimum(to_before, to_after)
+
+
+def has_near(stamps: IntArray, among: IntArray, near_ns: int) -> Mask:
+    """Return which stamps have a stamp of `among` within `near_ns`; both are ascending."""
+    first = np.searchsorted(among, stamps - near_ns, "left")
+    return np.asarray(first < np.searchsorted(among, stamps + near_ns, "right"))

@@ -21,12 +21,12 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE
-from sfr_loc_map.metrics.catalogue import CALLS, MEMORY, Subject, clause_of
+from sfr_loc_map.metrics.catalogue import Subject, clause_of
 from sfr_loc_map.metrics.completeness import calls_completeness, expected_row, share_of
 from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.details import CallHistogram, CallPlots, CallSeries, column
 from sfr_loc_map.metrics.records import CallRecords, ExternalScore, TargetRun
-from sfr_loc_map.metrics.row_part import Place, RowPart
+from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
 from sfr_loc_map.metrics.table import Figure, figure_row
 
 UNKNOWN = "unknown"
@@ -153,9 +153,9 @@ def completeness_rows(
                 found[kind] = item, mine
     for kind, (item, mine) in found.items():
         task = Task.LOCALISATION if kind is CallKind.LOCALISATION else Task.MAPPING
-        values = {CALLS: item.seconds[mine]}
+        values = {Scope.CALLS: item.seconds[mine]}
         if (memory := measured_memory(item, mine)) is not None:
-            values[MEMORY] = memory
+            values[Scope.MEMORY] = memory
         yield from calls_completeness(kind, item.stamps_ns[mine], expected_ns.get(task), values, place)
 
 
@@ -320,9 +320,9 @@ def completeness_of_answers(node: ExternalScore) -> Iterator[Figure]:
     """Yield the completeness of the calls of an external node, from its answers and the published pairs."""
     kind, answers = CallKind(node.task), node.answers
     received = answers.answered + answers.late + answers.doubled + answers.other_stamp
-    yield expected_row(RowPart(CALLS, kind), answers.answered, answers.pairs)
+    yield expected_row(RowPart(Scope.CALLS, kind), answers.answered, answers.pairs)
     yield figure_row("calls_missing", part=kind, n=answers.pairs, value=share_of(answers.missing, answers.pairs))
     yield figure_row("calls_other", part=kind, n=received, value=share_of(answers.other_stamp, received))
     yield figure_row("calls_doubled", part=kind, n=received, value=share_of(answers.doubled, received))
     if node.process is not None:
-        yield expected_row(RowPart(MEMORY, kind), 1, 1)  # memory of all its processes over the complete run
+        yield expected_row(RowPart(Scope.MEMORY, kind), 1, 1)  # memory of all its processes over the complete run

@@ -4,7 +4,7 @@ To add a figure, add its line here, and the text of a new clause in `CLAUSES`. T
 also has the function that returns the errors (`errors_of`). The rows of any other figure are made where its values are
 computed. To show one more statistic of a figure, add its name to the line. To add a quantile, add its field to
 `metrics.formulas.Statistics`. Any other statistic is computed in `metrics.formulas.statistics`, and `EXPANSION` of
-`metrics.judging.limited_figure` states how the error of the truth affects it. Reports, comparisons, suites, searches,
+`metrics.judging.limited_value` states how the error of the truth affects it. Reports, comparisons, suites, searches,
 histories, limits, the topics of the monitor and the check of stored scores then include the figure or statistic. Scores
 that were stored without a new statistic remain readable.
 
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import QUANTILES, chord_error
-from sfr_loc_map.metrics.row_part import Place, RowPart, is_of_distance
+from sfr_loc_map.metrics.row_part import DIRECTIONS, MOVING, OTHER_FRAMES, Place, RowPart, is_of_distance
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.trajectory_errors import SubTrajectories
@@ -268,16 +268,7 @@ CATALOGUE = (
 )
 KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
 """The catalogue by the unique names of its figures."""
-ANY = "*"  #: Wildcard of a look-up.
-DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls", "memory"
-"""Parts of the rows `judged` (`RowPart.what`): the parts of a score that are complete or incomplete. The kind of call
-follows the last two."""
-MOVING = "moving"  #: Part of the rows with the errors of the sub-trajectories in which the rover moves.
-SUB_TRAJECTORIES = "sub-trajectories"  #: Part of the row `standing` of one condition.
-OTHER_FRAMES = "other frames"  #: Part of the rows with the errors at frames without a judged error.
 CLAUSES_OF_MEMORY = {CallKind.LOCALISATION: "4.2.2", CallKind.MAPPING_CALL: "4.3.2"}  #: Clauses by the kind of call.
-DIRECTIONS = {"x": "x (east)", "y": "y (north)", "z": "z (up)", "along": "along the path", "cross": "across the path"}
-"""Parts of the position error along one direction, and their titles; x, y and z are axes of DS."""
 DEFINED = {Subject.TRAJECTORY: ("mean", "sigma", TOTAL), Subject.MAP: ()}
 """Statistics that the specification defines, by subject: none for the point error. For calls any statistic is
 allowed."""

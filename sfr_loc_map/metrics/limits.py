@@ -1,7 +1,17 @@
-"""The limits of requirements: the figures that can be limited, and the rules that a score stores with its verdicts.
+"""The limits of requirements: the numbers that can be limited, and the rules that a score stores with its verdicts.
 
 The name of a limit states figure, statistic and unit. Limits are upper bounds, except `coverage_min`.
 `metrics.judging.limits_file` reads a limits file, and `metrics.judging.judge` makes the verdicts.
+
+`LIMITED_NUMBERS` has the number of each name. To add a limit:
+
+- on a figure of the trajectory, the map or calls: add the figure to `metrics.catalogue`. Its names follow.
+- on completeness: add the shortfall to `metrics.shortfall_kinds`. Its name `FIGURE_max_share` follows.
+- on any other number: add its name to `LIMITED_NUMBERS`. A lower bound has a name that ends in `_min`.
+
+The template of a limits file (`metrics.judging.limits_template`), the check of stored scores, and the reports then
+include the limit. A new section of the limits file also needs a member of `LimitSection`, its meaning in the template,
+and the scope that must be complete for a pass (`metrics.judging.limit_scope.needed_part`).
 """
 
 from __future__ import annotations
@@ -12,11 +22,11 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from sfr_loc_map.metrics.catalogue import ALIGNED, CALLS, CATALOGUE, KINDS, MAP, FigureKind, Subject
+from sfr_loc_map.metrics.catalogue import ALIGNED, CATALOGUE, KINDS, FigureKind, Subject
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.records import Record
-from sfr_loc_map.metrics.row_part import Place, RowPart
+from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
 from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.tolerance import CONFIDENCE, THREE_SIGMA
 
@@ -71,16 +81,16 @@ def fault_of_terms(given: Mapping[str, Any]) -> str | None:
     return None
 
 
-class Limited(NamedTuple):
-    """The limited number, by row and column of the table of figures."""
+class LimitedNumber(NamedTuple):
+    """The number that a limit is on: a row and a column of the table of figures."""
 
     subject: Subject
     figure: str
-    statistic: str
-    part: RowPart | None = None  #: Part of the row; None selects the judged row (`Score.figure`).
+    statistic: str  #: Column; `bound` for the tolerance bound of all errors.
+    part: RowPart | None = None  #: Part of the row; None selects the judged row (`Score.judged_row`).
     is_of_worst_call: bool = False  #: Whether the row with the largest value over the kinds of calls is limited.
 
-    def of_target(self) -> Limited:
+    def of_target(self) -> LimitedNumber:
         """Return this number for the calls that were measured on a target."""
         return self._replace(part=(self.part or RowPart()).at(Place.TARGET))
 
@@ -99,54 +109,52 @@ MINIMUM_COUNT = 2  #: Default minimum number of values for a verdict.
 MINIMUM_INDEPENDENT = 5.0  #: Default minimum number of independent sub-trajectories for a verdict.
 
 
-def names_of(kinds: Iterable[FigureKind], statistics: Sequence[str] = STATISTICS) -> dict[str, Limited]:
+def names_of(kinds: Iterable[FigureKind], statistics: Sequence[str] = STATISTICS) -> dict[str, LimitedNumber]:
     """Return the limited numbers of figures by the name of the limit, such as `position_mean_plus_3sigma_m`."""
     return {
-        f"{kind.name}_{statistic}_{kind.unit}": Limited(kind.subject, kind.name, statistic)
+        f"{kind.name}_{statistic}_{kind.unit}": LimitedNumber(kind.subject, kind.name, statistic)
         for kind in kinds
         for statistic in statistics
     }
 
 
+OF_DRIVE = [kind for kind in CATALOGUE if kind.subject is Subject.TRAJECTORY and kind.name not in ALIGNED]
 OF_CLOUD = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and not kind.is_count]
-PLACES: dict[LimitSection, dict[str, Limited]] = {
+TIMES = {
+    "mapping_call_s": LimitedNumber(Subject.TIMING, CallKind.MAPPING_CALL.value, "max"),
+    **names_of([KINDS[kind] for kind in CallKind]),
+}
+PEAKS = {
+    f"{call}_{kind.name}_bytes": LimitedNumber(Subject.MEMORY, kind.name, "value", RowPart(call=call))
+    for call in (CallKind.LOCALISATION, CallKind.MAPPING, CallKind.MAPPING_CALL)
+    for kind in CATALOGUE
+    if kind.subject is Subject.MEMORY
+}
+LIMITED_NUMBERS: dict[LimitSection, dict[str, LimitedNumber]] = {
     LimitSection.COMPLETENESS: {
-        f"{kind.figure}_max_share": Limited(
-            Subject.COMPLETENESS, kind.figure, "value", is_of_worst_call=kind.part == CALLS
+        kind.limit_name: LimitedNumber(
+            Subject.COMPLETENESS, kind.figure, "value", is_of_worst_call=kind.scope is Scope.CALLS
         )
         for kind in SHORTFALLS
         if not KINDS[kind.figure].is_count
     },
-    LimitSection.TRAJECTORY: names_of(
-        [kind for kind in CATALOGUE if kind.subject is Subject.TRAJECTORY and kind.name not in ALIGNED],
-        (*STATISTICS, BOUND),
-    ),
+    LimitSection.TRAJECTORY: names_of(OF_DRIVE, (*STATISTICS, BOUND)),
     LimitSection.MAP: {
         **names_of([kind for kind in OF_CLOUD if not kind.is_one_number]),
         **{
-            f"{kind.name}_{kind.unit}": Limited(kind.subject, kind.name, "value")
+            f"{kind.name}_{kind.unit}": LimitedNumber(kind.subject, kind.name, "value")
             for kind in OF_CLOUD
             if kind.is_one_number and kind.unit != "1"
         },
-        COVERAGE_MIN: Limited(Subject.MAP, "coverage", "value"),
+        COVERAGE_MIN: LimitedNumber(Subject.MAP, "coverage", "value"),
     },
-    LimitSection.TIMING: {
-        "mapping_call_s": Limited(Subject.TIMING, CallKind.MAPPING_CALL.value, "max"),
-        **names_of([KINDS[kind] for kind in CallKind]),
-    },
-    LimitSection.MEMORY: {
-        f"{call}_{kind.name}_bytes": Limited(Subject.MEMORY, kind.name, "value", RowPart(call=call))
-        for call in (CallKind.LOCALISATION, CallKind.MAPPING, CallKind.MAPPING_CALL)
-        for kind in CATALOGUE
-        if kind.subject is Subject.MEMORY
-    },
+    LimitSection.TIMING: TIMES,
+    LimitSection.MEMORY: PEAKS,
+    LimitSection.TARGET: {name: limited.of_target() for name, limited in (TIMES | PEAKS).items()},
 }
-PLACES[LimitSection.TARGET] = {
-    name: limited.of_target() for name, limited in (PLACES[LimitSection.TIMING] | PLACES[LimitSection.MEMORY]).items()
-}
-"""The limited number of each name of a limits file, by section. The names follow from the catalogue."""
+"""The limited number of each name of a limits file, by section."""
 ON_TARGET = f"{Place.TARGET} "  #: Prefix of the name of a limit on the target in a verdict.
-OF_MAP = [kind.figure for kind in SHORTFALLS if kind.part == MAP]
+OF_MAP = [kind.figure for kind in SHORTFALLS if kind.scope is Scope.MAP]
 """Figures of completeness that are about the map."""
 
 
@@ -169,7 +177,7 @@ class Limit(Record, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Check name, condition and terms of the limit, which may come from a stored score; ValueError if invalid."""
-        if self.name not in PLACES[self.section]:
+        if self.name not in LIMITED_NUMBERS[self.section]:
             raise ValueError(f"'{self.name}' is not a limit of the section '{self.section}'")
         if self.condition is not None and Condition.parse(self.condition).setting != self.condition:
             raise ValueError(f"'{self.condition}' is not a condition as scores write it, such as distance=5")
@@ -184,9 +192,9 @@ class Limit(Record, frozen=True, kw_only=True):
             raise ValueError(f"'{self.name}': {fault}")
 
     @property
-    def limited(self) -> Limited:
+    def limited(self) -> LimitedNumber:
         """The number that is limited."""
-        return PLACES[self.section][self.name]
+        return LIMITED_NUMBERS[self.section][self.name]
 
     @property
     def terms(self) -> Terms | None:

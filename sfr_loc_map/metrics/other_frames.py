@@ -7,10 +7,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
-from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, OTHER_FRAMES, FigureKind
+from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, FigureKind
 from sfr_loc_map.metrics.completeness import share_of
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.placement import PlacedFrames
+from sfr_loc_map.metrics.row_part import OTHER_FRAMES
 from sfr_loc_map.metrics.shortfall_kinds import BEYOND_MOST
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.trajectory_errors import SubTrajectories, error_figures, error_row, errors_of

@@ -13,23 +13,13 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST
-from sfr_loc_map.metrics.catalogue import (
-    CALLS,
-    DRIVE,
-    ERRORS_BEYOND,
-    MAP,
-    MOVING,
-    OTHER_FRAMES,
-    STANDING,
-    SUB_TRAJECTORIES,
-    Subject,
-)
+from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, STANDING, Subject
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.copies import MIN_STEPS
 from sfr_loc_map.metrics.details import CallPlots, Details, SubTrajectoryRows
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.limits import LimitSection
-from sfr_loc_map.metrics.row_part import Place, RowPart, is_of_pair
+from sfr_loc_map.metrics.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart, Scope, is_of_pair
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS, ShortfallKind
 from sfr_loc_map.metrics.table import Figure, figure_row
@@ -39,7 +29,7 @@ DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 """Rounding of the errors of sub-trajectories and of map points in the data of the plots, m."""
 SIGMAS = 5.0  #: A quantile contradicts the sample if a sampled fraction deviates by more standard deviations than this.
 CORRELATED = 10.0  #: Number of correlated values that are equivalent to one independent value.
-WITHOUT_RESULT = {DRIVE: ("missing", Subject.TRAJECTORY), MAP: ("pairs_without_cloud", Subject.MAP)}
+WITHOUT_RESULT = {Scope.DRIVE: ("missing", Subject.TRAJECTORY), Scope.MAP: ("pairs_without_cloud", Subject.MAP)}
 """The only figure of completeness of a part without estimate or cloud, and the subject that such a part lacks."""
 
 
@@ -98,7 +88,7 @@ def _of_judged(score: Score) -> Iterator[str]:
         part = RowPart.of(row.part)
         if row.value is None:
             continue
-        kind = part.of_calls.text if part.what == CALLS else None
+        kind = part.of_calls.text if part.what == Scope.CALLS else None
         required = _required_shortfalls(score, part)
         for shortfall in required:
             if score.figure(shortfall.figure, part=kind) is None:
@@ -108,14 +98,14 @@ def _of_judged(score: Score) -> Iterator[str]:
         if not absent:
             continue
         # no lower bound for the answers of an external node
-        low = 0.0 if part.what == CALLS and score.external is not None else 1.0 - sum(absent)
+        low = 0.0 if part.what == Scope.CALLS and score.external is not None else 1.0 - sum(absent)
         if not low - EXACT <= min(row.value, 1.0) <= 1.0 - max(absent) + EXACT:
             yield f"{row.label} is {_text(row.value)}, but the missing items give {_text(1.0 - sum(absent))}"
 
 
 def _required_shortfalls(score: Score, part: RowPart) -> list[ShortfallKind]:
     """Return the shortfalls whose rows a part of a score always has."""
-    of_part = [kind for kind in SHORTFALLS if kind.part == part.what]
+    of_part = [kind for kind in SHORTFALLS if kind.scope == part.what]
     only, subject = WITHOUT_RESULT.get(part.what, ("", Subject.COMPLETENESS))
     if not score.has(subject):
         return [kind for kind in of_part if kind.figure == only]

@@ -1,7 +1,22 @@
-"""The part of a row of the table of figures: what the row is about, the kind of call, and where the calls ran.
+"""The parts of the rows of the table of figures. Every kind of part is stated here.
 
-In a score the part is one text, such as `target memory localisation`, `pair 0` or `0-4 m`. Only this module parses such
-texts. A part that is one name, such as a reading or an axis, or a sentence, as for a tolerance bound, is written as is.
+The part of a row is one text, or None for the complete figure. Only this module parses such texts.
+
+| part | rows | in code |
+|---|---|---|
+| `pose`, `displacement`, `position`, ... | errors of sub-trajectories by a reading of the document | `config.Rebase` |
+| `x`, `y`, `z`, `along`, `cross` | position errors along one direction | `DIRECTIONS` |
+| `moving`, `other frames`, `pooled` | errors of other sub-trajectories than the judged ones | `MOVING`, ... |
+| `5 m` | errors over a distance travelled | `distance_part` |
+| `0-4 m`, `pair 0` | points of a range, points of a mapping pair | `range_part`, `pair_part` |
+| `localisation`, `target mapping_call` | memory and completeness of calls | `RowPart` |
+| `first call`, `target first call`, a stage | times of calls | `RowPart`, `metrics.calls` |
+| `drive`, `map`, `calls localisation`, ... | the judged fraction of the expected items | `Scope`, `RowPart` |
+| `count` | a number in place of its fraction | |
+| a name or a sentence | contributions, axes and tolerance bounds | the module of the figure |
+
+A *scope* is a part of a score that has expected items, and is complete or incomplete. The *place* of calls is where
+they were measured. In a look-up of rows, `ANY` accepts every part, and None accepts only rows without a part.
 """
 
 from __future__ import annotations
@@ -12,7 +27,25 @@ from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind
 
+ANY = "*"  #: Accepts every value of a key in a look-up of rows.
+MOVING = "moving"  #: Part of the rows with the errors of the sub-trajectories in which the rover moves.
+OTHER_FRAMES = "other frames"  #: Part of the rows with the errors at frames without a judged error.
+POOLED = "pooled"  #: Part of the rows over all drives of a suite.
+SUB_TRAJECTORIES = "sub-trajectories"  #: Part of the row `standing` of one condition.
+DIRECTIONS = {"x": "x (east)", "y": "y (north)", "z": "z (up)", "along": "along the path", "cross": "across the path"}
+"""Parts of the position error along one direction, and their titles; x, y and z are axes of DS."""
 NUMBER = r"\d+(?:\.\d+)?(?:e[+-]\d+)?"  #: Pattern of a number >= 0 in the format `g`.
+
+
+class Scope(StrEnum):
+    """A part of a score that has expected items."""
+
+    DRIVE = "drive"  #: The trajectory: images, or true poses if the images are unknown.
+    MAP = "map"  #: The cloud: mapping pairs.
+    CALLS = "calls"  #: The times of the calls of one kind: pairs.
+    MEMORY = "memory"  #: The memory of the calls of one kind: pairs.
+    LIVE = "live"  #: The messages of a live run.
+    SUITE = "suite"  #: The results of a suite.
 
 
 class Place(StrEnum):
@@ -26,9 +59,7 @@ class Place(StrEnum):
 class RowPart(NamedTuple):
     """The part of a row."""
 
-    #: Reading of the document, axis, range or stage of a call. For a row `judged`, the expected part of the run:
-    #: `drive`, `map`, `live`, `suite`, or the time (`calls`) or `memory` of calls. May be empty.
-    what: str = ""
+    what: str = ""  #: The part without call and place, for a row `judged` the scope; may be empty.
     call: CallKind | None = None  #: Kind of call; None if the part names no call.
     place: Place = Place.HOST  #: Where the calls were measured.
 

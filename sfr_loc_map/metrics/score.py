@@ -21,7 +21,7 @@ import numpy as np
 from sfr_loc_map.display import data_frame
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.catalogue import ANY, Subject
+from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import Condition, VerdictState
 from sfr_loc_map.metrics.details import Details, ErrorRows, columns_of
 from sfr_loc_map.metrics.limits import Rules
@@ -40,8 +40,8 @@ from sfr_loc_map.metrics.records import (
     TargetRun,
     TruthRecord,
 )
-from sfr_loc_map.metrics.row_part import RowPart
-from sfr_loc_map.metrics.table import COLUMNS, POOLED, Figure, find_rows
+from sfr_loc_map.metrics.row_part import ANY, POOLED, RowPart
+from sfr_loc_map.metrics.table import COLUMNS, Figure, find_rows
 from sfr_loc_map.metrics.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -147,9 +147,9 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         row = self.figure(figure, subject=subject, condition=condition, part=part)
         return None if row is None else row.statistic(statistic)
 
-    def place_of(self, row: Figure | None) -> int | None:
+    def index_of(self, row: Figure | None) -> int | None:
         """Return the index of a row in the table of figures of this score, None for no row."""
-        return next((place for place, each in enumerate(self.figures) if each is row), None)
+        return next((index for index, each in enumerate(self.figures) if each is row), None)
 
     def row_of(self, verdict: Verdict) -> Figure | None:
         """Return the row that a verdict of this score judges, None if the verdict has no row."""

@@ -8,10 +8,11 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.catalogue import MOVING, STANDING, SUB_TRAJECTORIES
+from sfr_loc_map.metrics.catalogue import STANDING
 from sfr_loc_map.metrics.completeness import share_of
 from sfr_loc_map.metrics.copies import MOVING_SHARE
 from sfr_loc_map.metrics.formulas import SubTrajectoryErrors
+from sfr_loc_map.metrics.row_part import MOVING, SUB_TRAJECTORIES
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.trajectory_errors import SubTrajectories, error_figures, error_row
 

@@ -7,13 +7,11 @@ from typing import Any
 
 import msgspec
 
-from sfr_loc_map.metrics.catalogue import ANY, KINDS, Subject, clause_of
+from sfr_loc_map.metrics.catalogue import KINDS, Subject, clause_of
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import STATISTICS, Statistics
 from sfr_loc_map.metrics.intervals import Interval
-from sfr_loc_map.metrics.row_part import Place, RowPart
-
-POOLED = "pooled"  #: Part of the rows over all drives of a suite.
+from sfr_loc_map.metrics.row_part import ANY, Place, RowPart
 
 
 class RowNumbers(Statistics, frozen=True, kw_only=True):

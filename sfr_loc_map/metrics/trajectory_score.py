@@ -18,11 +18,11 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import Estimates, Frames
-from sfr_loc_map.metrics.completeness import drive_completeness
 from sfr_loc_map.metrics.config import Condition, Rebase, TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import StepSums, nees_rows, sums_of_steps
 from sfr_loc_map.metrics.copies import copy_rows, judged_of_truth
 from sfr_loc_map.metrics.details import ErrorRows, SubTrajectoryRows, TrajectoryDetails, column
+from sfr_loc_map.metrics.drive_completeness import drive_completeness
 from sfr_loc_map.metrics.other_frames import largest_fraction_beyond, rows_of_other_frames, unjudged_frames
 from sfr_loc_map.metrics.placement import READINGS, PlacedFrames, Placement, of_known, placed_frames
 from sfr_loc_map.metrics.plot_columns import path_rows, sub_trajectory_rows

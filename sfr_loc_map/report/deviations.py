@@ -15,11 +15,11 @@ from collections.abc import Callable, Iterator
 
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.calls import STATED_CLOCK
-from sfr_loc_map.metrics.catalogue import MOVING, STANDING, SUB_TRAJECTORIES, TOTAL, Subject
+from sfr_loc_map.metrics.catalogue import STANDING, TOTAL, Subject
 from sfr_loc_map.metrics.caveats import caveats_of
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Rebase, label_of
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
-from sfr_loc_map.metrics.row_part import RowPart
+from sfr_loc_map.metrics.row_part import MOVING, SUB_TRAJECTORIES, RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.verdict import Verdict
@@ -132,7 +132,7 @@ def _relaxed_rules(score: Score) -> Iterator[str]:
         return
     if rules.partial:
         yield "An incomplete result is judged as if it were complete (--partial)."
-    strict = {kind.figure: kind.most for kind in SHORTFALLS if kind.most is not None}
+    strict = {kind.figure: kind.most for kind in SHORTFALLS if kind.has_most}
     for item in rules.limits:
         name = item.name.removesuffix("_max_share")
         if name in strict and item.limit > strict[name]:

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import msgspec
 
 from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST
-from sfr_loc_map.metrics.catalogue import ALIGNED, DIRECTIONS, KINDS, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.catalogue import ALIGNED, KINDS, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.config import CallKind, Rebase, label_of
 from sfr_loc_map.metrics.formulas import STATISTICS
-from sfr_loc_map.metrics.row_part import Place
+from sfr_loc_map.metrics.row_part import DIRECTIONS, Place
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import NUMBERS, Figure
 from sfr_loc_map.report import notes

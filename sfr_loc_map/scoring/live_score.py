@@ -9,8 +9,9 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.calls import STATED_CLOCK, concatenated, has_memory
 from sfr_loc_map.metrics.cloud_error import ScoredMap
-from sfr_loc_map.metrics.completeness import live_completeness, settled
+from sfr_loc_map.metrics.completeness import live_completeness
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.drive_completeness import settled
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import CallRecords, Provenance
 from sfr_loc_map.metrics.score import Score

@@ -26,14 +26,14 @@ from sfr_loc_map.metrics.calls import (
     score_target,
     with_external,
 )
-from sfr_loc_map.metrics.catalogue import DRIVE, MAP
 from sfr_loc_map.metrics.caveats import truth_caveats
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
-from sfr_loc_map.metrics.completeness import SPARSER, expected_row, share_rows
+from sfr_loc_map.metrics.completeness import expected_row, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import CallPlots, ErrorRows, MapDetails, TrajectoryDetails
+from sfr_loc_map.metrics.drive_completeness import SPARSER
 from sfr_loc_map.metrics.records import Alignment, Association, CallRecords, CloudRecord, TargetRun, TruthRecord
-from sfr_loc_map.metrics.row_part import Place, RowPart
+from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.runs.call_stats import CallStats
@@ -137,7 +137,7 @@ def result_without_poses(images: int) -> DriveResult:
     """Return the result of a drive without an estimate for any image; `images` is their number."""
     if not images:
         return DriveResult()
-    return DriveResult(figures=(expected_row(RowPart(DRIVE), 0, images), *share_rows("missing", images, images)))
+    return DriveResult(figures=(expected_row(RowPart(Scope.DRIVE), 0, images), *share_rows("missing", images, images)))
 
 
 def _uneven_estimates(drive: DriveToScore, association: Association) -> Iterator[str]:
@@ -192,7 +192,7 @@ def result_without_cloud(pairs: int) -> MapResult:
     if not pairs:
         return MapResult()
     rows = share_rows("pairs_without_cloud", pairs, pairs)
-    return MapResult(figures=(expected_row(RowPart(MAP), 0, pairs), *rows))
+    return MapResult(figures=(expected_row(RowPart(Scope.MAP), 0, pairs), *rows))
 
 
 def _pixel_warnings(cloud: PointCloud, truths: Sequence[PairTruth]) -> Iterator[str]:

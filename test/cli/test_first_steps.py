@@ -13,7 +13,7 @@ from sfr_loc_map.config import parameters, read_config
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits
-from sfr_loc_map.metrics.limits import PLACES, LimitSection
+from sfr_loc_map.metrics.limits import LIMITED_NUMBERS, LimitSection
 from sfr_loc_map.metrics.score_json import to_json
 
 TUM = "".join(f"{k} {k} 0 0 0 0 0 1\n" for k in range(60))
@@ -52,16 +52,16 @@ def test_init_writes_every_parameter_at_its_default(hints: Sfr, tmp_path: Path) 
 def test_limits_of_init_are_taken_and_name_every_figure(sfr: Sfr, tmp_path: Path, trajectory: Path) -> None:
     sfr("init", tmp_path)
     limits = tmp_path / "limits.yaml"
-    assert {item.name for item in load_limits(limits).limits} <= set(PLACES[LimitSection.TRAJECTORY])
+    assert {item.name for item in load_limits(limits).limits} <= set(LIMITED_NUMBERS[LimitSection.TRAJECTORY])
     whole = limits.read_text()
-    assert not [name for names in PLACES.values() for name in names if f"{name}: " not in whole]
+    assert not [name for names in LIMITED_NUMBERS.values() for name in names if f"{name}: " not in whole]
     measured = "".join(f"{k} {1.0001 * k:.4f} 0 0 0 0 0 1\n" for k in range(60))
     (estimate := tmp_path / "e.tum").write_text(measured)
     result = sfr("score", estimate, trajectory, "--limits", limits)
     assert result.code == 0
     assert "verdict: pass. 3 of 3 limits met, 0 missed, 0 without enough data." in result.out
     limits.write_text(re.sub(r"(?m)^# (  \w+: .*|\w+:)$", r"\1", whole))
-    assert {item.section for item in load_limits(limits).limits} == set(PLACES)
+    assert {item.section for item in load_limits(limits).limits} == set(LIMITED_NUMBERS)
 
 
 def test_the_next_step_repeats_the_options_that_were_given(hints: Sfr, trajectory: Path) -> None:

@@ -2,10 +2,9 @@
 
 from typing import Any
 
-from sfr_loc_map.metrics.catalogue import CALLS
 from sfr_loc_map.metrics.completeness import expected_row
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.row_part import RowPart
+from sfr_loc_map.metrics.row_part import RowPart, Scope
 from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.table import Figure, figure_row
 
@@ -32,5 +31,5 @@ def complete() -> tuple[Figure, ...]:
     parts += [f"target {part}" for part in parts[2:]]
     rows = [expected_row(RowPart.of(part), 1, 1) for part in parts]
     kinds = [f"{place}{kind}" for place in ("", "target ") for kind in CallKind]
-    names = [each.figure for each in SHORTFALLS if each.part == CALLS]
+    names = [each.figure for each in SHORTFALLS if each.scope == Scope.CALLS]
     return (*rows, *(figure_row(name, part=kind, n=1, value=0.0) for kind in kinds for name in names))

@@ -19,12 +19,11 @@ from sfr_loc_map.metrics.calls import (
     stage_of,
     with_external,
 )
-from sfr_loc_map.metrics.catalogue import CALLS, MEMORY
 from sfr_loc_map.metrics.completeness import calls_completeness
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore
-from sfr_loc_map.metrics.row_part import RowPart
+from sfr_loc_map.metrics.row_part import RowPart, Scope
 from sfr_loc_map.metrics.score import Score
 
 SIZE = 200 * 1024 * 1024
@@ -152,7 +151,7 @@ def test_the_method_of_memory_is_that_of_the_source_and_null_where_it_is_unknown
 
 def test_no_measured_call_has_no_fraction_of_other_stamps() -> None:
     stamps, unknown = np.arange(3) * 10**9, np.full(3, np.nan)
-    rows = calls_completeness(CallKind.LOCALISATION, stamps, stamps, {CALLS: unknown})
+    rows = calls_completeness(CallKind.LOCALISATION, stamps, stamps, {Scope.CALLS: unknown})
     values = {row.figure: row.value for row in rows}
     assert values == {"judged": 0.0, "calls_missing": 1.0, "calls_other": None, "calls_doubled": None}
 
@@ -205,4 +204,4 @@ def test_memory_that_was_measured_in_some_calls_alone_is_incomplete(figure: str)
     partial = replace(whole, **{figure: np.where(stamps < 3, memory, np.nan)})
     for calls, share in ((whole, 1.0), (partial, 0.3)):
         rows = completeness_rows([calls], {Task.LOCALISATION: stamps})
-        assert Score(figures=tuple(rows)).number("judged", part=f"{MEMORY} localisation") == share
+        assert Score(figures=tuple(rows)).number("judged", part=f"{Scope.MEMORY} localisation") == share

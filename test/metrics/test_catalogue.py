@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.catalogue import (
     statistic_title,
 )
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
-from sfr_loc_map.metrics.judging.limited_figure import EXPANSION
+from sfr_loc_map.metrics.judging.limited_value import EXPANSION
 from sfr_loc_map.metrics.table import NUMBERS
 from sfr_loc_map.suite.search.specification import CHOICES
 

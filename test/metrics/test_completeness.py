@@ -11,17 +11,12 @@ from helpers.random_drives import as_score
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.catalogue import CALLS
-from sfr_loc_map.metrics.completeness import (
-    calls_completeness,
-    live_completeness,
-    map_completeness,
-    settled,
-    single_run_stamps,
-)
+from sfr_loc_map.metrics.completeness import calls_completeness, live_completeness, map_completeness
 from sfr_loc_map.metrics.config import CallKind, TrajectoryScoreConfig
+from sfr_loc_map.metrics.drive_completeness import settled, single_run_stamps
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.row_part import Scope
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
@@ -361,11 +356,11 @@ def test_rows_of_calls_by_hand() -> None:
     expected = np.arange(5) * SECOND
     given = np.array([0, 0, 1, 2, 77, 77]) * SECOND
     seconds = np.array([0.1, 0.1, 0.1, np.nan, 0.1, 0.1])
-    rows = values_of(calls_completeness(CallKind.LOCALISATION, given, expected, {CALLS: seconds}))
+    rows = values_of(calls_completeness(CallKind.LOCALISATION, given, expected, {Scope.CALLS: seconds}))
     part = " localisation"
     shares = {"judged calls": 2 / 5, "calls_missing": 3 / 5, "calls_other": 2 / 5, "calls_doubled": 2 / 5}
     assert rows == {f"{name}{part}": value for name, value in shares.items()}
-    other = values_of(calls_completeness(CallKind.FUSION, given[-1:], expected, {CALLS: seconds[-1:]}))
+    other = values_of(calls_completeness(CallKind.FUSION, given[-1:], expected, {Scope.CALLS: seconds[-1:]}))
     assert other["judged calls fusion"] == 0.0, "a call for a set is at a stamp of the source, too"
 
 
@@ -375,7 +370,7 @@ def test_several_calls_near_one_pair_are_doubled() -> None:
     expected = np.arange(5) * SECOND
     beside = np.concatenate((expected, expected[:2] + SECOND // 5, expected[2:3] - SECOND // 5))
     for called, doubled in ((np.sort(beside), 3 / 8), (expected + SECOND // 5, 0.0)):
-        measured = {CALLS: np.full(len(called), 0.1)}
+        measured = {Scope.CALLS: np.full(len(called), 0.1)}
         rows = values_of(calls_completeness(CallKind.LOCALISATION, called, expected, measured))
         shares = [rows[f"{name} localisation"] for name in ("calls_missing", "calls_other", "calls_doubled")]
         assert shares == [0.0, 0.0, doubled]

@@ -15,16 +15,17 @@ from sfr_loc_map.metrics.calls import Calls, score_target
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig, VerdictState
 from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.judging.incomplete import Shortfall, statistic_of
+from sfr_loc_map.metrics.judging.incomplete import KIND_OF, Shortfall, statistic_of
 from sfr_loc_map.metrics.judging.judge import judged, overall_verdict, with_missing_results
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
-from sfr_loc_map.metrics.limits import BOUND, PLACES, Limits, LimitSection, Rules
+from sfr_loc_map.metrics.limits import BOUND, LIMITED_NUMBERS, Limits, LimitSection, Rules
 from sfr_loc_map.metrics.raw_values import raw_contradiction
 from sfr_loc_map.metrics.records import AnswerCounts, Association, ExternalScore, FindingKind, FindingRecord
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_json, to_dict, to_json
+from sfr_loc_map.metrics.shortfall_kinds import UNKNOWN_ITEMS
 from sfr_loc_map.metrics.stored import stored_contradiction
 from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
@@ -100,7 +101,7 @@ def test_the_target_is_judged_by_its_own_figures() -> None:
 
 def test_each_name_of_a_limit_finds_its_number() -> None:
     """Every row that the catalogue can name is found by exactly its own value, and a verdict names its limit again."""
-    for part, names in PLACES.items():
+    for part, names in LIMITED_NUMBERS.items():
         for name, limited in names.items():
             statistic = limited.statistic
             if statistic == BOUND:  # of a table of errors, not of a column: test_tolerance.py
@@ -361,9 +362,9 @@ def test_a_score_of_a_live_run_that_is_over_is_shown_and_not_stored() -> None:
 
 
 def test_the_margin_of_what_is_missed_is_negative() -> None:
-    short = Shortfall(RowPart("drive"), "judged", 1.0, 0.8, "").verdict
+    short = Shortfall(UNKNOWN_ITEMS, RowPart("drive"), 1.0, 0.8, "").verdict
     assert (short.name, short.margin) == ("judged_share_min", pytest.approx(-0.2))
-    restarts = Shortfall(RowPart("live"), "restarts", 0.0, 3.0, "").verdict
+    restarts = Shortfall(KIND_OF["restarts"], RowPart("live"), 0.0, 3.0, "").verdict
     assert (restarts.name, restarts.margin, unit_of(restarts).symbol) == ("restarts_max", -3.0, "")
 
 

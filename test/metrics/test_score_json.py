@@ -16,7 +16,7 @@ from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import CallHistogram, Columns
-from sfr_loc_map.metrics.limits import BOUND, PLACES, Interpretation, Limit, LimitSection
+from sfr_loc_map.metrics.limits import BOUND, LIMITED_NUMBERS, Interpretation, Limit, LimitSection
 from sfr_loc_map.metrics.records import InputFile, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import decoded, from_dict, from_json, from_plain, hash_of_values, to_dict, to_json
@@ -62,10 +62,10 @@ def values(hint: Any) -> st.SearchStrategy[Any]:
 
 def limit_of(part: LimitSection, place: int, bound: float, certain: bool) -> Limit:
     """Return a limit of a part; what it is called follows from its place among the names of the part."""
-    name = list(PLACES[part])[place % len(PLACES[part])]
+    name = list(LIMITED_NUMBERS[part])[place % len(LIMITED_NUMBERS[part])]
     condition = "distance=5" if part is LimitSection.TRAJECTORY else None
     terms: dict[str, Any] = {}
-    if PLACES[part][name].statistic == BOUND:
+    if LIMITED_NUMBERS[part][name].statistic == BOUND:
         terms = {"prob": 0.95, "confidence": 0.9, "interpretation": Interpretation.TEMPORAL}
     return Limit(section=part, name=name, limit=bound, condition=condition, certain=certain, **terms)
 

@@ -176,7 +176,7 @@ def check_every_view(statistic: str) -> None:
 def with_slip(monkeypatch: pytest.MonkeyPatch) -> None:
     """A figure that the catalogue has since a moment ago."""
     monkeypatch.setitem(catalogue.KINDS, SLIP.name, SLIP)
-    names = limits.PLACES[limits.LimitSection.TRAJECTORY]
+    names = limits.LIMITED_NUMBERS[limits.LimitSection.TRAJECTORY]
     for name, limited in limits.names_of([SLIP]).items():
         monkeypatch.setitem(names, name, limited)
 

@@ -15,8 +15,9 @@ from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, limits, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, OTHER_FRAMES
+from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.row_part import OTHER_FRAMES
 from sfr_loc_map.metrics.shortfall_kinds import BEYOND_MOST
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 

@@ -1,35 +1,37 @@
-"""The shortfalls of a score: expected data that are missing or cannot be judged, by part of the score."""
+"""What makes a score incomplete: expected data that are missing or cannot be judged, and data that are wrong.
+
+`incompleteness` finds the shortfalls of a score by the tables of `metrics.shortfall_kinds`, which state for each kind
+what is expected and when the score is incomplete. Every shortfall passes the same two filters: the rules of the score
+may accept it, and evidence is dropped if a shortfall states the same results.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.catalogue import (
-    CALLS,
-    DRIVE,
-    ERRORS_BEYOND,
-    KINDS,
-    MAP,
-    MEMORY,
-    MOVING,
-    OTHER_FRAMES,
-    STANDING,
-    SUB_TRAJECTORIES,
-    Subject,
-    statistic_title,
-    title_of,
-)
-from sfr_loc_map.metrics.completeness import DISTANCE, TIME, LongestGap, covered_text
+from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
+from sfr_loc_map.metrics.drive_completeness import DISTANCE, TIME, LongestGap, covered_text
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.limit_scope import judged_parts, limits_of
-from sfr_loc_map.metrics.limits import COVERAGE_MIN, Limit, Limits, LimitSection, Rules, margin_of, meets
-from sfr_loc_map.metrics.row_part import Place, RowPart
+from sfr_loc_map.metrics.limits import Limit, LimitSection, Rules, margin_of, meets
+from sfr_loc_map.metrics.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart, Scope
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.shortfall_kinds import BEYOND_MOST, SHORTFALLS, STANDING_MOST
+from sfr_loc_map.metrics.shortfall_kinds import (
+    ANSWERS,
+    BEYOND_MOST,
+    EVIDENCE,
+    JUDGED,
+    SHORTFALLS,
+    STANDING_MOST,
+    UNKNOWN_ITEMS,
+    UNKNOWN_MEMORY,
+    Rule,
+    ShortfallKind,
+)
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.verdict import Verdict
 
@@ -37,37 +39,34 @@ NOT_DUE = "no result of the {part} is due yet"
 UNKNOWN = "the expected items of the {part} are unknown: score against the source"
 NO_CALL = "no {part} call was measured: give the calls of the run (option stats)"
 NO_STAMP = "the {part} calls have no stamps, so that their pairs are unknown"
-NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (option stats)"
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
-OF_STATES = [kind.figure for kind in SHORTFALLS if kind.is_of_states]
-ANSWERS = "answers"  #: Figure of the answers of an external localiser, which only a limit on `missing` allows to lack.
-STATES = RowPart("states")  #: Part of the shortfalls for unknown states of poses.
+KIND_OF = {kind.figure: kind for kind in SHORTFALLS}
+STATES = RowPart("states")  #: Part of the shortfalls for unknown states of poses, which affect no other limit.
 
 
 class Shortfall(NamedTuple):
-    """Expected data of a part that are missing or cannot be judged."""
+    """A shortfall of a score."""
 
-    part: RowPart  #: Part of the row `judged`: `drive`, `map`, `calls localisation`, ...
-    figure: str  #: Figure that exceeds `most`; `judged` if the expected items are unknown.
+    kind: ShortfallKind
+    part: RowPart  #: The incomplete scope, with the kind and the place of calls, as the part of the row `judged`.
     most: float  #: Largest value of the figure for which the part is complete.
-    value: float | None
-    text: str
+    value: float | None  #: Value of the figure; None if it is unknown.
+    text: str  #: What is missing or wrong.
     row: int | None = None  #: Index of the row of the figure in the table.
 
     @property
-    def verdict(self) -> Verdict:
-        """The verdict that states the shortfall."""
-        is_lower_bound = self.figure == "judged"
-        name = "judged_share_min" if is_lower_bound else f"{self.figure}_max_share"
-        if KINDS[self.figure].is_count:
-            name = f"{self.figure}_max"
+    def verdict(self) -> Verdict | None:
+        """The verdict that states the shortfall; None for evidence, which also counts without limits."""
+        if self.kind.rule is Rule.EVIDENT:
+            return None
+        name = self.kind.limit_name
         return Verdict(
             name=name,
             row=self.row,
             subject=Subject.COMPLETENESS,
-            part=self.part.text if is_lower_bound else None,
-            figure=self.figure,
+            part=self.part.text if self.kind.figure == JUDGED else None,
+            figure=self.kind.figure,
             statistic="value",
             limit=self.most,
             value=self.value,
@@ -76,114 +75,177 @@ class Shortfall(NamedTuple):
         )
 
 
-class EvidentGap(NamedTuple):
-    """Results of a part that are missing whatever is judged, so that a score is incomplete without limits as well."""
-
-    part: RowPart
-    figure: str  #: Figure whose shortfall, or whose limit, accounts for the same results.
-    text: str
-
-
-def shortfalls(score: Score) -> list[Shortfall]:
-    """Return the shortfalls of the parts of a score that limits judge, without those that the rules allow."""
-    limits = limits_of(score)
-    if limits is None:
-        return []
+def incompleteness(score: Score) -> list[Shortfall]:
+    """Return what makes a score incomplete by its rules. Without limits only evidence counts."""
+    rules = score.rules or Rules()
     found: list[Shortfall] = []
-    allowed = allowed_figures(score, limits)
-    for part in judged_parts(limits, score):
-        found += _shortfalls_of(score, part, allowed)
-    if ERRORS_BEYOND not in allowed:
-        found += _beyond_the_judged(score, limits)
-    if STANDING not in allowed:
-        found += _met_by_standing(score, limits)
-    for limit in limits.limits:
-        figure = limit.limited.figure
-        row = score.figure(figure, part=None) if figure in OF_STATES else None
-        if row is not None and row.n and row.value is None:
-            found.append(Shortfall(STATES, figure, limit.limit, None, NO_STATE.format(figure=figure)))
+    for item in (*_of_limits(score, rules), *evidence(score)):
+        if not _is_accepted(item.kind, score, rules) and not _is_stated(item, found):
+            found.append(item)
     return found
 
 
-def allowed_figures(score: Score, limits: Limits) -> set[str]:
-    """Return the figures of completeness that the limits state, and those that a stated limit covers as well."""
-    allowed = {item.limited.figure for item in limits.limits if item.section is LimitSection.COMPLETENESS}
-    if any(limit.name == COVERAGE_MIN for limit in limits.limits):
-        allowed.add("pixels_without_point")
-    if "unmatched" in allowed and score.association is not None and not score.association.images:
-        allowed.add("images_without_truth")  # if the images are unknown, these are the estimates without truth
-    if "missing" in allowed:
-        allowed.add(ANSWERS)
-    if "poses_of_truth" in allowed:
-        allowed.add("errors_of_truth")
-    return allowed
+def text_of(missing: Iterable[Shortfall]) -> str | None:
+    """Return what is missing, each text once; None if nothing is missing."""
+    return "; ".join(dict.fromkeys(item.text for item in missing)) or None
 
 
-def _shortfalls_of(score: Score, part: RowPart, allowed: Collection[str]) -> Iterator[Shortfall]:
-    row = score.figure("judged", subject=Subject.COMPLETENESS, part=part)
-    is_partial = score.rules is not None and score.rules.partial
+def is_lifted_by_partial(score: Score) -> bool:
+    """Return whether partial judging (`--partial`) accepts an incomplete score."""
+    return not incompleteness(struct_replace(score, rules=Rules.of(limits_of(score), partial=True)))
+
+
+# ---- the two filters
+
+
+def _is_accepted(kind: ShortfallKind, score: Score, rules: Rules) -> bool:
+    """Return whether the rules of a score accept a shortfall: by partial judging, or by a limit."""
+    if rules.partial and kind.is_lifted_by_partial:
+        return True
+    names = {limit.name for limit in rules.limits}
+    has_images = score.association is None or bool(score.association.images)
+    if kind.figure == "images_without_truth" and not has_images and KIND_OF["unmatched"].limit_name in names:
+        return True  # these images are the estimates without truth
+    return any(map(kind.is_accepted_by, names))
+
+
+def _is_stated(item: Shortfall, found: Iterable[Shortfall]) -> bool:
+    """Return whether a shortfall states the results of evidence: by the same figure, or by unknown expected items."""
+    if item.kind.rule is not Rule.EVIDENT:
+        return False
+    return any(other.part == item.part and other.kind.figure in (item.kind.figure, JUDGED) for other in found)
+
+
+# ---- shortfalls of scopes and limits
+
+
+def _of_limits(score: Score, rules: Rules) -> Iterator[Shortfall]:
+    """Yield the shortfalls of the scopes that limits judge, then those that depend on a limit."""
+    if not rules.limits:
+        return
+    for part in judged_parts(rules, score):
+        yield from _of_scope(score, part)
+    for find in (_beyond_the_judged, _met_by_standing, _unknown_state):
+        for limit in rules.limits:
+            yield from find(score, limit, rules)
+
+
+def _of_scope(score: Score, part: RowPart) -> Iterator[Shortfall]:
+    """Yield the shortfalls with the rule `JUDGED` of one scope."""
+    row = score.figure(JUDGED, subject=Subject.COMPLETENESS, part=part)
+    calls = part.of_calls.text
     if row is None or row.value is None:
-        if not is_partial:
-            yield Shortfall(part, "judged", 1.0, None, why_unknown(part, row), score.place_of(row))
+        yield Shortfall(UNKNOWN_ITEMS, part, 1.0, None, why_unknown(part, row), score.index_of(row))
         return
-    if part.what == MEMORY:
-        if row.value < 1.0 and not is_partial and "calls_missing" not in allowed:
-            text = f"the memory of {100.0 * (1.0 - row.value):.4g} % of the {part.call} calls was not measured"
-            yield Shortfall(part, "judged", 1.0, row.value, text, score.place_of(row))
+    if part.what == Scope.MEMORY:
+        if row.value < 1.0:
+            text = UNKNOWN_MEMORY.text.format(percent=f"{100.0 * (1.0 - row.value):.4g}", part=part.call)
+            yield Shortfall(UNKNOWN_MEMORY, part, 1.0, row.value, text, score.index_of(row))
         return
-    calls = part.of_calls.text if part.what == CALLS else None
     for kind in SHORTFALLS:
-        most = kind.most
-        if kind.part != part.what or most is None or kind.is_by_limit or kind.figure in allowed:
-            continue
-        if is_partial and not kind.is_wrong:
+        if kind.scope != part.what or kind.rule is not Rule.JUDGED:
             continue
         found = score.figure(kind.figure, subject=Subject.COMPLETENESS, part=calls)
         value = None if found is None else found.value
         if found is not None and value is None and kind.unknown:
-            yield Shortfall(part, kind.figure, most, None, kind.unknown, score.place_of(found))
-        if value is None or value <= most:
-            continue
-        text = kind.text.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=calls)
-        yield Shortfall(part, kind.figure, most, value, text or missing_text(score), score.place_of(found))
+            yield Shortfall(kind, part, kind.most, None, kind.unknown, score.index_of(found))
+        if value is not None and value > kind.most:
+            text = kind.text.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=calls)
+            yield Shortfall(kind, part, kind.most, value, text or missing_text(score), score.index_of(found))
 
 
-def _beyond_the_judged(score: Score, limits: Limits) -> Iterator[Shortfall]:
-    """Yield a shortfall for each limit that the errors at the other frames miss.
+def _beyond_the_judged(score: Score, limit: Limit, rules: Rules) -> Iterator[Shortfall]:
+    """Yield a shortfall if the errors at the other frames miss a limit.
 
     A fraction above `BEYOND_MOST` of the frames must also have an error far above the largest judged error, because
     the figure always depends somewhat on the choice of the starts.
     """
-    for limit in limits.limits:
-        if limit.section is not LimitSection.TRAJECTORY:
-            continue
-        limited = limit.limited
-        share = score.figure(ERRORS_BEYOND, condition=limit.condition, part=limited.figure)
-        others = score.figure(limited.figure, condition=limit.condition, part=OTHER_FRAMES)
-        if share is None or share.value is None or share.value <= BEYOND_MOST or others is None:
-            continue
-        value = others.statistic(statistic_of(limit))
-        if value is not None and not meets(limit, value):
-            text = beyond_text(score, limit, share.value, value)
-            yield Shortfall(RowPart(DRIVE), ERRORS_BEYOND, BEYOND_MOST, share.value, text, score.place_of(share))
+    if limit.section is not LimitSection.TRAJECTORY:
+        return
+    limited = limit.limited
+    share = score.figure(ERRORS_BEYOND, condition=limit.condition, part=limited.figure)
+    others = score.figure(limited.figure, condition=limit.condition, part=OTHER_FRAMES)
+    if share is None or share.value is None or share.value <= BEYOND_MOST or others is None:
+        return
+    value = others.statistic(statistic_of(limit))
+    if value is not None and not meets(limit, value):
+        text = beyond_text(score, limit, share.value, value)
+        kind = KIND_OF[ERRORS_BEYOND]
+        yield Shortfall(kind, RowPart(Scope.DRIVE), kind.most, share.value, text, score.index_of(share))
 
 
-def _met_by_standing(score: Score, limits: Limits) -> Iterator[Shortfall]:
-    """Yield a shortfall for each limit that is met because the rover is stationary in most sub-trajectories.
+def _met_by_standing(score: Score, limit: Limit, rules: Rules) -> Iterator[Shortfall]:
+    """Yield a shortfall if a limit is met because the rover is stationary in most sub-trajectories.
 
     The errors of the other sub-trajectories miss the limit, or are too few for a verdict. A drive in which the rover is
     stationary throughout is judged like any other.
     """
-    for limit in limits.limits:
-        figure, condition = limit.limited.figure, limit.condition
-        share = score.figure(STANDING, condition=condition, part=SUB_TRAJECTORIES) if condition is not None else None
-        moving = score.figure(figure, condition=condition, part=MOVING)
-        if share is None or moving is None or (share.value or 0.0) <= STANDING_MOST:
-            continue
-        value, independent = moving.statistic(statistic_of(limit)), moving.independent or 0.0
-        if value is None or independent < limits.minimum_independent or not meets(limit, value):
-            text = standing_text(limit, share, moving, value)
-            yield Shortfall(RowPart(DRIVE), STANDING, STANDING_MOST, share.value, text, score.place_of(share))
+    figure, condition = limit.limited.figure, limit.condition
+    share = score.figure(STANDING, condition=condition, part=SUB_TRAJECTORIES) if condition is not None else None
+    moving = score.figure(figure, condition=condition, part=MOVING)
+    if share is None or moving is None or (share.value or 0.0) <= STANDING_MOST:
+        return
+    value, independent = moving.statistic(statistic_of(limit)), moving.independent or 0.0
+    if value is None or independent < rules.minimum_independent or not meets(limit, value):
+        text = standing_text(limit, share, moving, value)
+        kind = KIND_OF[STANDING]
+        yield Shortfall(kind, RowPart(Scope.DRIVE), kind.most, share.value, text, score.index_of(share))
+
+
+def _unknown_state(score: Score, limit: Limit, rules: Rules) -> Iterator[Shortfall]:
+    """Yield a shortfall if a limit is on a state of poses, but the state of a pose is unknown."""
+    kind = KIND_OF.get(limit.limited.figure)
+    if kind is None or kind.rule is not Rule.STATED:
+        return
+    row = score.figure(kind.figure, part=None)
+    if row is not None and row.n and row.value is None:
+        yield Shortfall(kind, STATES, limit.limit, None, kind.unknown.format(figure=kind.figure))
+
+
+# ---- evidence, which also counts without limits
+
+
+def evidence(score: Score) -> Iterator[Shortfall]:
+    """Yield the shortfalls that the records of a score show, whatever its rules are."""
+    for kind in EVIDENCE:
+        text = EVIDENCE_TEXTS[kind.figure](score)
+        if text is not None and kind.scope is not None:
+            yield Shortfall(kind, RowPart(kind.scope), kind.most, None, text)
+
+
+def _evident_gap(score: Score) -> str | None:
+    """Return which part of a drive evidently has no estimate."""
+    drive = score.association
+    if drive is not None:
+        return drive.incomplete
+    return missing_text(score) if score.number("missing", part=None) else None
+
+
+def _unmapped_pairs(score: Score) -> str | None:
+    """Return how many pairs a map contains, if the source has more pairs than the ground truth of the map."""
+    row, bare = score.figure(JUDGED, part=Scope.MAP), score.number("pairs_without_cloud", part="count")
+    if row is None or not row.n or not bare or row.n <= (score.number("pairs") or 0.0):
+        return None
+    return f"the map contains {row.n - bare:.0f} of {row.n} pairs"
+
+
+def _unanswered_pairs(score: Score) -> str | None:
+    """Return how many pairs an external localiser has not answered."""
+    node = score.external
+    if node is None or node.task != CallKind.LOCALISATION or not node.answers.missing:
+        return None
+    return f"{node.answers.missing} of {node.answers.pairs} pairs have no answer"
+
+
+EVIDENCE_TEXTS: dict[str, Callable[[Score], str | None]] = {
+    "missing": _evident_gap,
+    "pairs_without_cloud": _unmapped_pairs,
+    ANSWERS: _unanswered_pairs,
+}
+"""What the records show for each kind of evidence; None if they show no missing results."""
+
+
+# ---- texts
 
 
 def standing_text(limit: Limit, share: Figure, moving: Figure, value: float | None) -> str:
@@ -240,43 +302,3 @@ def missing_text(score: Score) -> str:
     longest_m, longest_s = (score.number("longest_gap", part=part) for part in (DISTANCE, TIME))
     longest = None if longest_m is None or longest_s is None else LongestGap(longest_m, longest_s)
     return covered_text(1.0 - value, what, longest)
-
-
-def evident_gaps(score: Score) -> Iterator[EvidentGap]:
-    """Yield the results that are evidently missing, independently of the rules."""
-    drive, row, node = score.association, score.figure("judged", part=MAP), score.external
-    if drive is not None and drive.incomplete:
-        yield EvidentGap(RowPart(DRIVE), "missing", drive.incomplete)
-    if drive is None and score.number("missing", part=None):
-        yield EvidentGap(RowPart(DRIVE), "missing", missing_text(score))
-    bare = score.number("pairs_without_cloud", part="count")
-    if row is not None and row.n and bare and row.n > (score.number("pairs") or 0.0):
-        text = f"the map contains {row.n - bare:.0f} of {row.n} pairs"
-        yield EvidentGap(RowPart(MAP), "pairs_without_cloud", text)
-    if node is not None and node.task == CallKind.LOCALISATION and node.answers.missing:
-        text = f"{node.answers.missing} of {node.answers.pairs} pairs have no answer"
-        yield EvidentGap(RowPart(DRIVE), ANSWERS, text)
-
-
-def incompleteness(score: Score) -> list[Shortfall | EvidentGap]:
-    """Return what makes a score incomplete by its rules: its shortfalls, and the gaps that no shortfall states.
-
-    Without limits there are no shortfalls, and only evident gaps count.
-    """
-    rules, short = score.rules or Rules(), shortfalls(score)
-    if rules.partial:
-        return [*short]
-    stated = {item.figure for item in short} | allowed_figures(score, rules)
-    if any(item.figure == "judged" and item.part == RowPart(DRIVE) for item in short):
-        stated.add("missing")
-    return [*short, *(gap for gap in evident_gaps(score) if gap.figure not in stated)]
-
-
-def text_of(missing: Iterable[Shortfall | EvidentGap]) -> str | None:
-    """Return what is missing, each text once; None if nothing is missing."""
-    return "; ".join(dict.fromkeys(item.text for item in missing)) or None
-
-
-def is_lifted_by_partial(score: Score) -> bool:
-    """Return whether partial judging (`--partial`) accepts an incomplete score."""
-    return not incompleteness(struct_replace(score, rules=Rules.of(limits_of(score), partial=True)))

@@ -14,15 +14,15 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.catalogue import DRIVE, KINDS, LIVE
+from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import Rebase, VerdictState, worst_of
 from sfr_loc_map.metrics.intervals import Interval
-from sfr_loc_map.metrics.judging.incomplete import Shortfall, incompleteness, text_of
+from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, needed_part
-from sfr_loc_map.metrics.judging.limited_figure import LimitedFigure, figure_of, truth_error_of
+from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
-from sfr_loc_map.metrics.limits import BOUND, Limit, Limited, Limits, LimitSection, Rules, margin_of, meets
-from sfr_loc_map.metrics.row_part import RowPart
+from sfr_loc_map.metrics.limits import BOUND, Limit, LimitedNumber, Limits, LimitSection, Rules, margin_of, meets
+from sfr_loc_map.metrics.row_part import RowPart, Scope
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.verdict import Verdict
@@ -40,7 +40,7 @@ def judged_again(score: Score) -> Score:
     table = struct_replace(score, figures=(*others, *bound_rows(proofs)))
     missing = incompleteness(table)
     incomplete = text_of(missing)
-    found = [*finding_verdicts(table), *(item.verdict for item in missing if isinstance(item, Shortfall))]
+    found = [*finding_verdicts(table), *(item.verdict for item in missing if item.verdict is not None)]
     found += verdicts_on_limits(table, proofs, {item.part for item in missing})
     verdict = overall_verdict(table, [item.state for item in found], incomplete)
     return struct_replace(table, incomplete=incomplete, verdicts=tuple(found), verdict=verdict)
@@ -63,7 +63,7 @@ def with_missing_results(score: Score, missing: str) -> Score:
         return score
     others = score.verdicts[: len(score.verdicts) - len(score.on_limits)]
     on_limits = [
-        of_incomplete(verdict) if needed_part(limit) == RowPart(DRIVE) else verdict
+        of_incomplete(verdict) if needed_part(limit) == RowPart(Scope.DRIVE) else verdict
         for limit, verdict in zip(() if rules is None else rules.limits, score.on_limits, strict=True)
     ]
     verdicts = (*others, *on_limits)
@@ -95,17 +95,18 @@ def verdicts_on_limits(
     is None without an interval. The rows of the proofs are the last rows of the score, in the order of the proofs.
     """
     limits = limits_of(score) or Limits()
-    places = dict(zip(proofs, range(len(score.figures) - len(proofs), len(score.figures)), strict=True))
+    first_bound = len(score.figures) - len(proofs)
+    rows_of_proofs = dict(zip(proofs, range(first_bound, len(score.figures)), strict=True))
     for limit in limits.limits:
         if limit in proofs:
             truth_error = truth_error_of(limit, score, score.reading)
-            verdict = proof_verdict(limit, proofs[limit], places[limit], truth_error)
+            verdict = proof_verdict(limit, proofs[limit], rows_of_proofs[limit], truth_error)
         else:
-            verdict = verdict_on(limit, figure_of(limit, score), limits)
+            verdict = verdict_on(limit, value_of(limit, score), limits)
             verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, limits))
         if score.contradiction is not None:
             verdict = struct_replace(verdict, state=VerdictState.NOT_JUDGED, by_reading={})
-        elif RowPart(LIVE) in incomplete or needed_part(limit) in incomplete:
+        elif RowPart(Scope.LIVE) in incomplete or needed_part(limit) in incomplete:
             verdict = of_incomplete(verdict)
         yield verdict
 
@@ -133,7 +134,7 @@ def plain_verdict(name: str, limit: float, value: float | None, state: VerdictSt
     return Verdict(name=name, limit=limit, value=value, margin=margin, state=state)
 
 
-def is_enough(limit: Limit, figure: LimitedFigure, limits: Limits) -> bool:
+def is_enough(limit: Limit, figure: LimitedValue, limits: Limits) -> bool:
     """Return whether the limited number has enough values and enough independent values."""
     if figure.n is not None and figure.n < limits.minimum_count:
         return False
@@ -141,7 +142,7 @@ def is_enough(limit: Limit, figure: LimitedFigure, limits: Limits) -> bool:
     return not is_of_many or (figure.independent or 0.0) >= limits.minimum_independent
 
 
-def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
+def verdict_on(limit: Limit, figure: LimitedValue, limits: Limits) -> Verdict:
     """Return the verdict on the limited number."""
     verdict = open_verdict(limit, figure)
     if figure.value is None or not is_enough(limit, figure, limits):
@@ -168,16 +169,16 @@ def is_certain(limit: Limit, value: float, interval: Interval | None) -> bool | 
     return interval[1] <= limit.limit if meets(limit, value) else limit.limit < interval[0]
 
 
-def proof_verdict(limit: Limit, proof: Proof, place: int | None, truth_error: float) -> Verdict:
-    """Return the verdict on a limit with a fraction and a confidence, whose tolerance bound is the row `place`."""
+def proof_verdict(limit: Limit, proof: Proof, row_index: int | None, truth_error: float) -> Verdict:
+    """Return the verdict on a limit with a fraction and a confidence, whose tolerance bound is a row of the table."""
     independent = proof.record.independent
-    figure = LimitedFigure(proof.bound, proof.n, place=place, independent=independent, truth_error=truth_error)
+    figure = LimitedValue(proof.bound, proof.n, row_index=row_index, independent=independent, truth_error=truth_error)
     verdict = open_verdict(limit, figure)
     state = verdict.state if verdict.is_within_truth_error else proof.state
     return struct_replace(verdict, state=state, proof=proof.record)
 
 
-def open_verdict(limit: Limit, figure: LimitedFigure) -> Verdict:
+def open_verdict(limit: Limit, figure: LimitedValue) -> Verdict:
     """Return the verdict on the limited number before it is decided, with the state `not enough data`."""
     limited = limit.limited
     value = figure.value
@@ -186,7 +187,7 @@ def open_verdict(limit: Limit, figure: LimitedFigure) -> Verdict:
         id=limit.id,
         text=limit.text,
         name=limit.shown_name,
-        row=figure.place,
+        row=figure.row_index,
         subject=limited.subject,
         condition=limit.condition,
         part=part_of(limited, figure.row),
@@ -205,7 +206,7 @@ def open_verdict(limit: Limit, figure: LimitedFigure) -> Verdict:
     )
 
 
-def part_of(limited: Limited, row: Figure | None) -> str | None:
+def part_of(limited: LimitedNumber, row: Figure | None) -> str | None:
     """Return the part of the limited row, or if there is no such row, the part that the limit names."""
     if row is not None:
         return row.part
@@ -235,9 +236,9 @@ def _by_reading(limit: Limit, score: Score, limits: Limits) -> dict[str, Verdict
     if limit.condition is None or limit.section is not LimitSection.TRAJECTORY:
         return {}
     loose = struct_replace(limit, certain=False)
-    found = {str(reading): figure_of(limit, score, reading) for reading in Rebase if not reading.is_fit}
+    found = {str(reading): value_of(limit, score, reading) for reading in Rebase if not reading.is_fit}
     if any(figure.row is None for figure in found.values()):  # chord errors do not depend on the reading
         return {}
-    independent = figure_of(limit, score).independent  # all readings have the same sub-trajectories
+    independent = value_of(limit, score).independent  # all readings have the same sub-trajectories
     found = {name: figure._replace(independent=independent) for name, figure in found.items()}
     return {name: verdict_on(loose, figure, limits).state for name, figure in found.items()}

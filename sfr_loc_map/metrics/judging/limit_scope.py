@@ -6,11 +6,11 @@ from collections.abc import Collection
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, LIVE, MAP, MEMORY, Subject
+from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.judging.limited_figure import figure_of
+from sfr_loc_map.metrics.judging.limited_value import value_of
 from sfr_loc_map.metrics.limits import OF_MAP, Limit, Limits, LimitSection, Rules
-from sfr_loc_map.metrics.row_part import Place, RowPart
+from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
 from sfr_loc_map.metrics.score import Score
 
 
@@ -23,14 +23,14 @@ def task_of(limit: Limit) -> str:
     """Return the task that a limit is about: `drive` (localisation) or `map`."""
     limited = limit.limited
     if limited.call is not None:
-        return DRIVE if limited.call is CallKind.LOCALISATION else MAP
-    return MAP if limited.subject is Subject.MAP or limited.figure in OF_MAP else DRIVE
+        return Scope.DRIVE if limited.call is CallKind.LOCALISATION else Scope.MAP
+    return Scope.MAP if limited.subject is Subject.MAP or limited.figure in OF_MAP else Scope.DRIVE
 
 
 def tasks_of(score: Score) -> list[str]:
     """Return the tasks that a score is about: `drive`, `map`, or both."""
     found = []
-    for part, subject in ((DRIVE, Subject.TRAJECTORY), (MAP, Subject.MAP)):
+    for part, subject in ((Scope.DRIVE, Subject.TRAJECTORY), (Scope.MAP, Subject.MAP)):
         if score.has(subject) or score.figure("judged", part=part) is not None:
             found.append(part)
     return found
@@ -45,13 +45,13 @@ def limits_about(limits: Limits | None, tasks: Collection[str]) -> Limits | None
 def needed_part(limit: Limit) -> RowPart | None:
     """Return the part that must be complete for a pass of a limit; None for limits on completeness."""
     if limit.section is LimitSection.TRAJECTORY:
-        return RowPart(DRIVE)
+        return RowPart(Scope.DRIVE)
     if limit.section is LimitSection.MAP:
-        return RowPart(MAP)
+        return RowPart(Scope.MAP)
     if limit.section is LimitSection.COMPLETENESS:
         return None
     limited = limit.limited
-    measured = CALLS if limited.subject is Subject.TIMING else MEMORY
+    measured = Scope.CALLS if limited.subject is Subject.TIMING else Scope.MEMORY
     place = Place.TARGET if limit.section is LimitSection.TARGET else Place.HOST
     return RowPart(measured, limited.call, place)
 
@@ -59,12 +59,12 @@ def needed_part(limit: Limit) -> RowPart | None:
 def judged_parts(limits: Limits, score: Score) -> list[RowPart]:
     """Return the parts of a score that limits judge, as named in the rows `judged`."""
     found = [RowPart(task) for task in tasks_of(score)]
-    found += [RowPart(LIVE)] if score.figure("judged", part=LIVE) else []
+    found += [RowPart(Scope.LIVE)] if score.figure("judged", part=Scope.LIVE) else []
     for limit in limits.limits:
         part = needed_part(limit)
         if part is None or part in found:
             continue
-        if figure_of(limit, score).value is not None or lacks_calls(limit, part, score):
+        if value_of(limit, score).value is not None or lacks_calls(limit, part, score):
             found.append(part)
     return found
 
@@ -74,4 +74,4 @@ def lacks_calls(limit: Limit, part: RowPart, score: Score) -> bool:
     is_on_calls = limit.section in (LimitSection.TIMING, LimitSection.MEMORY, LimitSection.TARGET)
     if not is_on_calls or task_of(limit) not in tasks_of(score):
         return False
-    return score.figure("judged", part=part._replace(what=CALLS)) is None
+    return score.figure("judged", part=part._replace(what=Scope.CALLS)) is None

@@ -12,26 +12,26 @@ from sfr_loc_map.metrics.catalogue import KINDS, Subject
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.limits import (
     BOUND,
+    LIMITED_NUMBERS,
     MINIMUM_COUNT,
     MINIMUM_INDEPENDENT,
     OF_MAP,
-    PLACES,
     Interpretation,
     Limit,
-    Limited,
+    LimitedNumber,
     Limits,
     LimitSection,
     Terms,
     fault_of_terms,
 )
 
-NOTHING = Limited(Subject.TRAJECTORY, "", "")
+NOTHING = LimitedNumber(Subject.TRAJECTORY, "", "")
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: Keys of a requirement besides its limits.
 TERMS = Terms._fields  #: Additional keys of a limit on a tolerance bound.
 NEEDED = {str: "a text in quotes is required", bool: "true or false is required"}
 SHARES = {
     name: LimitSection.MAP if limited.figure in OF_MAP else LimitSection.TRAJECTORY
-    for name, limited in PLACES[LimitSection.COMPLETENESS].items()
+    for name, limited in LIMITED_NUMBERS[LimitSection.COMPLETENESS].items()
 }
 """Limits of completeness that are also accepted in another section of the file, with the name of this section."""
 
@@ -82,14 +82,14 @@ def _limits_of(section: LimitSection, block: object, origin: str, condition: str
     if not isinstance(block, Mapping):
         raise ConfigError(f"{origin}: a mapping of names to limits is required, found {type(block).__name__}")
     shares = [key for key, other in SHARES.items() if other is section]
-    _check_keys(block, (*PLACES[section], *shares, *REQUIREMENT), origin)
+    _check_keys(block, (*LIMITED_NUMBERS[section], *shares, *REQUIREMENT), origin)
     of_all = {key: block[key] for key in REQUIREMENT if key in block}
     made = []
     for key, value in block.items():
         if key in REQUIREMENT:
             continue
         entry = dict(value) if isinstance(value, Mapping) else {"limit": value}
-        is_bound = section is LimitSection.TRAJECTORY and PLACES[section].get(key, NOTHING).statistic == BOUND
+        is_bound = section is LimitSection.TRAJECTORY and LIMITED_NUMBERS[section].get(key, NOTHING).statistic == BOUND
         _check_keys(entry, ("limit", *REQUIREMENT, *(TERMS if is_bound else ())), f"{origin}: '{key}'")
         terms, problem = terms_of(entry) if is_bound else (None, None)
         if problem is not None:
@@ -101,7 +101,7 @@ def _limits_of(section: LimitSection, block: object, origin: str, condition: str
         if not number or not 0 <= bound < float("inf"):
             raise ConfigError(f"{origin}: '{key}' is {bound!r}: a number >= 0 is required, in the unit of its name")
         where, over = (LimitSection.COMPLETENESS, None) if key in shares else (section, condition)
-        if KINDS[PLACES[where][key].figure].unit == "1" and bound > 1:
+        if KINDS[LIMITED_NUMBERS[where][key].figure].unit == "1" and bound > 1:
             raise ConfigError(f"{origin}: '{key}' is {bound!r}: a fraction from 0 to 1 is required, 0.05 for 5 %")
         for name, kind in REQUIREMENT.items():
             if name == "id" and type(entry.get(name)) is int:

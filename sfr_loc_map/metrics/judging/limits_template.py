@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from itertools import product
 
-from sfr_loc_map.metrics.limits import MINIMUM_COUNT, MINIMUM_INDEPENDENT, PLACES, LimitSection
+from sfr_loc_map.metrics.limits import LIMITED_NUMBERS, MINIMUM_COUNT, MINIMUM_INDEPENDENT, LimitSection
 
 LIMITS_HEAD = """\
 # Limits: PLACEHOLDERS, replace them by the limits of your own document. Limits are upper bounds, except coverage_min.
@@ -51,11 +51,13 @@ def limits_text(condition: str = CONDITION, active: tuple[str, ...] = POSES) -> 
     head = LIMITS_HEAD.replace("{minimum_count}", f"{MINIMUM_COUNT}")
     head = head.replace("{minimum_independent}", f"{MINIMUM_INDEPENDENT:g}")
     lines = [head.replace("{condition}", condition)]
-    for name in PLACES[LimitSection.TRAJECTORY]:
+    for name in LIMITED_NUMBERS[LimitSection.TRAJECTORY]:
         lines.append(f"    {'' if name in active else '# '}{name}: {0.1 if name.endswith('_m') else 1.0}")
     for part, meaning in LIMITS_MEANINGS.items():
         lines += ["", f"# {meaning}.", f"# {part}:"]
-        lines += [f"#   {name}: {1.0e9 if name.endswith('_bytes') else 0.5}" for name in PLACES[LimitSection(part)]]
+        lines += [
+            f"#   {name}: {1.0e9 if name.endswith('_bytes') else 0.5}" for name in LIMITED_NUMBERS[LimitSection(part)]
+        ]
     return "\n".join(lines) + "\n"
 
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.catalogue import DRIVE
 from sfr_loc_map.metrics.config import Condition, ConditionKind, VerdictState, label_of
 from sfr_loc_map.metrics.judging.incomplete import incompleteness
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.limits import Rules
+from sfr_loc_map.metrics.row_part import Scope
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.verdict import Verdict
 
@@ -44,7 +44,7 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
 def names_of_incomplete_parts(score: Score) -> str:
     """Return the names of the incomplete parts of a score; `score.incomplete` states the missing data."""
     parts = {str(item.part.text) for item in incompleteness(score)}
-    return ", ".join(sorted(parts)) or DRIVE
+    return ", ".join(sorted(parts)) or Scope.DRIVE
 
 
 def why_open(item: Verdict, score: Score) -> str:

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.catalogue import DRIVE, MAP
 from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, task_of, tasks_of
-from sfr_loc_map.metrics.judging.limited_figure import figure_of
+from sfr_loc_map.metrics.judging.limited_value import value_of
 from sfr_loc_map.metrics.records import MethodRecord
+from sfr_loc_map.metrics.row_part import Scope
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.verdict import Verdict
 
@@ -24,7 +24,7 @@ class Common(NamedTuple):
     text: str = ""  #: Reason for a missing common verdict; empty if the verdict exists or no score was judged.
 
 
-OF_PART = {DRIVE: ("trajectory", "localisation"), MAP: ("map", "mapping")}
+OF_PART = {Scope.DRIVE: ("trajectory", "localisation"), Scope.MAP: ("map", "mapping")}
 """Prefixes of the names of settings that apply to a drive or a map."""
 
 
@@ -119,7 +119,7 @@ def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
         kept = [
             item
             for item in (limits.limits if limits else ())
-            if task_of(item) in own or item not in elsewhere or figure_of(item, score).value is not None
+            if task_of(item) in own or item not in elsewhere or value_of(item, score).value is not None
         ]
         if limits is not None and len(kept) < len(limits.limits):
             is_partial = score.rules is not None and score.rules.partial

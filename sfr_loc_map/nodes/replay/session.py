@@ -22,10 +22,10 @@ from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.calls import STATE_KINDS
 from sfr_loc_map.metrics.catalogue import Subject
-from sfr_loc_map.metrics.completeness import MISSING_SHARE
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import decoded
+from sfr_loc_map.metrics.shortfall_kinds import MISSING_SHARE
 from sfr_loc_map.nodes.input.extrinsics import publish_extrinsics
 from sfr_loc_map.nodes.launch.processes import ChildProcess, Supervisor, user_command
 from sfr_loc_map.nodes.replay.collector import ResultCollector

@@ -7,8 +7,9 @@ from dataclasses import replace
 from operator import itemgetter
 from typing import Any
 
-from sfr_loc_map.metrics.catalogue import ANY, DRIVE, KINDS, TOTAL, Subject, statistic_title
+from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
+from sfr_loc_map.metrics.row_part import ANY, Scope
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.verdict import counts_of
 from sfr_loc_map.report.tables import (
@@ -67,7 +68,7 @@ POOLED: Columns = (
     ("drives", NONE, "independent"),
 )
 OF_DRIVES: tuple[tuple[str, Unit, str, str, str | None], ...] = (
-    ("covered", PERCENT, "judged", "value", DRIVE),
+    ("covered", PERCENT, "judged", "value", Scope.DRIVE),
     ("n", NONE, "position", "n", ANY),
     ("lost", NONE, "lost", "value", "count"),
     ("call p95", MILLISECOND, "localisation", "p95", None),

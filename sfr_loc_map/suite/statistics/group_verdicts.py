@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.judging.judge import (
     verdict_on,
 )
 from sfr_loc_map.metrics.judging.limit_scope import task_of, tasks_of
-from sfr_loc_map.metrics.judging.limited_figure import LimitedFigure, figure_of, truth_error_of
+from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import prove, sample_of
 from sfr_loc_map.metrics.judging.several_scores import items_under_test
 from sfr_loc_map.metrics.limits import Interpretation, Limit, Limits, Terms, meets
@@ -97,18 +97,18 @@ def verdict_over_drives(
     A drive without a value of the figure makes the verdict incomplete.
     """
     scores = [result.score for result in results if task_of(limit) in tasks_of(result.score)]
-    figures = [figure_of(limit, score) for score in scores]
+    figures = [value_of(limit, score) for score in scores]
     values = [figure.value for figure in figures if figure.value is not None]
     worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
     if limit.condition is None:
         over, count = WORST_DRIVE, len(values)
-        judged = LimitedFigure(worst_value)  # no minimum number of drives is required
+        judged = LimitedValue(worst_value)  # no minimum number of drives is required
     else:
-        pooled_figure = figure_of(limit, Score(figures=pooled))
+        pooled_figure = value_of(limit, Score(figures=pooled))
         over, count = "pooled", pooled_figure.n or 0
         if pooled_figure.value is None and worst_value is not None:  # quantiles cannot be pooled
             over = WORST_DRIVE
-            pooled_figure = pooled_figure._replace(value=worst_value, interval=None, place=None)
+            pooled_figure = pooled_figure._replace(value=worst_value, interval=None, row_index=None)
         judged = pooled_figure._replace(
             independent=independent_of_drives(limit, results),
             truth_error=max((figure.truth_error for figure in figures), default=0.0),
@@ -124,7 +124,7 @@ def independent_of_drives(limit: Limit, results: Sequence[DriveScore]) -> float:
     by_drive: dict[str, float] = {}
     for drive_key, score, _ in results:
         if task_of(limit) in tasks_of(score):
-            by_drive[drive_key] = max(by_drive.get(drive_key, 0.0), figure_of(limit, score).independent or 0.0)
+            by_drive[drive_key] = max(by_drive.get(drive_key, 0.0), value_of(limit, score).independent or 0.0)
     return sum(by_drive.values())
 
 
@@ -162,7 +162,7 @@ def proof_over_drives(
 
 def _count_of(limit: Limit, score: Score) -> float:
     """Return the number of values of a drive's limited figure; 0 if the figure is unknown."""
-    found = figure_of(limit, score)
+    found = value_of(limit, score)
     if limit.condition is not None and found.row is not None:
         return 0.0 if found.row.unknown else float(found.row.n or 0)
     return 0.0 if found.value is None else 1.0

@@ -12,14 +12,13 @@ import numpy as np
 from msgspec import Struct
 
 from sfr_loc_map import __version__
-from sfr_loc_map.metrics.catalogue import SUITE
 from sfr_loc_map.metrics.completeness import expected_row
 from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limit_scope import limits_about, tasks_of
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
 from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.row_part import RowPart
+from sfr_loc_map.metrics.row_part import RowPart, Scope
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.table import Figure
@@ -143,7 +142,7 @@ class Summary:
         """
         needed = self.jobs - self.waiting if self.is_decided else self.jobs
         planned = needed + len(self.refusals)
-        return expected_row(RowPart(SUITE), len(self.results), planned or None)
+        return expected_row(RowPart(Scope.SUITE), len(self.results), planned or None)
 
     def to_dict(self) -> dict[str, object]:
         """Return the summary as JSON values, for each drive with names, figures, verdicts and the file of its score."""

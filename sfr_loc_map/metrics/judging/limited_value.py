@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.metrics.catalogue import ANY, KINDS
+from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import Rebase
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
 from sfr_loc_map.metrics.intervals import Interval, normal_quantile
 from sfr_loc_map.metrics.limits import Limit, LimitSection
-from sfr_loc_map.metrics.row_part import RowPart
+from sfr_loc_map.metrics.row_part import ANY, RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.truth_error import ATTITUDE, TURN
@@ -26,33 +26,33 @@ EXPANSION = {
 quantile of a normal error, rounded up to 1, 2 or 3. The standard library is used because scipy is slow to import."""
 
 
-class LimitedFigure(NamedTuple):
+class LimitedValue(NamedTuple):
     """A limited number, its number of values and its 95 % interval; None where undefined."""
 
     value: float | None = None
     n: int | None = None  #: Number of values of the statistic.
     interval: Interval | None = None
     row: Figure | None = None
-    place: int | None = None  #: Index of the row in the table of figures.
+    row_index: int | None = None  #: Index of the row in the table of figures.
     independent: float | None = None  #: Number of independent values.
     truth_error: float = 0.0  #: Largest change of the number that the error of the truth can cause.
 
 
-def figure_of(limit: Limit, score: Score, reading: Rebase | None = None) -> LimitedFigure:
+def value_of(limit: Limit, score: Score, reading: Rebase | None = None) -> LimitedValue:
     """Return the limited number by the judged reading, or by another reading of the document if one is given."""
     limited = limit.limited
     row = limited_row(limit, score, limited.part if reading is None else RowPart(reading))
     if row is None:
-        return LimitedFigure()
+        return LimitedValue()
     is_counted = limited.statistic in STATISTICS and not limit.is_on_one_call
     interval = row.interval if limited.statistic == "mean_plus_3sigma" else None
     count = row.n if is_counted else None
-    return LimitedFigure(
+    return LimitedValue(
         value=row.statistic(limited.statistic),
         n=count,
         interval=interval,
         row=row,
-        place=score.place_of(row),
+        row_index=score.index_of(row),
         independent=row.independent,
         truth_error=truth_error_of(limit, score, row.part),
     )
