@@ -9,6 +9,7 @@ The modules by subject, each subject in the order of its use:
   sub-trajectories and their rows, and `trajectory_score` the score. It also calls `other_frames` and `standing` (errors
   that the figures do not contain), `copies`, `truth_error`, `consistency` (NEES), `three_sigma` and `plot_columns`.
 - map and calls: `cloud_error` scores clouds. `call_meter` measures a call, and `calls` scores the calls of a run.
+- results: `results` has the result of each part (trajectory, map, calls), of which `scoring` makes a score.
 - completeness: `shortfall_kinds` is the table of what is expected and when a result is incomplete.
   `drive_completeness` and `completeness` (map, calls, live run) count the expected and the judged items.
 - statistics: `intervals` has the 95 % interval of mean + 3 sigma, `tolerance` the tolerance bounds.

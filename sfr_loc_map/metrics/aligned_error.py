@@ -52,14 +52,14 @@ class AlignedPoses(NamedTuple):
         return np.asarray(np.linalg.norm(self.estimate.positions - self.truth.positions, axis=1))
 
 
-class ScoredAlignment(NamedTuple):
-    """The part of the score that has APE and RPE."""
+class AlignedErrors(NamedTuple):
+    """APE and RPE, and how they were computed."""
 
     figures: tuple[Figure, ...]
     alignment: Alignment
 
 
-def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> ScoredAlignment:
+def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedErrors:
     """Return the absolute and relative pose error of an estimate, whose poses may be in any order.
 
     MetricsError if no stamps are within `max_difference_s`, or if the alignment is undetermined.
@@ -93,7 +93,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
         quat_xyzw=tuple(quat_from_matrix(similarity.rotation).tolist()),
         translation_m=tuple(similarity.translation.tolist()),
     )
-    return ScoredAlignment(tuple(figures), alignment)
+    return AlignedErrors(tuple(figures), alignment)
 
 
 def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedPoses:

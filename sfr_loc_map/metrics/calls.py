@@ -8,8 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import asdict
@@ -26,6 +24,7 @@ from sfr_loc_map.metrics.completeness import calls_completeness, expected_row, s
 from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.details import CallHistogram, CallPlots, CallSeries, column
 from sfr_loc_map.metrics.records import CallRecords, ExternalScore, TargetRun
+from sfr_loc_map.metrics.results import CallsResult
 from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
 from sfr_loc_map.metrics.table import Figure, figure_row
 
@@ -72,14 +71,6 @@ class Calls:
         return np.asarray(self.kinds == CallKind.LOCALISATION, np.bool_)
 
 
-class ScoredCalls(NamedTuple):
-    """The part of the score that is about calls."""
-
-    figures: tuple[Figure, ...] = ()
-    records: CallRecords = CallRecords()
-    plots: Mapping[str, CallPlots] = MappingProxyType({})  #: Data of the plots by kind, if requested.
-
-
 def concatenated(parts: Sequence[Calls]) -> Calls:
     """Return the calls of one or several files as calls of one run, in the order of the files."""
     counts = [len(part.stamps_ns) for part in parts]
@@ -108,7 +99,7 @@ def stacked(parts: Sequence[FloatArray | None], counts: Sequence[int]) -> FloatA
     )
 
 
-def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> ScoredCalls:
+def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> CallsResult:
     """Return times, with the name of their clock, and memory of calls. The kind of a call follows from its state."""
     # a peak of 0 is unknown, because systems without the measurement report 0; above the idle process 0 is possible
     peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)
@@ -133,7 +124,8 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
         if details:
             plots[kind.value] = plots_of(calls, mine)
     method = calls.memory_method if has_memory(peaks) else METHOD_UNAVAILABLE
-    return ScoredCalls((*times, *peaks), CallRecords(clocks=clocks, memory_method=method), plots)
+    records = CallRecords(clocks=clocks, memory_method=method)
+    return CallsResult(figures=(*times, *peaks), records=records, plots=plots)
 
 
 def has_memory(rows: Iterable[Figure]) -> bool:
@@ -294,12 +286,12 @@ def stage_of(figure: str) -> str | None:
     return f"'{name}'" if is_reserved else name
 
 
-def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
+def with_external(scored: CallsResult, node: ExternalScore) -> CallsResult:
     """Return scored calls with time and memory of an external node as measured from outside.
 
     Times and memory that the node reports for its own calls have the part `stated`, which cannot be limited.
     """
-    kind, records = CallKind(node.task), scored.records
+    kind, records = CallKind(node.task), scored.records or CallRecords()
     kinds = KINDS_OF[Task(node.task)]
     figures = [at_place(row, Place.STATED) if row.call in kinds else row for row in scored.figures]
     measured = list[Figure]()
@@ -313,7 +305,7 @@ def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
         others = any(row.figure == "peak" and row.call not in kinds and row.value is not None for row in scored.figures)
         method = f"{kind}: {node.process.method}{f'; others: {records.memory_method or UNKNOWN}' if others else ''}"
     records = replace_row(records, clocks=clocks, memory_method=method)
-    return scored._replace(figures=(*measured, *figures), records=records)
+    return replace(scored, figures=(*measured, *figures), records=records)
 
 
 def completeness_of_answers(node: ExternalScore) -> Iterator[Figure]:

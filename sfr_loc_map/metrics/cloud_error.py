@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
 from sfr_loc_map.metrics.details import ErrorImage, MapDetails, PointRows, Triangulation, column
 from sfr_loc_map.metrics.intervals import chi2_interval95
 from sfr_loc_map.metrics.records import CloudRecord
+from sfr_loc_map.metrics.results import MapResult
 from sfr_loc_map.metrics.row_part import pair_part, range_part
 from sfr_loc_map.metrics.table import Figure, figure_row
 
@@ -209,14 +210,6 @@ def points_table(cloud: PointCloud, truths: Sequence[PairTruth]) -> dict[str, ND
 # ---- the score
 
 
-class ScoredMap(NamedTuple):
-    """The figures of a cloud, and how it was compared with the ground truth."""
-
-    figures: tuple[Figure, ...]
-    cloud: CloudRecord
-    details: MapDetails | None  #: Data of the plots; None if the pixels of the points are unknown.
-
-
 def score_map(
     cloud: PointCloud,
     truths: Sequence[PairTruth],
@@ -224,7 +217,7 @@ def score_map(
     *,
     expected_pairs: int | None = None,
     not_finite: int = 0,
-) -> ScoredMap:
+) -> MapResult:
     """Return the score of a cloud in LM with known pixels; MetricsError if the cloud is not of this source.
 
     `expected_pairs` is the number of mapping pairs of the source, by default the number of truths. `not_finite` is the
@@ -261,7 +254,7 @@ def score_map(
     figures += sigma_rows(cloud, errors)
     kind = CloudKind.FUSED if cloud.fused else CloudKind.SINGLE_PAIRS
     record = CloudRecord(kind=kind, scored_range_m=scored)
-    return ScoredMap(tuple(figures), record, _details(cloud, errors, truths))
+    return MapResult(figures=tuple(figures), cloud=record, details=_details(cloud, errors, truths))
 
 
 def pairs_by_stamp(cloud: PointCloud) -> IntArray:
@@ -280,7 +273,7 @@ def score_nearest(
     *,
     expected_pairs: int | None = None,
     not_finite: int = 0,
-) -> ScoredMap:
+) -> MapResult:
     """Return the score of points with unknown pixels, by the distance to the nearest true point.
 
     The nearest true point is rarely the observed point, so that these distances underestimate the errors. Points at the
@@ -308,7 +301,7 @@ def score_nearest(
         figure_row("pairs", value=len(truths)),
         *map_completeness(len(xyz), not_finite, 0, near_pairs, many, bare, repeated),
     )
-    return ScoredMap(figures, CloudRecord(nearest_only=True, scored_range_m=scored), None)
+    return MapResult(figures=figures, cloud=CloudRecord(nearest_only=True, scored_range_m=scored))
 
 
 def error_rows(part: str | None, errors: PointErrors, chosen: Mask) -> Iterator[Figure]:

@@ -73,20 +73,20 @@ def calls_completeness(
     kind: CallKind,
     stamps_ns: IntArray,
     expected_ns: IntArray | None,
-    values: Mapping[str, FloatArray],
+    values: Mapping[Scope, FloatArray],
     place: Place = Place.HOST,
 ) -> Iterator[Figure]:
     """Yield the rows of completeness of the calls `(N,)` of one kind, relative to the expected pairs.
 
-    `values` has the measurements of each call by `calls` (time) and `memory`, NaN if not measured. `place` states where
+    `values` has the times (`CALLS`) and the memory (`MEMORY`) of each call, NaN if not measured. `place` states where
     the calls were measured. One call maps a set of pairs, at the stamp of its last pair. At least one such call, at a
     stamp of the source, is therefore expected. A call belongs to the pair of the nearest stamp; further calls of
     the pair are doubled.
     """
-    for name, measured in values.items():
+    for scope, measured in values.items():
         given = stamps_ns[np.isfinite(measured)]
         if expected_ns is None or not len(expected_ns):
-            yield expected_row(RowPart(name, kind, place), 0, None)
+            yield expected_row(RowPart(scope, kind, place), 0, None)
             continue
         expected = np.unique(expected_ns)
         near_ns = nearness_ns(expected)
@@ -95,8 +95,8 @@ def calls_completeness(
         judged, many = int(np.count_nonzero(has_near(expected, unique, near_ns))), len(expected)
         if kind not in (CallKind.LOCALISATION, CallKind.MAPPING):
             judged, many = min(judged, 1), 1
-        yield expected_row(RowPart(name, kind, place), judged, many)
-        if name == Scope.CALLS:
+        yield expected_row(RowPart(scope, kind, place), judged, many)
+        if scope is Scope.CALLS:
             part, total = RowPart("", kind, place).text, len(given)
             other = int(counts[~is_of_drive].sum())
             pairs = nearest_stamps(unique[is_of_drive], expected)[0]

@@ -29,7 +29,10 @@ DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 """Rounding of the errors of sub-trajectories and of map points in the data of the plots, m."""
 SIGMAS = 5.0  #: A quantile contradicts the sample if a sampled fraction deviates by more standard deviations than this.
 CORRELATED = 10.0  #: Number of correlated values that are equivalent to one independent value.
-WITHOUT_RESULT = {Scope.DRIVE: ("missing", Subject.TRAJECTORY), Scope.MAP: ("pairs_without_cloud", Subject.MAP)}
+WITHOUT_RESULT: dict[str, tuple[str, Subject]] = {
+    Scope.DRIVE: ("missing", Subject.TRAJECTORY),
+    Scope.MAP: ("pairs_without_cloud", Subject.MAP),
+}
 """The only figure of completeness of a part without estimate or cloud, and the subject that such a part lacks."""
 
 

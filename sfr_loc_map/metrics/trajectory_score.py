@@ -6,7 +6,7 @@ The formulas are in `metrics.formulas`. The same function scores files and live 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -26,7 +26,8 @@ from sfr_loc_map.metrics.drive_completeness import drive_completeness
 from sfr_loc_map.metrics.other_frames import largest_fraction_beyond, rows_of_other_frames, unjudged_frames
 from sfr_loc_map.metrics.placement import READINGS, PlacedFrames, Placement, of_known, placed_frames
 from sfr_loc_map.metrics.plot_columns import path_rows, sub_trajectory_rows
-from sfr_loc_map.metrics.records import Association, TruthRecord
+from sfr_loc_map.metrics.records import TruthRecord
+from sfr_loc_map.metrics.results import TrajectoryResult
 from sfr_loc_map.metrics.standing import largest_standing_fraction, rows_of_moving
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.three_sigma import evidence_rows
@@ -42,17 +43,6 @@ from sfr_loc_map.metrics.trajectory_errors import (
 from sfr_loc_map.metrics.truth_error import known_of, truth_error_rows, turn_rows
 
 
-class ScoredTrajectory(NamedTuple):
-    """The part of the score that is about the trajectory."""
-
-    figures: tuple[Figure, ...]
-    association: Association
-    truth: TruthRecord
-    details: TrajectoryDetails  #: Data of the plots; with the frames only if they are requested.
-    errors: tuple[ErrorRows, ...] = ()  #: All errors of the figures in `kept_errors`.
-    unjudged: tuple[str, ...] = ()  #: Warnings of frames that are not judged and whose errors are far larger.
-
-
 def score_trajectory(
     estimates: Estimates,
     truth: Trajectory,
@@ -63,7 +53,7 @@ def score_trajectory(
     under_way: bool = False,
     in_flight_ns: int = 0,
     kept_errors: Collection[tuple[str, str]] = (),
-) -> ScoredTrajectory:
+) -> TrajectoryResult:
     """Return the score of a trajectory, given as poses of RB in DS in any order.
 
     An estimate has to cover the images, or the true poses if the stamps of the images are unknown. Results of the last
@@ -108,7 +98,7 @@ def score_trajectory(
     figures += growth_rows(placed.poses, placed.length_m, config.spacing, placed.reading)
     figures += truth_error_rows(truth, frames.stamps_ns if association.interpolated else frames.stamps_ns[:0])
     path = path_rows(placed.estimates, frames, placed.length_m) if details else None
-    return ScoredTrajectory(
+    return TrajectoryResult(
         figures=(*figures, *covered),
         association=association,
         truth=truth_record(truth, frames, placed.placement),

@@ -51,6 +51,7 @@ from sfr_loc_map.nodes.ros.transport import TransportGaps
 from sfr_loc_map.nodes.score_publisher import ScorePacing, ScorePublisher
 from sfr_loc_map.run_order import AnyOrder, CommonRuns
 from sfr_loc_map.runs.calls import decode_call
+from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TRUE_POINTS, call_topic, configuration_topic
 
@@ -336,14 +337,15 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         made = Provenance(version=__version__, configuration=configuration)
         dropped = sum(self.counts().values())
         self._score.diagnose()
-        return self._score.result(
-            made,
-            details=details,
+        live = LiveRun(
             in_flight_s=in_flight_s,
+            details=details,
             dropped=dropped,
             restarts=self._restarts,
             resets_ns=tuple(self._resets_ns),
+            provenance=made,
         )
+        return self._score.result(live)
 
     def _publish_periodically(self) -> None:
         """Publish the figures if messages were received and `ScorePacing` allows."""

@@ -15,9 +15,9 @@ from sfr_loc_map.metrics.judging.incomplete import evidence, text_of
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import ConventionRecord, MethodKind, MethodRecord, Provenance
+from sfr_loc_map.metrics.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.scoring.inputs import Run
-from sfr_loc_map.scoring.score_parts import CallsResult, DriveResult, MapResult
 
 OUTSIDE_SHARE, OUTSIDE_S = 0.5, 0.2
 """Maximum processor time outside the calls of a method without a warning: fraction of the total, and s."""
@@ -39,7 +39,7 @@ def all_kept(limits: Limits | None, further: Collection[tuple[str, str]] = ()) -
 
 def score_of_parts(
     run: Run,
-    trajectory: DriveResult,
+    trajectory: TrajectoryResult,
     surface: MapResult,
     calls: CallsResult,
     provenance: Provenance | None,

@@ -6,60 +6,71 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.inputs import Task
+from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.metrics.calls import STATED_CLOCK, concatenated, has_memory
-from sfr_loc_map.metrics.cloud_error import ScoredMap
 from sfr_loc_map.metrics.completeness import live_completeness
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.drive_completeness import settled
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import CallRecords, Provenance
+from sfr_loc_map.metrics.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.scoring.assembly import all_kept, score_of_parts, with_conditions
 from sfr_loc_map.scoring.inputs import Run
-from sfr_loc_map.scoring.score_parts import (
-    CallsResult,
-    DriveResult,
-    MapResult,
-    calls_result,
-    drive_result,
-    expected_calls,
-)
+from sfr_loc_map.scoring.score_parts import calls_result, drive_result, expected_calls
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveRun:
-    """Inputs of the score of a run in progress, in addition to the run."""
+    """The state of a run in progress, which its node knows besides the received data."""
 
-    in_flight_ns: int = 0  #: Length of the latest interval, whose results may still arrive.
-    details: bool = False  #: Whether the data of plots is kept, in addition to the errors of sub-trajectories.
-    contradiction: str | None = None  #: Result of the last diagnosis, which takes 0.1 s or more.
-    scored_map: ScoredMap | None = None  #: Score of the last map, computed once.
-    received: int = 0  #: Number of received poses, true poses and calls.
+    in_flight_s: float = 0.0  #: Length of the latest interval, whose results may still arrive; 0 after the run.
+    details: bool = True  #: Whether the data of plots is kept, in addition to the errors of sub-trajectories.
+    image_stamps_ns: IntArray | None = None  #: Stamps of the images; None if they are unknown.
     dropped: int = 0  #: Number of messages that were lost in transport or dropped.
     restarts: int = 0  #: Number of restarts caused by a jump of the stamps.
     resets_ns: tuple[int, ...] = ()  #: Last stamps before each reset by the operator.
     provenance: Provenance | None = None  #: Provenance of the score.
 
+    @property
+    def in_flight_ns(self) -> int:
+        """The length of the latest interval in nanoseconds."""
+        return round(self.in_flight_s * NS_PER_S)
 
-def score_so_far(run: Run, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:
+
+ENDED = LiveRun()  #: A run that has ended without losses, of which all data of plots are kept.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Received:
+    """The received data of a run in progress, with the results that are not computed again for each score."""
+
+    run: Run
+    messages: int  #: Number of received poses, true poses and calls.
+    map: MapResult | None  #: Result of the last map; None before the first map.
+    contradiction: str | None  #: Result of the last diagnosis, which takes 0.1 s or more.
+
+
+def score_so_far(received: Received, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:
     """Return the score of a run in progress."""
     config = with_conditions(config, limits)
-    trajectory = DriveResult()
+    run = received.run
+    trajectory = TrajectoryResult()
     if run.drive is not None:
         trajectory = drive_result(
             run.drive,
             config.trajectory,
-            live.contradiction,
+            received.contradiction,
             all_kept(limits),
             details=live.details,
             under_way=True,
             in_flight_ns=live.in_flight_ns,
         )
-    surface = MapResult()
-    if (made := live.scored_map) is not None:
-        surface = MapResult(figures=made.figures, cloud=made.cloud, details=made.details if live.details else None)
-    calls = _with_transport(calls_result(run, _due_calls(run, live.in_flight_ns), details=live.details), live)
+    surface = received.map or MapResult()
+    if not live.details:
+        surface = replace(surface, details=None)
+    calls = calls_result(run, _due_calls(run, live.in_flight_ns), details=live.details)
+    calls = _with_transport(calls, live, received.messages)
     return score_of_parts(run, trajectory, surface, calls, live.provenance, config, limits)
 
 
@@ -77,7 +88,7 @@ def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:
     }
 
 
-def _with_transport(calls: CallsResult, live: LiveRun) -> CallsResult:
+def _with_transport(calls: CallsResult, live: LiveRun, messages: int) -> CallsResult:
     """Return the result of the calls as stated by the nodes, with the counts of dropped messages and restarts.
 
     The monitor receives times and memory of calls and cannot measure them. Zero counts have no rows.
@@ -92,4 +103,4 @@ def _with_transport(calls: CallsResult, live: LiveRun) -> CallsResult:
         calls = replace(calls, caveats=(*calls.caveats, caveat))
     if not live.dropped and not live.restarts:
         return calls
-    return replace(calls, figures=(*calls.figures, *live_completeness(live.received, live.dropped, live.restarts)))
+    return replace(calls, figures=(*calls.figures, *live_completeness(messages, live.dropped, live.restarts)))

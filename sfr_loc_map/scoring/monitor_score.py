@@ -17,12 +17,11 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray, PointImage
+from sfr_loc_map.geometry.arrays import FloatArray, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.truth.config import RB_ITSELF, TrackedBodyConfig
 from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.recorded import RecordedTruth
@@ -30,17 +29,17 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates
 from sfr_loc_map.metrics.call_meter import METHOD
 from sfr_loc_map.metrics.calls import Calls, stage_of
-from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
+from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.records import Provenance
+from sfr_loc_map.metrics.results import MapResult
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs.call_stats import CallStats, estimates_of
 from sfr_loc_map.runs.calls import CallRecord, is_covariance_reported
 from sfr_loc_map.scoring.conversion import convention_mismatch
 from sfr_loc_map.scoring.inputs import DriveToScore, Run, ScoreInputs
-from sfr_loc_map.scoring.live_score import LiveRun, score_so_far
+from sfr_loc_map.scoring.live_score import ENDED, LiveRun, Received, score_so_far
 
 T = TypeVar("T")
 MAX_STAGES = 16  #: Maximum number of stages. Bounded because the names come from the network.
@@ -207,7 +206,7 @@ class MonitorScore:
         self._covariance_ns = -1  # stamp of the last estimate with a published covariance
         self._contradiction: str | None = None  # result of the last diagnosis
         self._diagnosed_poses = 0  # number of poses at the last diagnosis
-        self.map_score: ScoredMap | None = None
+        self.map_score: MapResult | None = None
 
     def add_estimate(
         self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], covariance: FloatArray | None
@@ -245,43 +244,25 @@ class MonitorScore:
             scored = True
         return scored
 
-    def result(
-        self,
-        provenance: Provenance | None = None,
-        *,
-        details: bool = True,
-        in_flight_s: float = 0.0,
-        image_stamps_ns: IntArray | None = None,
-        dropped: int = 0,
-        restarts: int = 0,
-        resets_ns: tuple[int, ...] = (),
-    ) -> Score:
-        """Return the current score with the errors of its sub-trajectories; with `details`, also the data of all plots.
+    def result(self, live: LiveRun = ENDED) -> Score:
+        """Return the current score with the errors of its sub-trajectories; by default, also the data of all plots.
 
-        During a run, results of the last `in_flight_s` seconds are still expected and do not count as missing.
-        `dropped` is the number of lost or dropped messages, `restarts` the number of restarts of the run.
-        `resets_ns` are the last stamps before each reset by the operator.
+        During a run, results of the last seconds (`LiveRun.in_flight_s`) do not count as missing.
         """
         stats = self._calls.stats()
         truth = self._given_truth()
-        estimates = self._given_estimates(stats, is_under_way=in_flight_s > 0.0)
+        estimates = self._given_estimates(stats, is_under_way=live.in_flight_s > 0.0)
         drive = None
         if truth is not None and estimates is not None:
-            drive = DriveToScore(estimates, truth, image_stamps_ns=image_stamps_ns)
-        live = LiveRun(
-            in_flight_ns=round(in_flight_s * NS_PER_S),
-            details=details,
-            contradiction=self._contradiction,
-            scored_map=self.map_score,
-            received=self._poses + len(self._calls),
-            dropped=dropped,
-            restarts=restarts,
-            resets_ns=resets_ns,
-            provenance=provenance,
-        )
+            drive = DriveToScore(estimates, truth, image_stamps_ns=live.image_stamps_ns)
         pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)
-        run = Run(ScoreInputs(), [] if stats is None else [stats], drive=drive, nav_stamps_ns=pairs)
-        return score_so_far(run, live, self._config, self._limits)
+        received = Received(
+            run=Run(ScoreInputs(), [] if stats is None else [stats], drive=drive, nav_stamps_ns=pairs),
+            messages=self._poses + len(self._calls),
+            map=self.map_score,
+            contradiction=self._contradiction,
+        )
+        return score_so_far(received, live, self._config, self._limits)
 
     def diagnose(self) -> None:
         """Search for a convention mismatch of estimate and truth, which takes 0.1 s or more.

@@ -1,13 +1,13 @@
 """The parts of a score from the trajectory, the map and the calls of a run, for files and live runs.
 
-The functions take values and are independent of the source of the run. `score_run` (a finished run) and
+`metrics.results` has the result of each part. The functions take values and are independent of the source of the run. `score_run` (a finished run) and
 `live_score.score_so_far` (a run in progress) compute the parts, and `assembly.score_of_parts` combines them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from msgspec.structs import replace as struct_replace
@@ -18,7 +18,6 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.calls import (
     KINDS_OF,
-    ScoredCalls,
     completeness_of_answers,
     completeness_rows,
     concatenated,
@@ -30,9 +29,9 @@ from sfr_loc_map.metrics.caveats import truth_caveats
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
 from sfr_loc_map.metrics.completeness import expected_row, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.details import CallPlots, ErrorRows, MapDetails, TrajectoryDetails
 from sfr_loc_map.metrics.drive_completeness import SPARSER
-from sfr_loc_map.metrics.records import Alignment, Association, CallRecords, CloudRecord, TargetRun, TruthRecord
+from sfr_loc_map.metrics.records import Association, TargetRun
+from sfr_loc_map.metrics.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
@@ -44,44 +43,6 @@ UNEVEN_PERIODS, UNEVEN_SHARE = 2.5, 0.05
 """Estimates are uneven if more than this fraction of the time is between estimates that are further apart than this
 number of median periods. A single missing estimate leaves two periods."""
 MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Matching errors are smaller.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriveResult:
-    """Part of a score from the trajectory."""
-
-    figures: tuple[Figure, ...] = ()
-    warnings: tuple[str, ...] = ()
-    caveats: tuple[str, ...] = ()  #: Further warnings, which are also deviations.
-    association: Association | None = None
-    truth: TruthRecord | None = None
-    alignment: Alignment | None = None
-    contradiction: str | None = None
-    unjudged: tuple[str, ...] = ()  #: Frames that are in no judged error, although their errors are far larger.
-    errors: tuple[ErrorRows, ...] = ()
-    details: TrajectoryDetails | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MapResult:
-    """Part of a score from the map."""
-
-    figures: tuple[Figure, ...] = ()
-    warnings: tuple[str, ...] = ()
-    cloud: CloudRecord | None = None
-    details: MapDetails | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CallsResult:
-    """Part of a score from the calls."""
-
-    figures: tuple[Figure, ...] = ()
-    warnings: tuple[str, ...] = ()
-    caveats: tuple[str, ...] = ()  #: Further warnings, which are also deviations.
-    records: CallRecords | None = None
-    plots: Mapping[str, CallPlots] = field(default_factory=dict)
-    target: TargetRun | None = None
 
 
 # ---- the trajectory
@@ -96,7 +57,7 @@ def drive_result(
     details: bool = True,
     under_way: bool = False,
     in_flight_ns: int = 0,
-) -> DriveResult:
+) -> TrajectoryResult:
     """Return the part of a score from a trajectory; `contradiction` is a convention mismatch with the truth.
 
     During a run (`under_way`), estimates may still lack a truth, and results of the last `in_flight_ns` may arrive.
@@ -111,33 +72,29 @@ def drive_result(
         in_flight_ns=in_flight_ns,
         kept_errors=kept_errors,
     )
+    association, truth = scored.association, scored.truth
+    assert association is not None  # as of every scored trajectory
+    assert truth is not None
     warnings = [] if contradiction is None else [contradiction]
-    warnings += _sparse_truth(drive, scored.association)
-    warnings += truth_caveats(scored.truth)
-    return DriveResult(
-        figures=scored.figures,
-        warnings=tuple(warnings),
-        caveats=tuple(_uneven_estimates(drive, scored.association)),
-        association=scored.association,
-        truth=scored.truth,
-        contradiction=contradiction,
-        unjudged=scored.unjudged,
-        errors=scored.errors,
-        details=scored.details,
-    )
+    warnings += _sparse_truth(drive, association)
+    warnings += truth_caveats(truth)
+    caveats = tuple(_uneven_estimates(drive, association))
+    return replace(scored, warnings=tuple(warnings), caveats=caveats, contradiction=contradiction)
 
 
-def with_aligned_errors(result: DriveResult, drive: DriveToScore, config: AlignedErrorConfig) -> DriveResult:
+def with_aligned_errors(result: TrajectoryResult, drive: DriveToScore, config: AlignedErrorConfig) -> TrajectoryResult:
     """Return the result of a drive with APE and RPE."""
     beside = aligned_errors(drive.estimates.trajectory, drive.truth, config)
     return replace(result, figures=(*result.figures, *beside.figures), alignment=beside.alignment)
 
 
-def result_without_poses(images: int) -> DriveResult:
+def result_without_poses(images: int) -> TrajectoryResult:
     """Return the result of a drive without an estimate for any image; `images` is their number."""
     if not images:
-        return DriveResult()
-    return DriveResult(figures=(expected_row(RowPart(Scope.DRIVE), 0, images), *share_rows("missing", images, images)))
+        return TrajectoryResult()
+    return TrajectoryResult(
+        figures=(expected_row(RowPart(Scope.DRIVE), 0, images), *share_rows("missing", images, images))
+    )
 
 
 def _uneven_estimates(drive: DriveToScore, association: Association) -> Iterator[str]:
@@ -180,11 +137,9 @@ def map_result(made: CloudToScore, config: MapScoreConfig, expected_pairs: int |
     """Return the part of a score from a cloud; `expected_pairs` is the number of source pairs, None if unknown."""
     loaded, truths = made.loaded, made.truths
     if loaded.cloud is None:
-        found = score_nearest(loaded.xyz, truths, config, expected_pairs=expected_pairs, not_finite=loaded.not_finite)
-        return MapResult(figures=found.figures, cloud=found.cloud, details=found.details)
+        return score_nearest(loaded.xyz, truths, config, expected_pairs=expected_pairs, not_finite=loaded.not_finite)
     found = score_map(loaded.cloud, truths, config, expected_pairs=expected_pairs, not_finite=loaded.not_finite)
-    warnings = tuple(_pixel_warnings(loaded.cloud, truths))
-    return MapResult(figures=found.figures, warnings=warnings, cloud=found.cloud, details=found.details)
+    return replace(found, warnings=tuple(_pixel_warnings(loaded.cloud, truths)))
 
 
 def result_without_cloud(pairs: int) -> MapResult:
@@ -218,15 +173,13 @@ def calls_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detai
 def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool) -> CallsResult:
     """Return the figures of the calls on this host; an external node is measured from outside."""
     calls = [concatenated([item.calls for item in run.stats])] if run.stats else []
-    scored = score_calls(calls[0], details=details) if calls else ScoredCalls()
+    scored = score_calls(calls[0], details=details) if calls else CallsResult()
     expected = [*completeness_rows(calls, expected_ns)]
     if (node := run.external) is None:
-        records = scored.records if calls else None
-        return CallsResult(figures=(*scored.figures, *expected), records=records, plots=scored.plots)
+        return replace(scored, figures=(*scored.figures, *expected))
     scored = with_external(scored, node)
     others = [row for row in expected if row.call not in KINDS_OF[Task(node.task)]]
-    figures = (*scored.figures, *others, *completeness_of_answers(node))
-    return CallsResult(figures=figures, records=scored.records, plots=scored.plots)
+    return replace(scored, figures=(*scored.figures, *others, *completeness_of_answers(node)))
 
 
 def with_target(

@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.results import TrajectoryResult
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 STEP_M = 0.1
 FIGURES = ("position", "attitude", "heading")
@@ -21,7 +22,7 @@ LAWS = {"white steps": (0.0, 0.0), "biased steps": (0.002, 0.0), "steps with mem
 """Bias of a step, m, and correlation with the previous step."""
 
 
-def run(rng: np.random.Generator, frames: int, spacing: int, law: str, curved: bool) -> ScoredTrajectory:
+def run(rng: np.random.Generator, frames: int, spacing: int, law: str, curved: bool) -> TrajectoryResult:
     """Return the score of one drive."""
     bias, memory = LAWS[law]
     yaw = np.sin(np.arange(frames) / 40.0) if curved else np.zeros(frames)

@@ -25,6 +25,7 @@ from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.score_messages import score_statuses
 from sfr_loc_map.nodes.score_publisher import RESTS
 from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 
 PUBLISH_PERIOD_S = 1.0  #: The node's default.
@@ -72,7 +73,7 @@ def measured(pairs: int, hz: float, steps: int) -> Iterator[Step]:
                 CallRecord(stamp_ns, 0.05, "tracking", 200_000_000, 100_000_000, {"stage_align_s": 0.02}, step)
             )
         received_s = time.process_time()
-        result = score.result(details=False)
+        result = score.result(LiveRun(details=False))
         to_json(result)
         score_statuses(result)
         yield Step(

@@ -32,6 +32,7 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 
 TIMES = {"latency_transport_s": 0.004}
@@ -83,7 +84,7 @@ def scored(count: int, config: ScoreConfig | None = None) -> Score:
         else:
             score.add_estimate(pose.stamp_ns, pose.position, pose.quat_xyzw, pose.covariance)
             score.add_call(CallRecord(pose.stamp_ns, 0.035, "tracking", 412_000_000, 90_000_000, TIMES))
-    return score.result(details=False)
+    return score.result(LiveRun(details=False))
 
 
 def report(count: int, received_s: float) -> Report:

@@ -9,8 +9,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import Details
+from sfr_loc_map.metrics.results import TrajectoryResult
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 Poses = tuple[Any, Any, Any]
 
@@ -68,7 +69,7 @@ def score_of(estimate: Poses, truth: Poses, config: TrajectoryScoreConfig | None
     return as_score(score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config))
 
 
-def as_score(scored: ScoredTrajectory) -> Score:
+def as_score(scored: TrajectoryResult) -> Score:
     """A score of a trajectory alone."""
     details = None if scored.details is None else Details(trajectory=scored.details)
     return Score(figures=scored.figures, association=scored.association, truth=scored.truth, details=details)

@@ -35,6 +35,7 @@ from sfr_loc_map.runs.call_stats import stats_of
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.runs.replay_result import ReplayResult
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_collected import score_replay
 from sfr_loc_map.scoring.score_run import score_run
@@ -177,7 +178,7 @@ def saved(made: Made) -> Score:
     for poses, add in ((made.estimate, monitor.add_estimate), (made.truth, monitor.add_truth)):
         for stamp, position, quat in zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True):
             add(stamp, position, quat, None)  # type: ignore[operator]
-    return from_json(to_json(monitor.result(image_stamps_ns=STAMPS)))
+    return from_json(to_json(monitor.result(LiveRun(image_stamps_ns=STAMPS))))
 
 
 # ---- the views that show
@@ -249,7 +250,7 @@ def test_what_a_live_run_dropped_and_every_restart_are_incomplete() -> None:
         for stamp, position, quat in zip(STAMPS.tolist(), drive().positions, drive().quats_xyzw, strict=True):
             monitor.add_estimate(stamp, position, quat, None)
             monitor.add_truth(stamp, position, quat)
-        score = monitor.result(dropped=dropped, restarts=restarts)
+        score = monitor.result(LiveRun(dropped=dropped, restarts=restarts))
         assert score.verdict == "incomplete"
         assert ("dropped" in (score.incomplete or "")) == bool(dropped)
         assert ("restarted 1 times" in (score.incomplete or "")) == bool(restarts)

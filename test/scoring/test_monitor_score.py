@@ -32,14 +32,16 @@ from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.results import TrajectoryResult
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.report_file import ReportFile
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.runs.call_stats import estimates_of, stats_of
 from sfr_loc_map.runs.calls import CallRecord, encode_call
 from sfr_loc_map.scoring.bag_estimates import bag_estimates
+from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.topics import ESTIMATE, call_topic
 
@@ -107,7 +109,7 @@ def without_path(score: Score) -> Score:
     return struct_replace(score, details=Details(trajectory=struct_replace(score.details.trajectory, path=None)))
 
 
-def of_file(scored: ScoredTrajectory) -> Score:
+def of_file(scored: TrajectoryResult) -> Score:
     return judged(as_score(scored), None)
 
 
@@ -128,11 +130,11 @@ def test_a_thousand_orders_of_messages_give_the_score_of_the_file() -> None:
                 name, arguments = messages[row]
                 getattr(monitor, name)(*arguments)
                 if position == asked:
-                    monitor.result(details=False)  # changes nothing
+                    monitor.result(LiveRun(details=False))  # changes nothing
             if number % 10 == 0:
                 assert in_order(monitor.result()) == offline, (seed, number)
             else:
-                assert in_order(monitor.result(details=False)) == without_path(offline), (seed, number)
+                assert in_order(monitor.result(LiveRun(details=False))) == without_path(offline), (seed, number)
     assert flags > 12
 
 
@@ -236,11 +238,11 @@ def test_what_is_still_in_flight_is_not_missing() -> None:
             each.add_truth(stamp, position, quat)
         for row in range(COUNT // 2):
             each.add_estimate(int(stamps[row]), poses.positions[row], poses.quats_xyzw[row], None)
-    due = monitor.result(in_flight_s=float(stamps[-1] - stamps[COUNT // 2 - 1]) / 1e9)
+    due = monitor.result(LiveRun(in_flight_s=float(stamps[-1] - stamps[COUNT // 2 - 1]) / 1e9))
     assert due.incomplete is None
     assert {item.state for item in due.verdicts} == {"not enough data"}
     assert "of the true poses" in monitor.result().incomplete
-    ended = monitor.result(image_stamps_ns=stamps)
+    ended = monitor.result(LiveRun(image_stamps_ns=stamps))
     assert ended.incomplete.startswith("the estimate covers 50 % of the images")
     assert "incomplete" in [item.state for item in ended.verdicts]
     assert partial.result().incomplete is None
@@ -253,7 +255,7 @@ def test_results_of_the_last_seconds_count() -> None:
         monitor.add_truth(stamp, position, quat)
         monitor.add_estimate(stamp, position, quat, None)
         monitor.add_call(CallRecord(stamp, 0.035, "tracking", None, None, {}))
-    score = monitor.result(in_flight_s=1e3)
+    score = monitor.result(LiveRun(in_flight_s=1e3))
     judged = {row.part: row for row in score.figures if row.figure == "judged"}
     assert judged["drive"].n == judged["calls localisation"].n == len(poses)
     assert judged["drive"].value == judged["calls localisation"].value == 1.0
@@ -270,7 +272,7 @@ def test_calls_of_a_live_run_are_stated_and_resets_are_a_deviation() -> None:
         monitor.add_estimate(stamp, position, quat, None)
         monitor.add_call(CallRecord(stamp, 0.001, "tracking", 1_000_000, None, {}))
     for resets_ns in ((), (7,)):
-        score = monitor.result(resets_ns=resets_ns)
+        score = monitor.result(LiveRun(resets_ns=resets_ns))
         assert score.calls is not None
         assert set(score.calls.clocks.values()) == {score.calls.memory_method} == {"stated by the node"}
         deviations = " ".join(deviations_of(score))

@@ -19,7 +19,7 @@ def limits_of(score: Score) -> Rules | None:
     return score.rules if score.rules is not None and score.rules.limits else None
 
 
-def task_of(limit: Limit) -> str:
+def task_of(limit: Limit) -> Scope:
     """Return the task that a limit is about: `drive` (localisation) or `map`."""
     limited = limit.limited
     if limited.call is not None:
@@ -27,7 +27,7 @@ def task_of(limit: Limit) -> str:
     return Scope.MAP if limited.subject is Subject.MAP or limited.figure in OF_MAP else Scope.DRIVE
 
 
-def tasks_of(score: Score) -> list[str]:
+def tasks_of(score: Score) -> list[Scope]:
     """Return the tasks that a score is about: `drive`, `map`, or both."""
     found = []
     for part, subject in ((Scope.DRIVE, Subject.TRAJECTORY), (Scope.MAP, Subject.MAP)):

@@ -17,6 +17,7 @@ from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
 from sfr_loc_map.nodes.ros.qos import LATCHED
 from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.topics import REPORT
 
@@ -52,7 +53,7 @@ def test_the_figures_are_requested_again_until_they_contain_the_last_result(
 
     def finish(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         requests.append(request)
-        publisher.publish(String(data=to_json(score.result(details=False))))
+        publisher.publish(String(data=to_json(score.result(LiveRun(details=False)))))
         if late:
             late.pop(0)()
         response.success = True
