@@ -12,6 +12,9 @@ its correction meets these conditions:
 An offset of the stamps must keep nine tenths of the poses; the sub-trajectories of the others are not counted. If no
 mismatch meets these conditions, the rotations from pose to pose decide whether each pose is that of the previous pair.
 
+To add a mismatch, add its line to `MISMATCHES`. If its correction needs fitted numbers or the rig, add a function to
+`HYPOTHESES`. `diagnose` has the one loop over both.
+
 The disagreement is the mean over sub-trajectories of `hypot(position error / path length, attitude error in radians)`.
 The estimate is re-based by its complete pose, so that the disagreement does not depend on the world frame.
 """
@@ -61,8 +64,25 @@ MIN_CORRELATION = 0.5  #: Minimum correlation of estimated and true displacement
 OFFSET_STEPS = 200
 AS_GOOD = 1.1  #: Factor of disagreement up to which an offset to the exact stamps of the truth is preferred.
 STAMP_NOISE_NS = 1_000
-LOOKS_WRONG = "the estimate looks wrong:"
 PoseArrays = tuple[FloatArray, FloatArray]  #: Positions `(N, 3)` and unit quaternions `(N, 4)`.
+
+
+class Evidence(NamedTuple):
+    """The poses by which hypotheses are evaluated."""
+
+    estimate: Trajectory  #: In the order of the stamps, each stamp once.
+    truth: Trajectory  #: In the order of the stamps, each stamp once.
+    found: PoseArrays  #: Estimated poses of the frames.
+    true: PoseArrays  #: True poses of the frames.
+    stamps_ns: IntArray  #: Stamps of the frames.
+    rig: StereoRig | None
+    #: Disagreement of each sub-trajectory before a correction; None with fewer than `MIN_POSES` frames.
+    plain: FloatArray | None
+
+    @property
+    def before(self) -> float | None:
+        """The disagreement before a correction; None with too few frames."""
+        return None if self.plain is None else float(np.mean(self.plain))
 
 
 class Tried(NamedTuple):
@@ -104,47 +124,28 @@ def diagnose(
     """
     if not truth.has_attitude:  # the disagreement requires attitudes
         return Diagnosis(disagreement=None, hypotheses=(), found=None)
+    evidence = evidence_of(estimate, truth, config, rig)
+    before = evidence.before
+    if before is not None and before < AGREES and not every:
+        return Diagnosis(disagreement=before, hypotheses=(), found=None)
+    tried = [item for hypotheses in HYPOTHESES for item in hypotheses(evidence)]
+    tried.sort(key=lambda item: item.hypothesis.disagreement)
+    best = _best_of(tried, evidence.plain)
+    if best is not None and _is_scale_error(evidence, best):
+        best = None
+    if best is None and before is not None and before >= AGREES:
+        best = _one_pair_late(evidence, before)
+    return Diagnosis(disagreement=before, hypotheses=tuple(item.hypothesis for item in tried), found=best)
+
+
+def evidence_of(estimate: Trajectory, truth: Trajectory, config: AssociationConfig, rig: StereoRig | None) -> Evidence:
+    """Return the evidence of an estimate and a truth with attitudes. A long estimate is decimated."""
     estimate = _in_order(estimate, max(1, len(estimate.stamps_ns) // MAX_POSES))
     truth = _in_order(truth, 1)
     frames = associate(estimate, truth, config)[0]
     true, found = (frames.true_position, frames.true_attitude), (frames.position, frames.attitude)
-    has_frames = len(frames.stamps_ns) >= MIN_POSES
-    plain = disagreements(true, found) if has_frames else None
-    before = None if plain is None else float(np.mean(plain))
-    if before is not None and before < AGREES and not every:
-        return Diagnosis(disagreement=before, hypotheses=(), found=None)
-    tried: list[Tried] = []
-    for item in [*MISMATCHES, *frame_mismatches(true, found, rig)] if has_frames else []:
-        if item.applies(true, found):
-            left = disagreements(true, item.undo(*found))
-            hypothesis = Hypothesis(
-                mismatch=item.name,
-                sentence=f"{LOOKS_WRONG} {item.sentence}",
-                disagreement=float(np.mean(left)),
-                fitted=item.is_fitted,
-                setting=item.setting,
-            )
-            tried.append(Tried(hypothesis, left))
-    tried += [_truth_scalar_first(true, found)] if has_frames else []
-    tried += _time_offset(estimate, truth, before)
-    tried.sort(key=lambda item: item.hypothesis.disagreement)
-    best = _best_of(tried, plain)
-    if best is not None and plain is not None and _is_scale_error(true, found, best):
-        best = None
-    if best is None and before is not None and before >= AGREES:
-        best = _one_pair_late(true, found, frames.stamps_ns, before)
-    return Diagnosis(disagreement=before, hypotheses=tuple(item.hypothesis for item in tried), found=best)
-
-
-def _truth_scalar_first(true: PoseArrays, found: PoseArrays) -> Tried:
-    """Return the hypothesis that the truth is scalar first, which no setting of the estimate corrects."""
-    positions, quats = true
-    left = disagreements((positions, quats[:, WXYZ]), found)
-    sentence = (
-        "the truth looks wrong: its quaternions are scalar first: write them scalar last, or name the columns (option "
-        "--columns 'truth:t,x,y,z,qw,qx,qy,qz')"
-    )
-    return Tried(Hypothesis(mismatch="truth scalar first", sentence=sentence, disagreement=float(np.mean(left))), left)
+    plain = disagreements(true, found) if len(frames.stamps_ns) >= MIN_POSES else None
+    return Evidence(estimate, truth, found, true, frames.stamps_ns, rig, plain)
 
 
 def _in_order(poses: Trajectory, step: int) -> Trajectory:
@@ -175,30 +176,17 @@ def _explains(tried: Tried, plain: FloatArray | None) -> bool:
     return plain is None or bool(np.median(plain) >= gain * np.median(tried.left))
 
 
-def _is_scale_error(true: PoseArrays, found: PoseArrays, best: Hypothesis) -> bool:
+def _is_scale_error(evidence: Evidence, best: Hypothesis) -> bool:
     """Return whether a scale error of the estimate explains the disagreement about as well as the best hypothesis."""
+    if evidence.plain is None:
+        return False
+    true, found = evidence.true, evidence.found
     starts, ends = _eighths(len(true[0]))
     true_m, found_m = (np.linalg.norm(p[ends] - p[starts], axis=1) for p in (true[0], found[0]))
     scale = float(true_m @ found_m) / max(float(found_m @ found_m), 1e-12)
     if not HONEST_SCALES[0] <= scale <= HONEST_SCALES[1]:
         return False
     return disagreement(true, (scale * found[0], found[1])) <= SIMPLER * best.disagreement
-
-
-def _one_pair_late(true: PoseArrays, found: PoseArrays, stamps_ns: IntArray, before: float) -> Hypothesis | None:
-    """Return the hypothesis that each pose is that of the previous pair, if the rotations from pose to pose fit it."""
-    if len(stamps_ns) < LATE_POSES:
-        return None
-    true_turns, turns = (
-        _upright(quat_multiply(quat_conjugate(each[:-1]), each[1:]))[:, :3] for each in (true[1], found[1])
-    )
-    now = np.square(turns[1:] - true_turns[1:]).sum()
-    late = np.square(turns[1:] - true_turns[:-1]).sum()
-    left = disagreement((true[0][:-1], true[1][:-1]), (found[0][1:], found[1][1:]))
-    if late * LATE_GAIN >= now or left >= before:
-        return None
-    step = int(np.median(np.diff(stamps_ns)))
-    return _of_offset(-step, step, left)
 
 
 def disagreement(truth: PoseArrays, estimate: PoseArrays) -> float:
@@ -224,7 +212,7 @@ def _eighths(count: int) -> tuple[IntArray, IntArray]:
     return starts, starts + span
 
 
-# ---- the hypotheses
+# ---- mismatches that are corrected pose by pose
 
 
 class Mismatch(NamedTuple):
@@ -239,8 +227,31 @@ class Mismatch(NamedTuple):
     sentence: str
     undo: Callable[[FloatArray, FloatArray], PoseArrays]
     is_fitted: bool = False  #: Whether numbers were fitted for the correction.
-    #: Whether the poses can show the mismatch.
+    is_of_truth: bool = False  #: Whether the truth has the mismatch and not the estimate.
+    #: Whether the true and estimated poses can show the mismatch.
     applies: Callable[[PoseArrays, PoseArrays], bool] = lambda true, found: True
+
+    def tried(self, evidence: Evidence) -> Tried:
+        """Return the result of the correction."""
+        true, found = evidence.true, evidence.found
+        left = disagreements(self.undo(*true), found) if self.is_of_truth else disagreements(true, self.undo(*found))
+        hypothesis = Hypothesis(
+            mismatch=self.name,
+            sentence=f"the {'truth' if self.is_of_truth else 'estimate'} looks wrong: {self.sentence}",
+            disagreement=float(np.mean(left)),
+            fitted=self.is_fitted,
+            setting=self.setting,
+        )
+        return Tried(hypothesis, left)
+
+
+def _of_poses(evidence: Evidence) -> Iterator[Tried]:
+    """Yield the mismatches that are corrected pose by pose, with fixed and with fitted numbers."""
+    if evidence.plain is None:
+        return
+    for item in (*MISMATCHES, *frame_mismatches(evidence.true, evidence.found, evidence.rig)):
+        if item.applies(evidence.true, evidence.found):
+            yield item.tried(evidence)
 
 
 def _motions_inverted(p: FloatArray, q: FloatArray) -> PoseArrays:
@@ -338,6 +349,14 @@ MISMATCHES = (
         "left and right are mirrored (y points right): negate y, and x and z of the quaternions",
         lambda p, q: (p * MIRROR, q * MIRROR_QUAT),
     ),
+    Mismatch(
+        "truth scalar first",
+        "",
+        "its quaternions are scalar first: write them scalar last, or name the columns (option --columns "
+        "'truth:t,x,y,z,qw,qx,qy,qz')",
+        lambda p, q: (p, q[:, WXYZ]),
+        is_of_truth=True,
+    ),
 )
 """The mismatches whose correction has no fitted numbers."""
 
@@ -399,6 +418,9 @@ def _upright(quats: FloatArray) -> FloatArray:
     return np.where(quats[:, 3:] < 0.0, -quats, quats)
 
 
+# ---- offsets of the stamps
+
+
 class Offset(NamedTuple):
     """An offset that is added to the stamps of the estimate, and the remaining disagreement of each sub-trajectory."""
 
@@ -411,17 +433,17 @@ class Offset(NamedTuple):
         return float(np.mean(self.left))
 
 
-def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Tried]:
+def _of_stamps(evidence: Evidence) -> Iterator[Tried]:
     """Yield the hypothesis that the stamps are offset, if most of the estimate has a truth with an offset.
 
     The offset with the least disagreement is searched on a grid that is refined around the best offset. The offset that
     moves most stamps to stamps of the truth is then preferred if its disagreement is about the same.
     """
-    if min(len(estimate), len(truth)) < MIN_POSES:
+    if min(len(evidence.estimate), len(evidence.truth)) < MIN_POSES:
         return
-    estimate, truth = _with_unit_quats(estimate), _with_unit_quats(truth)
+    estimate, truth = _with_unit_quats(evidence.estimate), _with_unit_quats(evidence.truth)
     step_ns = int(np.median(np.diff(estimate.stamps_ns)))
-    begin_ns = 0 if before is not None else int(truth.stamps_ns[0]) - int(estimate.stamps_ns[0])
+    begin_ns = 0 if evidence.plain is not None else int(truth.stamps_ns[0]) - int(estimate.stamps_ns[0])
     best = Offset(begin_ns, np.full(1, np.inf))
     reach_ns = max(20 * step_ns, 2 * NS_PER_S)
     while reach_ns >= max(step_ns // 500, 1000):
@@ -476,10 +498,35 @@ def _disagreements_with_offset(estimate: Trajectory, truth: Trajectory, offset_n
 def _of_offset(offset_ns: int, step_ns: int, left: float) -> Hypothesis:
     is_late = abs(offset_ns + step_ns) < 0.02 * step_ns
     late = "; each pose is that of the previous pair" if is_late else ""
+    seconds = offset_ns / NS_PER_S
     return Hypothesis(
         mismatch="time offset",
-        sentence=f"{LOOKS_WRONG} its stamps are offset: add {offset_ns / NS_PER_S:+.3f} s to the stamps{late}",
+        sentence=f"the estimate looks wrong: its stamps are offset: add {seconds:+.3f} s to the stamps{late}",
         disagreement=left,
         fitted=not is_late,
         setting=f"time_offset_ns={offset_ns}",
     )
+
+
+def _one_pair_late(evidence: Evidence, before: float) -> Hypothesis | None:
+    """Return the hypothesis that each pose is that of the previous pair, if the rotations from pose to pose fit it.
+
+    This is tried if no other hypothesis explains the disagreement `before` the correction.
+    """
+    stamps_ns, true, found = evidence.stamps_ns, evidence.true, evidence.found
+    if len(stamps_ns) < LATE_POSES:
+        return None
+    true_turns, turns = (
+        _upright(quat_multiply(quat_conjugate(each[:-1]), each[1:]))[:, :3] for each in (true[1], found[1])
+    )
+    now = np.square(turns[1:] - true_turns[1:]).sum()
+    late = np.square(turns[1:] - true_turns[:-1]).sum()
+    left = disagreement((true[0][:-1], true[1][:-1]), (found[0][1:], found[1][1:]))
+    if late * LATE_GAIN >= now or left >= before:
+        return None
+    step = int(np.median(np.diff(stamps_ns)))
+    return _of_offset(-step, step, left)
+
+
+HYPOTHESES: tuple[Callable[[Evidence], Iterator[Tried]], ...] = (_of_poses, _of_stamps)
+"""The hypotheses of a diagnosis."""
