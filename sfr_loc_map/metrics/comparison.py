@@ -64,7 +64,7 @@ class PairedDifference(Record, frozen=True, kw_only=True, omit_defaults=False):
 
 
 class SideBySide(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """One figure of whole runs, which have no parts to pair: the value of each run, None if unknown."""
+    """One figure of whole runs, which have no sub-trajectories to pair: the value of each run, None if unknown."""
 
     label: str = msgspec.field(name="figure")  #: Figure, part and statistic in one text.
     unit: str
@@ -80,6 +80,7 @@ class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
 
     names: tuple[str, ...]
     methods: tuple[MethodRecord | None, ...] = ()
+    incomplete: tuple[str | None, ...] = ()  #: Expected data that each score cannot judge; null for a complete score.
     pairs: tuple[PairedDifference, ...]
     side_by_side: tuple[SideBySide, ...]
 
@@ -96,21 +97,24 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     for score, name in others:
         check_same_data(scores[0], score, (names[0], name))
     pairs = [pair for score, name in others for pair in _paired(scores[0], score, name)]
-    parts = {name for score, name in others if score.incomplete is not None or scores[0].incomplete is not None}
+    incomplete = tuple(score.incomplete for score in scores)
+    without_outcome = {name for score, name in others if score.incomplete is not None or incomplete[0] is not None}
     pairs = [replace(pair, p_corrected=p) for pair, p in zip(pairs, holm([pair.p for pair in pairs]), strict=True)]
     pairs = [
         replace(it, outcome=Outcome.NO_DIFFERENCE) if (it.p_corrected or 0.0) > SIGNIFICANT else it for it in pairs
     ]
-    pairs = [replace(it, outcome=Outcome.INCOMPLETE) if it.name in parts else it for it in pairs]
-    whole = tuple(_side_by_side(scores))
-    if not pairs and not whole:
+    pairs = [replace(it, outcome=Outcome.INCOMPLETE) if it.name in without_outcome else it for it in pairs]
+    side_by_side = tuple(_side_by_side(scores))
+    if not pairs and not side_by_side:
         raise MetricsError("the scores have no condition and no figure in common: score the same data and conditions")
     methods = tuple(score.method for score in scores)
-    return Comparison(names=tuple(names), methods=methods, pairs=tuple(pairs), side_by_side=whole)
+    return Comparison(
+        names=tuple(names), methods=methods, incomplete=incomplete, pairs=tuple(pairs), side_by_side=side_by_side
+    )
 
 
 def _side_by_side(scores: Sequence[Score]) -> Iterator[SideBySide]:
-    """Yield every figure of complete runs that at least two scores have, by the statistics of the catalogue."""
+    """Yield every figure of whole runs that at least two scores have, by the statistics of the catalogue."""
     rows = {_key(row): row for score in scores for row in score.figures if _is_of_a_whole_run(score, row)}
     of_scores = [{_key(row): row for row in score.figures} for score in scores]
     for key, row in rows.items():

@@ -1,4 +1,4 @@
-"""Comparison of several scores of the same data: paired differences, complete runs side by side, and their summary.
+"""Comparison of several scores of the same data: paired differences, runs side by side, and their summary.
 
 `methods_page` has the tables and plots of the methods on the same page.
 """
@@ -15,7 +15,7 @@ FIRST_TABLES = ("pairs", "methods")  #: Tables above the plots of a page.
 
 
 def comparison_tables(result: Comparison) -> list[Table]:
-    """Return the tables of a comparison: pairs of sub-trajectories, complete runs side by side."""
+    """Return the tables of a comparison: pairs of sub-trajectories, runs side by side."""
     tables = [_pairs_table(result), _runs_table(result)]
     return [table for table in tables if table.rows]
 
@@ -59,9 +59,14 @@ def _runs_table(result: Comparison) -> Table:
         unit = unit_of_numbers(item.figure, item.part, item.unit, *item.values)
         name = Cell.head(limited_name(item.figure, item.part, item.condition, item.statistic))
         rows.append((name, Cell(unit.symbol), *(optional_cell(value, unit) for value in item.values)))
-    title = "Complete runs side by side (not paired, without an interval)"
+    title = "Runs side by side (not paired, without an interval)"
     columns = (Column("figure", words=True), Column("unit", words=True), *map(Column, result.names))
-    return Table("runs", title, columns, tuple(rows))
+    incomplete = [
+        f"{name} is incomplete: {text}."
+        for name, text in zip(result.names, result.incomplete, strict=True)
+        if text is not None
+    ]
+    return Table("runs", title, columns, tuple(rows), " ".join(incomplete))
 
 
 def optional_cell(value: float | int | None, unit: Unit = NONE, *, signed: bool = False) -> Cell:

@@ -12,6 +12,7 @@ from sfr_loc_map.metrics.comparison import Comparison, compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import figure_row
+from sfr_loc_map.report.comparison import comparison_tables
 
 
 def scores(seed: int, noises: tuple[float, ...], count: int = 800, over: str = "distance=5") -> list[Score]:
@@ -52,6 +53,14 @@ def test_estimates_that_differ_by_chance_are_not_called_different() -> None:
 
 def whole_run(coverage: float, mapping_p95: float | None = None) -> Score:
     return Score(figures=(figure_row("coverage", value=coverage), figure_row("mapping", p95=mapping_p95)))
+
+
+def test_an_incomplete_run_is_named_beside_its_figures() -> None:
+    lacking = replace(whole_run(0.6), incomplete="the map contains 1 of 2 pairs")
+    result = compare_scores([whole_run(0.5), lacking], ["a", "b"])
+    assert result.incomplete == (None, "the map contains 1 of 2 pairs")
+    (table,) = comparison_tables(result)
+    assert table.note == "b is incomplete: the map contains 1 of 2 pairs."
 
 
 def test_whole_runs_are_side_by_side() -> None:
