@@ -216,7 +216,7 @@ MUTATIONS = (
     Mutation("metrics/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
     Mutation(JUDGE, "incomplete = text_of(missing)", "incomplete = score.incomplete"),
     Mutation(JUDGE, "RowPart(Scope.LIVE) in incomplete or needed_part(limit) in", "RowPart(Scope.LIVE) in"),
-    Mutation(SHORTFALLS, "Rule.JUDGED,\n        0.01,", "Rule.JUDGED,\n        0.1,"),
+    Mutation(SHORTFALLS, "Rule.JUDGED, 0.01", "Rule.JUDGED, 0.1"),
     Mutation("metrics/config.py", "return min(states, key", "return max(states, key"),
     Mutation(JUDGE, "figure.n < limits.minimum_count", "figure.n <= limits.minimum_count"),
     Mutation(
@@ -278,20 +278,18 @@ MUTATIONS = (
         '"missing", Scope.DRIVE, IMAGES, Rule.JUDGED, 0.01',
     ),
     Mutation(
-        SHORTFALLS,
-        "        IMAGES,\n        Rule.JUDGED,\n        0.0,",
-        "        IMAGES,\n        Rule.JUDGED,\n        0.01,",
+        SHORTFALLS, 'truth", Scope.DRIVE, IMAGES, Rule.JUDGED, 0.0', 'truth", Scope.DRIVE, IMAGES, Rule.JUDGED, 0.01'
     ),
     Mutation(
         SHORTFALLS,
         '"points_not_finite", Scope.MAP, "map points", Rule.JUDGED, 0.0',
         '"points_not_finite", Scope.MAP, "", Rule.JUDGED, 0.5',
     ),
-    Mutation(SHORTFALLS, "Rule.JUDGED,\n        0.5,", "Rule.JUDGED,\n        0.99,"),
+    Mutation(SHORTFALLS, "Rule.JUDGED, 0.5,", "Rule.JUDGED, 0.99,"),
     Mutation(
         SHORTFALLS,
-        '"calls_doubled",\n        Scope.CALLS,\n        "calls",\n        Rule.JUDGED,\n        0.0',
-        '"calls_doubled",\n        Scope.CALLS,\n        "calls",\n        Rule.JUDGED,\n        0.1',
+        '"calls_doubled", Scope.CALLS, "calls", Rule.JUDGED, 0.0',
+        '"calls_doubled", Scope.CALLS, "calls", Rule.JUDGED, 0.1',
     ),
     Mutation(SHORTFALLS, "and not self.is_wrong", 'and self.figure != "calls_other"'),
     Mutation("metrics/judging/incomplete.py", "row.n and row.value is None", "row.n and row.value == 0.0"),
@@ -300,9 +298,7 @@ MUTATIONS = (
         "not in tasks_of(score):\n        return False",
         "not in tasks_of(score) or True:\n        return False",
     ),
-    Mutation(
-        SHORTFALLS, '"estimates",\n        Rule.JUDGED,\n        0.0', '"estimates",\n        Rule.JUDGED,\n        0.1'
-    ),
+    Mutation(SHORTFALLS, '"estimates", Rule.JUDGED, 0.0', '"estimates", Rule.JUDGED, 0.1'),
     # calls belong to the estimate that they produced
     Mutation("scoring/inputs.py", "stats = [beside] if beside.is_file() else []", "stats = []"),
     Mutation(
@@ -372,7 +368,11 @@ MUTATIONS = (
         "metrics/drive_completeness.py", "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"
     ),
     Mutation("metrics/drive_completeness.py", "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
-    Mutation("metrics/judging/incomplete.py", "value is None and kind.unknown", "value is None and False"),
+    Mutation(
+        "metrics/judging/incomplete.py",
+        "value is None and kind.figure in TEXTS_IF",
+        "value is None and kind.figure not in TEXTS_IF",
+    ),
     Mutation("metrics/judging/incomplete.py", "(share.value or 0.0) <= STANDING_MOST", "(share.value or 0.0) <= 1.0"),
     Mutation(
         "metrics/judging/incomplete.py",
@@ -383,11 +383,7 @@ MUTATIONS = (
     Mutation("metrics/standing.py", "if not 0 < standing < count:", "if not 0 < standing:"),
     Mutation("report/deviations.py", "None not in used and used != [", "None not in used and used == ["),
     # true poses at starts and ends
-    Mutation(
-        SHORTFALLS,
-        'a start to an end",\n        Rule.JUDGED,\n        0.1,',
-        'a start to an end",\n        Rule.JUDGED,\n        1.0,',
-    ),
+    Mutation(SHORTFALLS, 'motions", Rule.JUDGED, 0.1,', 'motions", Rule.JUDGED, 1.0,'),
     Mutation("metrics/copies.py", "is_moving = lengths_m > MOVING_SHARE * np", "is_moving = lengths_m >= 0.0 * np"),
     # frames that are in no judged error
     Mutation(OTHER_FRAMES, "BEYOND = 3.0", "BEYOND = 0.1"),

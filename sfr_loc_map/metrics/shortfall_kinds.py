@@ -42,10 +42,6 @@ class ShortfallKind(NamedTuple):
     expected: str  #: What the figure is a fraction of.
     rule: Rule
     most: float = 0.0  #: Largest value of the figure for which the scope is complete.
-    #: Why the scope is incomplete; `percent`, `value` and `part` (the calls) are inserted. If empty, the text has other
-    #: figures as well and is composed by `judging.incomplete`.
-    text: str = ""
-    unknown: str = ""  #: Why the scope is incomplete if the figure is unknown; if empty, an unknown figure is accepted.
     accepted_by: tuple[str, ...] = ()  #: Limits that accept the shortfall as well as the limit on the figure.
     is_of_expected: bool = False  #: Whether the figure is a fraction of the expected items, as the row `judged`.
     is_wrong: bool = False  #: Whether the counted data are wrong and not only missing.
@@ -79,152 +75,34 @@ MISSING_SHARE = 0.01  #: Missing fraction of a drive that is evident without lim
 BEYOND_MOST = 0.02  #: Largest fraction of frames whose errors far exceed the judged errors, as in a short loss.
 STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories in which the rover is stationary.
 IMAGES = "images, or true poses if the images are unknown"
-UNKNOWN_STATE = "it is unknown which poses are {figure}: give the calls of the run (option stats)"
-UNKNOWN_ITEMS = ShortfallKind(JUDGED, None, "expected items of the scope, which are unknown", Rule.JUDGED, 1.0)
-UNKNOWN_MEMORY = ShortfallKind(
-    JUDGED,
-    Scope.MEMORY,
-    "pairs",
-    Rule.JUDGED,
-    1.0,
-    "the memory of {percent} % of the {part} calls was not measured",
-    accepted_by=("calls_missing_max_share",),
-)
 SHORTFALLS = (
     ShortfallKind("missing", Scope.DRIVE, IMAGES, Rule.JUDGED, 0.0, is_of_expected=True),
-    ShortfallKind(
-        "images_without_truth",
-        Scope.DRIVE,
-        IMAGES,
-        Rule.JUDGED,
-        0.0,
-        "{percent} % of the images or true poses have no ground truth, or no true pose at the stamp of their estimate "
-        "(option frames=images interpolates the truth)",
-        is_of_expected=True,
-    ),
-    ShortfallKind("lost", Scope.DRIVE, "frames", Rule.STATED, unknown=UNKNOWN_STATE),
-    ShortfallKind("degraded", Scope.DRIVE, "frames", Rule.STATED, unknown=UNKNOWN_STATE),
+    ShortfallKind("images_without_truth", Scope.DRIVE, IMAGES, Rule.JUDGED, 0.0, is_of_expected=True),
+    ShortfallKind("lost", Scope.DRIVE, "frames", Rule.STATED),
+    ShortfallKind("degraded", Scope.DRIVE, "frames", Rule.STATED),
     ShortfallKind("unmatched", Scope.DRIVE, "estimates", Rule.NEVER),
     ShortfallKind("path_without_images", Scope.DRIVE, "path of the ground truth", Rule.NEVER),
-    ShortfallKind(
-        "doubled",
-        Scope.DRIVE,
-        "estimates",
-        Rule.JUDGED,
-        0.0,
-        "{percent} % of the estimates have the stamp of another estimate",
-        is_wrong=True,
-    ),
-    ShortfallKind(
-        "poses_repeated",
-        Scope.DRIVE,
-        "frames",
-        Rule.JUDGED,
-        0.0,
-        "{percent} % of the poses repeat the previous pose although the rover moves, and are not reported as lost or "
-        "degraded",
-    ),
+    ShortfallKind("doubled", Scope.DRIVE, "estimates", Rule.JUDGED, 0.0, is_wrong=True),
+    ShortfallKind("poses_repeated", Scope.DRIVE, "frames", Rule.JUDGED, 0.0),
     # not 0, because an estimate that starts at the true pose is near the truth for some steps
+    ShortfallKind("poses_of_truth", Scope.DRIVE, "steps of the moving rover", Rule.JUDGED, 0.1, is_wrong=True),
     ShortfallKind(
-        "poses_of_truth",
-        Scope.DRIVE,
-        "steps of the moving rover",
-        Rule.JUDGED,
-        0.1,
-        "{percent} % of the steps are those of the ground truth, closer than any measurement: give the estimate of the "
-        "item under test",
-        is_wrong=True,
-    ),
-    ShortfallKind(
-        "errors_of_truth",
-        Scope.DRIVE,
-        "judged motions from a start to an end",
-        Rule.JUDGED,
-        0.1,
-        "{percent} % of the judged motions from a start to an end are those of the ground truth, closer than any "
-        "measurement: give the estimate of the item under test",
-        accepted_by=("poses_of_truth_max_share",),
-        is_wrong=True,
+        "errors_of_truth", Scope.DRIVE, "judged motions", Rule.JUDGED, 0.1, ("poses_of_truth_max_share",), is_wrong=True
     ),
     ShortfallKind(ERRORS_BEYOND, Scope.DRIVE, "frames", Rule.MISSED, BEYOND_MOST),
-    ShortfallKind(STANDING, Scope.DRIVE, "sub-trajectories of a time or of frames", Rule.MISSED, STANDING_MOST),
-    ShortfallKind(
-        "pairs_without_cloud",
-        Scope.MAP,
-        "mapping pairs",
-        Rule.JUDGED,
-        0.0,
-        "{percent} % of the mapping pairs have no point in the cloud",
-        is_of_expected=True,
-    ),
+    ShortfallKind(STANDING, Scope.DRIVE, "sub-trajectories over a time or frames", Rule.MISSED, STANDING_MOST),
+    ShortfallKind("pairs_without_cloud", Scope.MAP, "mapping pairs", Rule.JUDGED, 0.0, is_of_expected=True),
     # not 0, because points at the edge of the sky may have no truth
-    ShortfallKind(
-        "points_without_truth",
-        Scope.MAP,
-        "map points",
-        Rule.JUDGED,
-        0.01,
-        "{percent} % of the map points have no ground truth",
-    ),
-    ShortfallKind(
-        "points_not_finite", Scope.MAP, "map points", Rule.JUDGED, 0.0, "{percent} % of the map points are not finite"
-    ),
-    ShortfallKind(
-        "points_repeated",
-        Scope.MAP,
-        "map points",
-        Rule.JUDGED,
-        0.0,
-        "{percent} % of the map points have the pixel or position of another point",
-    ),
+    ShortfallKind("points_without_truth", Scope.MAP, "map points", Rule.JUDGED, 0.01),
+    ShortfallKind("points_not_finite", Scope.MAP, "map points", Rule.JUDGED, 0.0),
+    ShortfallKind("points_repeated", Scope.MAP, "map points", Rule.JUDGED, 0.0),
     # not 0, because no matcher returns a point for every pixel
-    ShortfallKind(
-        "pixels_without_point",
-        Scope.MAP,
-        "true pixels in the scored range, worst pair",
-        Rule.JUDGED,
-        0.5,
-        "a mapping pair has no map point at {percent} % of its true pixels in the scored range",
-        unknown="no mapping pair has a true pixel in the scored range, so that no point was required",
-        accepted_by=("coverage_min",),
-    ),
-    ShortfallKind(
-        "calls_missing",
-        Scope.CALLS,
-        "pairs",
-        Rule.JUDGED,
-        0.0,
-        "{percent} % of the pairs have no measured {part} call",
-        is_of_expected=True,
-    ),
-    ShortfallKind(
-        "calls_other",
-        Scope.CALLS,
-        "calls",
-        Rule.JUDGED,
-        0.0,
-        "{percent} % of the {part} calls have stamps that the source does not have",
-        is_wrong=True,
-    ),
-    ShortfallKind(
-        "calls_doubled",
-        Scope.CALLS,
-        "calls",
-        Rule.JUDGED,
-        0.0,
-        "{percent} % of the {part} calls belong to the pair of another call",
-        is_wrong=True,
-    ),
-    ShortfallKind(
-        "dropped",
-        Scope.LIVE,
-        "messages",
-        Rule.JUDGED,
-        0.0,
-        "{percent} % of the messages of the live run were dropped",
-        is_of_expected=True,
-    ),
-    ShortfallKind("restarts", Scope.LIVE, "one run", Rule.JUDGED, 0.0, "the live score restarted {value} times"),
+    ShortfallKind("pixels_without_point", Scope.MAP, "true pixels, worst pair", Rule.JUDGED, 0.5, ("coverage_min",)),
+    ShortfallKind("calls_missing", Scope.CALLS, "pairs", Rule.JUDGED, 0.0, is_of_expected=True),
+    ShortfallKind("calls_other", Scope.CALLS, "calls", Rule.JUDGED, 0.0, is_wrong=True),
+    ShortfallKind("calls_doubled", Scope.CALLS, "calls", Rule.JUDGED, 0.0, is_wrong=True),
+    ShortfallKind("dropped", Scope.LIVE, "messages", Rule.JUDGED, 0.0, is_of_expected=True),
+    ShortfallKind("restarts", Scope.LIVE, "runs", Rule.JUDGED, 0.0),
 )
 """Figures of completeness, in the order of their scopes."""
 EVIDENCE = (
@@ -232,12 +110,35 @@ EVIDENCE = (
     ShortfallKind("missing", Scope.DRIVE, IMAGES, Rule.EVIDENT, MISSING_SHARE),
     # the source has more pairs than the cloud and its ground truth
     ShortfallKind("pairs_without_cloud", Scope.MAP, "mapping pairs", Rule.EVIDENT),
-    ShortfallKind(
-        ANSWERS,
-        Scope.DRIVE,
-        "pairs published to an external localiser",
-        Rule.EVIDENT,
-        accepted_by=("missing_max_share",),
-    ),
+    ShortfallKind(ANSWERS, Scope.DRIVE, "pairs for an external localiser", Rule.EVIDENT, 0.0, ("missing_max_share",)),
 )
 """Evidence of missing results in the records of a score. A shortfall of the same figure states the same results."""
+UNKNOWN_ITEMS = ShortfallKind(JUDGED, None, "expected items, which are unknown", Rule.JUDGED, 1.0)
+UNKNOWN_MEMORY = ShortfallKind(JUDGED, Scope.MEMORY, "pairs", Rule.JUDGED, 1.0, ("calls_missing_max_share",))
+"""Shortfalls of the judged fraction itself."""
+OF_TRUTH = "are those of the ground truth, closer than any measurement: give the estimate of the item under test"
+TEXTS = {
+    "images_without_truth": "{percent} % of the images or true poses have no ground truth, or no true pose at the "
+    "stamp of their estimate (option frames=images interpolates the truth)",
+    "doubled": "{percent} % of the estimates have the stamp of another estimate",
+    "poses_repeated": "{percent} % of the poses repeat the previous pose although the rover moves, and are not "
+    "reported as lost or degraded",
+    "poses_of_truth": f"{{percent}} % of the steps {OF_TRUTH}",
+    "errors_of_truth": f"{{percent}} % of the judged motions from a start to an end {OF_TRUTH}",
+    "pairs_without_cloud": "{percent} % of the mapping pairs have no point in the cloud",
+    "points_without_truth": "{percent} % of the map points have no ground truth",
+    "points_not_finite": "{percent} % of the map points are not finite",
+    "points_repeated": "{percent} % of the map points have the pixel or position of another point",
+    "pixels_without_point": "a mapping pair has no map point at {percent} % of its true pixels in the scored range",
+    "calls_missing": "{percent} % of the pairs have no measured {part} call",
+    "calls_other": "{percent} % of the {part} calls have stamps that the source does not have",
+    "calls_doubled": "{percent} % of the {part} calls belong to the pair of another call",
+    "dropped": "{percent} % of the messages of the live run were dropped",
+    "restarts": "the live score restarted {value} times",
+}
+"""Why a scope is incomplete by a figure with the rule `JUDGED`; `percent`, `value` and `part` (the calls) are inserted.
+`judging.incomplete` composes the text of `missing`, which has other figures as well."""
+TEXTS_IF_UNKNOWN = {
+    "pixels_without_point": "no mapping pair has a true pixel in the scored range, so that no point was required"
+}
+"""Why a scope is incomplete by an unknown figure with the rule `JUDGED`; any other unknown figure is accepted."""

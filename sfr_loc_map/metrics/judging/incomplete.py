@@ -27,6 +27,8 @@ from sfr_loc_map.metrics.shortfall_kinds import (
     JUDGED,
     SHORTFALLS,
     STANDING_MOST,
+    TEXTS,
+    TEXTS_IF_UNKNOWN,
     UNKNOWN_ITEMS,
     UNKNOWN_MEMORY,
     Rule,
@@ -38,6 +40,8 @@ from sfr_loc_map.metrics.verdict import Verdict
 NOT_DUE = "no result of the {part} is due yet"
 UNKNOWN = "the expected items of the {part} are unknown: score against the source"
 NO_CALL = "no {part} call was measured: give the calls of the run (option stats)"
+NO_MEMORY = "the memory of {percent} % of the {part} calls was not measured"
+NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (option stats)"
 NO_STAMP = "the {part} calls have no stamps, so that their pairs are unknown"
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
@@ -139,7 +143,7 @@ def _of_scope(score: Score, part: RowPart) -> Iterator[Shortfall]:
         return
     if part.what == Scope.MEMORY:
         if row.value < 1.0:
-            text = UNKNOWN_MEMORY.text.format(percent=f"{100.0 * (1.0 - row.value):.4g}", part=part.call)
+            text = NO_MEMORY.format(percent=f"{100.0 * (1.0 - row.value):.4g}", part=part.call)
             yield Shortfall(UNKNOWN_MEMORY, part, 1.0, row.value, text, score.index_of(row))
         return
     for kind in SHORTFALLS:
@@ -147,11 +151,12 @@ def _of_scope(score: Score, part: RowPart) -> Iterator[Shortfall]:
             continue
         found = score.figure(kind.figure, subject=Subject.COMPLETENESS, part=calls)
         value = None if found is None else found.value
-        if found is not None and value is None and kind.unknown:
-            yield Shortfall(kind, part, kind.most, None, kind.unknown, score.index_of(found))
+        if found is not None and value is None and kind.figure in TEXTS_IF_UNKNOWN:
+            yield Shortfall(kind, part, kind.most, None, TEXTS_IF_UNKNOWN[kind.figure], score.index_of(found))
         if value is not None and value > kind.most:
-            text = kind.text.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=calls)
-            yield Shortfall(kind, part, kind.most, value, text or missing_text(score), score.index_of(found))
+            template = missing_text(score) if kind.figure == "missing" else TEXTS[kind.figure]
+            text = template.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=calls)
+            yield Shortfall(kind, part, kind.most, value, text, score.index_of(found))
 
 
 def _beyond_the_judged(score: Score, limit: Limit, rules: Rules) -> Iterator[Shortfall]:
@@ -199,7 +204,7 @@ def _unknown_state(score: Score, limit: Limit, rules: Rules) -> Iterator[Shortfa
         return
     row = score.figure(kind.figure, part=None)
     if row is not None and row.n and row.value is None:
-        yield Shortfall(kind, STATES, limit.limit, None, kind.unknown.format(figure=kind.figure))
+        yield Shortfall(kind, STATES, limit.limit, None, NO_STATE.format(figure=kind.figure))
 
 
 # ---- evidence, which also counts without limits
