@@ -260,7 +260,7 @@ MUTATIONS = (
     Mutation("metrics/association.py", "np.lexsort((difference[near], image[near]))", "np.argsort(image[near])"),
     Mutation("metrics/association.py", "return rows[chosen] if len(chosen) else rows", "return rows[chosen]"),
     Mutation("metrics/association.py", "near = np.flatnonzero(difference <= near_ns)", "near = np.arange(len(image))"),
-    Mutation("metrics/completeness.py", "share_of(many - judged, many)", "share_of(max(many - len(unique), 0), many)"),
+    Mutation("metrics/completeness.py", "share_of(many - judged, many)", "share_of(max(many - len(given), 0), many)"),
     Mutation("metrics/completeness.py", "judged, many = min(judged, 1), 1", "judged, many = 1, 1"),
     Mutation("metrics/completeness.py", "received, received + dropped)", "received, received)"),
     # calls

@@ -84,27 +84,39 @@ def calls_completeness(
     the pair are doubled.
     """
     for scope, measured in values.items():
-        given = stamps_ns[np.isfinite(measured)]
+        part = RowPart(scope, kind, place)
         if expected_ns is None or not len(expected_ns):
-            yield expected_row(RowPart(scope, kind, place), 0, None)
+            yield expected_row(part, 0, None)
             continue
-        expected = np.unique(expected_ns)
-        near_ns = nearness_ns(expected)
-        unique, counts = np.unique(given, return_counts=True)
-        is_of_drive = has_near(unique, expected, near_ns)
-        judged, many = int(np.count_nonzero(has_near(expected, unique, near_ns))), len(expected)
-        if kind not in (CallKind.LOCALISATION, CallKind.MAPPING):
-            judged, many = min(judged, 1), 1
-        yield expected_row(RowPart(scope, kind, place), judged, many)
+        given, expected = stamps_ns[np.isfinite(measured)], np.unique(expected_ns)
+        judged, many = judged_calls(kind, given, expected)
+        yield expected_row(part, judged, many)
         if scope is Scope.CALLS:
-            part, total = RowPart("", kind, place).text, len(given)
-            other = int(counts[~is_of_drive].sum())
-            pairs = nearest_stamps(unique[is_of_drive], expected)[0]
-            repeated_stamps = int((counts - 1).sum())
-            doubled = repeated_stamps + len(pairs) - len(np.unique(pairs))
-            yield figure_row("calls_missing", part=part, n=many, value=share_of(many - judged, many))
-            yield figure_row("calls_other", part=part, n=total, value=share_of(other, total))
-            yield figure_row("calls_doubled", part=part, n=total, value=share_of(doubled, total))
+            calls = part.of_calls.text
+            yield figure_row("calls_missing", part=calls, n=many, value=share_of(many - judged, many))
+            yield from wrong_calls(calls, given, expected)
+
+
+def judged_calls(kind: CallKind, given: IntArray, expected: IntArray) -> tuple[int, int]:
+    """Return the number of expected calls of a kind that were measured, and the number of expected calls."""
+    has_call = has_near(expected, np.unique(given), nearness_ns(expected))
+    judged, many = int(np.count_nonzero(has_call)), len(expected)
+    if kind not in (CallKind.LOCALISATION, CallKind.MAPPING):
+        judged, many = min(judged, 1), 1
+    return judged, many
+
+
+def wrong_calls(part: str | None, given: IntArray, expected: IntArray) -> Iterator[Figure]:
+    """Yield the rows of the measured calls that belong to no expected pair, or to the pair of another call."""
+    total = len(given)
+    unique, counts = np.unique(given, return_counts=True)
+    is_of_drive = has_near(unique, expected, nearness_ns(expected))
+    other = int(counts[~is_of_drive].sum())
+    pairs = nearest_stamps(unique[is_of_drive], expected)[0]
+    repeated_stamps = int((counts - 1).sum())
+    doubled = repeated_stamps + len(pairs) - len(np.unique(pairs))
+    yield figure_row("calls_other", part=part, n=total, value=share_of(other, total))
+    yield figure_row("calls_doubled", part=part, n=total, value=share_of(doubled, total))
 
 
 # ---- live runs

@@ -67,7 +67,7 @@ STAMP_NOISE_NS = 1_000
 PoseArrays = tuple[FloatArray, FloatArray]  #: Positions `(N, 3)` and unit quaternions `(N, 4)`.
 
 
-class Evidence(NamedTuple):
+class ComparedPoses(NamedTuple):
     """The poses by which hypotheses are evaluated."""
 
     estimate: Trajectory  #: In the order of the stamps, each stamp once.
@@ -124,28 +124,30 @@ def diagnose(
     """
     if not truth.has_attitude:  # the disagreement requires attitudes
         return Diagnosis(disagreement=None, hypotheses=(), found=None)
-    evidence = evidence_of(estimate, truth, config, rig)
-    before = evidence.before
+    compared = compared_poses(estimate, truth, config, rig)
+    before = compared.before
     if before is not None and before < AGREES and not every:
         return Diagnosis(disagreement=before, hypotheses=(), found=None)
-    tried = [item for hypotheses in HYPOTHESES for item in hypotheses(evidence)]
+    tried = [item for hypotheses in HYPOTHESES for item in hypotheses(compared)]
     tried.sort(key=lambda item: item.hypothesis.disagreement)
-    best = _best_of(tried, evidence.plain)
-    if best is not None and _is_scale_error(evidence, best):
+    best = _best_of(tried, compared.plain)
+    if best is not None and _is_scale_error(compared, best):
         best = None
     if best is None and before is not None and before >= AGREES:
-        best = _one_pair_late(evidence, before)
+        best = _one_pair_late(compared, before)
     return Diagnosis(disagreement=before, hypotheses=tuple(item.hypothesis for item in tried), found=best)
 
 
-def evidence_of(estimate: Trajectory, truth: Trajectory, config: AssociationConfig, rig: StereoRig | None) -> Evidence:
-    """Return the evidence of an estimate and a truth with attitudes. A long estimate is decimated."""
+def compared_poses(
+    estimate: Trajectory, truth: Trajectory, config: AssociationConfig, rig: StereoRig | None
+) -> ComparedPoses:
+    """Return the poses of an estimate and a truth with attitudes. A long estimate is decimated."""
     estimate = _in_order(estimate, max(1, len(estimate.stamps_ns) // MAX_POSES))
     truth = _in_order(truth, 1)
     frames = associate(estimate, truth, config)[0]
     true, found = (frames.true_position, frames.true_attitude), (frames.position, frames.attitude)
     plain = disagreements(true, found) if len(frames.stamps_ns) >= MIN_POSES else None
-    return Evidence(estimate, truth, found, true, frames.stamps_ns, rig, plain)
+    return ComparedPoses(estimate, truth, found, true, frames.stamps_ns, rig, plain)
 
 
 def _in_order(poses: Trajectory, step: int) -> Trajectory:
@@ -176,11 +178,11 @@ def _explains(tried: Tried, plain: FloatArray | None) -> bool:
     return plain is None or bool(np.median(plain) >= gain * np.median(tried.left))
 
 
-def _is_scale_error(evidence: Evidence, best: Hypothesis) -> bool:
+def _is_scale_error(compared: ComparedPoses, best: Hypothesis) -> bool:
     """Return whether a scale error of the estimate explains the disagreement about as well as the best hypothesis."""
-    if evidence.plain is None:
+    if compared.plain is None:
         return False
-    true, found = evidence.true, evidence.found
+    true, found = compared.true, compared.found
     starts, ends = _eighths(len(true[0]))
     true_m, found_m = (np.linalg.norm(p[ends] - p[starts], axis=1) for p in (true[0], found[0]))
     scale = float(true_m @ found_m) / max(float(found_m @ found_m), 1e-12)
@@ -231,9 +233,9 @@ class Mismatch(NamedTuple):
     #: Whether the true and estimated poses can show the mismatch.
     applies: Callable[[PoseArrays, PoseArrays], bool] = lambda true, found: True
 
-    def tried(self, evidence: Evidence) -> Tried:
+    def tried(self, compared: ComparedPoses) -> Tried:
         """Return the result of the correction."""
-        true, found = evidence.true, evidence.found
+        true, found = compared.true, compared.found
         left = disagreements(self.undo(*true), found) if self.is_of_truth else disagreements(true, self.undo(*found))
         hypothesis = Hypothesis(
             mismatch=self.name,
@@ -245,13 +247,13 @@ class Mismatch(NamedTuple):
         return Tried(hypothesis, left)
 
 
-def _of_poses(evidence: Evidence) -> Iterator[Tried]:
+def _of_poses(compared: ComparedPoses) -> Iterator[Tried]:
     """Yield the mismatches that are corrected pose by pose, with fixed and with fitted numbers."""
-    if evidence.plain is None:
+    if compared.plain is None:
         return
-    for item in (*MISMATCHES, *frame_mismatches(evidence.true, evidence.found, evidence.rig)):
-        if item.applies(evidence.true, evidence.found):
-            yield item.tried(evidence)
+    for item in (*MISMATCHES, *frame_mismatches(compared.true, compared.found, compared.rig)):
+        if item.applies(compared.true, compared.found):
+            yield item.tried(compared)
 
 
 def _motions_inverted(p: FloatArray, q: FloatArray) -> PoseArrays:
@@ -433,17 +435,17 @@ class Offset(NamedTuple):
         return float(np.mean(self.left))
 
 
-def _of_stamps(evidence: Evidence) -> Iterator[Tried]:
+def _of_stamps(compared: ComparedPoses) -> Iterator[Tried]:
     """Yield the hypothesis that the stamps are offset, if most of the estimate has a truth with an offset.
 
     The offset with the least disagreement is searched on a grid that is refined around the best offset. The offset that
     moves most stamps to stamps of the truth is then preferred if its disagreement is about the same.
     """
-    if min(len(evidence.estimate), len(evidence.truth)) < MIN_POSES:
+    if min(len(compared.estimate), len(compared.truth)) < MIN_POSES:
         return
-    estimate, truth = _with_unit_quats(evidence.estimate), _with_unit_quats(evidence.truth)
+    estimate, truth = _with_unit_quats(compared.estimate), _with_unit_quats(compared.truth)
     step_ns = int(np.median(np.diff(estimate.stamps_ns)))
-    begin_ns = 0 if evidence.plain is not None else int(truth.stamps_ns[0]) - int(estimate.stamps_ns[0])
+    begin_ns = 0 if compared.plain is not None else int(truth.stamps_ns[0]) - int(estimate.stamps_ns[0])
     best = Offset(begin_ns, np.full(1, np.inf))
     reach_ns = max(20 * step_ns, 2 * NS_PER_S)
     while reach_ns >= max(step_ns // 500, 1000):
@@ -508,12 +510,12 @@ def _of_offset(offset_ns: int, step_ns: int, left: float) -> Hypothesis:
     )
 
 
-def _one_pair_late(evidence: Evidence, before: float) -> Hypothesis | None:
+def _one_pair_late(compared: ComparedPoses, before: float) -> Hypothesis | None:
     """Return the hypothesis that each pose is that of the previous pair, if the rotations from pose to pose fit it.
 
     This is tried if no other hypothesis explains the disagreement `before` the correction.
     """
-    stamps_ns, true, found = evidence.stamps_ns, evidence.true, evidence.found
+    stamps_ns, true, found = compared.stamps_ns, compared.true, compared.found
     if len(stamps_ns) < LATE_POSES:
         return None
     true_turns, turns = (
@@ -528,5 +530,5 @@ def _one_pair_late(evidence: Evidence, before: float) -> Hypothesis | None:
     return _of_offset(-step, step, left)
 
 
-HYPOTHESES: tuple[Callable[[Evidence], Iterator[Tried]], ...] = (_of_poses, _of_stamps)
+HYPOTHESES: tuple[Callable[[ComparedPoses], Iterator[Tried]], ...] = (_of_poses, _of_stamps)
 """The hypotheses of a diagnosis."""

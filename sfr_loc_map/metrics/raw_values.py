@@ -49,19 +49,27 @@ def _required(score: Score) -> Iterator[str]:
     drive = score.association
     for limit in () if score.rules is None or drive is None else score.rules.limits:
         figure, condition = limit.limited.figure, limit.condition
-        row = score.judged_row(figure, subject=Subject.TRAJECTORY, condition=condition) if condition else None
+        if condition is None:
+            continue
+        row = score.judged_row(figure, subject=Subject.TRAJECTORY, condition=condition)
         if row is None or not row.n:
             continue
-        if score.errors_of(figure, condition or "") is None:
+        if score.errors_of(figure, condition) is None:
             yield f"{row.label} is limited, but its errors are absent"
-        needed = [(figure, OTHER_FRAMES), (ERRORS_BEYOND, figure)]
-        if Condition.parse(condition or "").is_of_time:
-            needed.append((STANDING, SUB_TRAJECTORIES))
-            standing = score.figure(STANDING, condition=condition, part=SUB_TRAJECTORIES)
-            needed += [(figure, MOVING)] if standing is not None and 0.0 < (standing.value or 0.0) < 1.0 else []
-        for name, part in needed:
+        for name, part in _required_beside(score, figure, condition):
             if score.figure(name, condition=condition, part=part) is None:
                 yield f"{row.label} is limited, but the row {name} {part} is absent"
+
+
+def _required_beside(score: Score, figure: str, condition: str) -> Iterator[tuple[str, str]]:
+    """Yield figure and part of the rows of other frames and of motion that a limited figure requires."""
+    yield figure, OTHER_FRAMES
+    yield ERRORS_BEYOND, figure
+    if Condition.parse(condition).is_of_time:
+        yield STANDING, SUB_TRAJECTORIES
+        standing = score.number(STANDING, condition=condition, part=SUB_TRAJECTORIES)
+        if 0.0 < (standing or 0.0) < 1.0:
+            yield figure, MOVING
 
 
 def _required_details(score: Score) -> Iterator[str]:

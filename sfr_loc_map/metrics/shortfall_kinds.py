@@ -1,8 +1,8 @@
 """The table of shortfalls: what is expected, what is counted as missing or wrong, and when a result is incomplete.
 
-`SHORTFALLS` has the figures of completeness that count missing, unjudged or wrong data. `EVIDENCE` has the records of a
-score that show missing results without limits as well. `judging.incomplete` finds the shortfalls of a score by both
-tables. Limits on completeness and the check of stored scores (`raw_values`) follow from `SHORTFALLS`.
+`SHORTFALLS` has the figures of completeness that count missing, unjudged or wrong data. `EVIDENT` has the missing
+results that the records of a score show without limits as well. `judging.incomplete` finds the shortfalls of a score by
+both tables. Limits on completeness and the check of stored scores (`raw_values`) follow from `SHORTFALLS`.
 
 To add a shortfall, add its line to `SHORTFALLS` and to `catalogue`, and compute its row (`drive_completeness`,
 `completeness`, `copies`). A shortfall with the rule `MISSED` also requires a function in `judging.incomplete`. Scores
@@ -70,7 +70,7 @@ class ShortfallKind(NamedTuple):
 
 
 JUDGED = "judged"  #: Figure of the fraction of the expected items of a scope that is judged.
-ANSWERS = "answers"  #: Name of the evidence of unanswered pairs, which have no figure of their own.
+ANSWERS = "answers"  #: Name of the shortfall of unanswered pairs, which have no figure of their own.
 MISSING_SHARE = 0.01  #: Missing fraction of a drive that is evident without limits.
 BEYOND_MOST = 0.02  #: Largest fraction of frames whose errors far exceed the judged errors, as in a short loss.
 STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories in which the rover is stationary.
@@ -105,14 +105,14 @@ SHORTFALLS = (
     ShortfallKind("restarts", Scope.LIVE, "runs", Rule.JUDGED, 0.0),
 )
 """Figures of completeness, in the order of their scopes."""
-EVIDENCE = (
+EVIDENT = (
     # a larger fraction than `most` of the images is missing, or a gap is longer than a condition (`drive_completeness`)
     ShortfallKind("missing", Scope.DRIVE, IMAGES, Rule.EVIDENT, MISSING_SHARE),
     # the source has more pairs than the cloud and its ground truth
     ShortfallKind("pairs_without_cloud", Scope.MAP, "mapping pairs", Rule.EVIDENT),
     ShortfallKind(ANSWERS, Scope.DRIVE, "pairs for an external localiser", Rule.EVIDENT, 0.0, ("missing_max_share",)),
 )
-"""Evidence of missing results in the records of a score. A shortfall of the same figure states the same results."""
+"""Missing results that the records of a score show. A shortfall of the same figure states the same results."""
 UNKNOWN_ITEMS = ShortfallKind(JUDGED, None, "expected items, which are unknown", Rule.JUDGED, 1.0)
 UNKNOWN_MEMORY = ShortfallKind(JUDGED, Scope.MEMORY, "pairs", Rule.JUDGED, 1.0, ("calls_missing_max_share",))
 """Shortfalls of the judged fraction itself."""

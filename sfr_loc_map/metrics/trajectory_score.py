@@ -66,15 +66,14 @@ def score_trajectory(
     if not placed.association.matched and not under_way:
         raise MetricsError(nothing_matched(estimates.trajectory, truth))
     frames = placed.frames
-    association, covered = drive_completeness(
+    association, completeness = drive_completeness(
         estimates.trajectory, truth, placed.association, frames.stamps_ns, conditions, image_stamps_ns, in_flight_ns
     )
-    unknown = placed.estimates.unknown_states(frames.estimate_rows)
-    covered = [msgspec.structs.replace(row, value=None) if row.figure in unknown else row for row in covered]
+    completeness = with_unknown_states(completeness, placed)
     is_reported = (placed.estimates.lost | placed.estimates.degraded)[frames.estimate_rows]
-    covered += copy_rows(frames, truth, is_reported, interpolated=association.interpolated > 0)
+    completeness += copy_rows(frames, truth, is_reported, interpolated=association.interpolated > 0)
     chosen = [select(condition, config.spacing, frames.truth, placed.length_m) for condition in conditions]
-    covered.append(judged_of_truth(frames, chosen))
+    completeness.append(judged_of_truth(frames, chosen))
     sums = step_sums(placed.estimates, frames, chosen)
     figures: list[Figure] = []
     rows: list[SubTrajectoryRows] = []
@@ -99,7 +98,7 @@ def score_trajectory(
     figures += truth_error_rows(truth, frames.stamps_ns if association.interpolated else frames.stamps_ns[:0])
     path = path_rows(placed.estimates, frames, placed.length_m) if details else None
     return TrajectoryResult(
-        figures=(*figures, *covered),
+        figures=(*figures, *completeness),
         association=association,
         truth=truth_record(truth, frames, placed.placement),
         details=TrajectoryDetails(path=path, sub_trajectories=tuple(rows)),
@@ -126,6 +125,12 @@ def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:
         f"no estimate has a ground truth at its stamp: the estimate has {spans[0]}, the ground truth has {spans[1]}; "
         "give trajectories of the same drive and clock (sfr score --diagnose estimates the offset of the stamps)"
     )
+
+
+def with_unknown_states(rows: Sequence[Figure], placed: PlacedFrames) -> list[Figure]:
+    """Return rows of completeness, in which the fractions of states that are unknown for a frame are null."""
+    unknown = placed.estimates.unknown_states(placed.frames.estimate_rows)
+    return [msgspec.structs.replace(row, value=None) if row.figure in unknown else row for row in rows]
 
 
 def evidence_of(

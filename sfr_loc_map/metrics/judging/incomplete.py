@@ -2,7 +2,7 @@
 
 `incompleteness` finds the shortfalls of a score by the tables of `metrics.shortfall_kinds`, which state for each kind
 what is expected and when the score is incomplete. Every shortfall passes the same two filters: the rules of the score
-may accept it, and evidence is dropped if a shortfall states the same results.
+may accept it, and an evident shortfall is dropped if another one states the same results.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.shortfall_kinds import (
     ANSWERS,
     BEYOND_MOST,
-    EVIDENCE,
+    EVIDENT,
     JUDGED,
     SHORTFALLS,
     STANDING_MOST,
@@ -61,7 +61,7 @@ class Shortfall(NamedTuple):
 
     @property
     def verdict(self) -> Verdict | None:
-        """The verdict that states the shortfall; None for evidence, which also counts without limits."""
+        """The verdict that states the shortfall; None if it is evident and counts without limits, too."""
         if self.kind.rule is Rule.EVIDENT:
             return None
         name = self.kind.limit_name
@@ -80,10 +80,10 @@ class Shortfall(NamedTuple):
 
 
 def incompleteness(score: Score) -> list[Shortfall]:
-    """Return what makes a score incomplete by its rules. Without limits only evidence counts."""
+    """Return what makes a score incomplete by its rules. Without limits only evident shortfalls count."""
     rules = score.rules or Rules()
     found: list[Shortfall] = []
-    for item in (*_of_limits(score, rules), *evidence(score)):
+    for item in (*_of_limits(score, rules), *evident_shortfalls(score)):
         if not _is_accepted(item.kind, score, rules) and not _is_stated(item, found):
             found.append(item)
     return found
@@ -114,7 +114,7 @@ def _is_accepted(kind: ShortfallKind, score: Score, rules: Rules) -> bool:
 
 
 def _is_stated(item: Shortfall, found: Iterable[Shortfall]) -> bool:
-    """Return whether a shortfall states the results of evidence: by the same figure, or by unknown expected items."""
+    """Return whether another shortfall states what is evident: by the same figure, or by unknown expected items."""
     if item.kind.rule is not Rule.EVIDENT:
         return False
     return any(other.part == item.part and other.kind.figure in (item.kind.figure, JUDGED) for other in found)
@@ -207,13 +207,13 @@ def _unknown_state(score: Score, limit: Limit, rules: Rules) -> Iterator[Shortfa
         yield Shortfall(kind, STATES, limit.limit, None, NO_STATE.format(figure=kind.figure))
 
 
-# ---- evidence, which also counts without limits
+# ---- evident shortfalls, which also count without limits
 
 
-def evidence(score: Score) -> Iterator[Shortfall]:
+def evident_shortfalls(score: Score) -> Iterator[Shortfall]:
     """Yield the shortfalls that the records of a score show, whatever its rules are."""
-    for kind in EVIDENCE:
-        text = EVIDENCE_TEXTS[kind.figure](score)
+    for kind in EVIDENT:
+        text = EVIDENT_TEXTS[kind.figure](score)
         if text is not None and kind.scope is not None:
             yield Shortfall(kind, RowPart(kind.scope), kind.most, None, text)
 
@@ -242,12 +242,12 @@ def _unanswered_pairs(score: Score) -> str | None:
     return f"{node.answers.missing} of {node.answers.pairs} pairs have no answer"
 
 
-EVIDENCE_TEXTS: dict[str, Callable[[Score], str | None]] = {
+EVIDENT_TEXTS: dict[str, Callable[[Score], str | None]] = {
     "missing": _evident_gap,
     "pairs_without_cloud": _unmapped_pairs,
     ANSWERS: _unanswered_pairs,
 }
-"""What the records show for each kind of evidence; None if they show no missing results."""
+"""What is missing by each kind of evident shortfall; None if nothing is."""
 
 
 # ---- texts

@@ -123,7 +123,7 @@ def of_incomplete(verdict: Verdict) -> Verdict:
     return struct_replace(verdict, state=VerdictState.INCOMPLETE) if is_pass else verdict
 
 
-def incomplete_verdict(share: float | None) -> Verdict:
+def judged_share_verdict(share: float | None) -> Verdict:
     """Return the verdict on an incomplete estimate, of which the fraction `share` was judged."""
     return plain_verdict("judged_share_min", 1.0, share, VerdictState.INCOMPLETE)
 

@@ -24,7 +24,7 @@ class Common(NamedTuple):
     text: str = ""  #: Reason for a missing common verdict; empty if the verdict exists or no score was judged.
 
 
-OF_PART = {Scope.DRIVE: ("trajectory", "localisation"), Scope.MAP: ("map", "mapping")}
+SETTINGS_OF = {Scope.DRIVE: ("trajectory", "localisation"), Scope.MAP: ("map", "mapping")}
 """Prefixes of the names of settings that apply to a drive or a map."""
 
 
@@ -91,7 +91,7 @@ def difference_of(scores: Sequence[Score]) -> str | None:
         files = [item.inputs[role] for item in made if role in item.inputs]
         if len({file.data_sha256 or file.sha256 for file in files}) > 1:
             return f"the scores are of several {several}, which only a suite judges together"
-    for part, words in OF_PART.items():
+    for part, words in SETTINGS_OF.items():
         settings = [
             {name: value for name, value in item.configuration.items() if name.partition(".")[0] in words}
             for score, item in zip(scores, made, strict=True)

@@ -14,7 +14,7 @@ from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.judge import (
     finding_verdicts,
-    incomplete_verdict,
+    judged_share_verdict,
     of_incomplete,
     plain_verdict,
     proof_verdict,
@@ -85,7 +85,7 @@ def _verdicts_without_limit(scores: Sequence[Score]) -> Iterator[GroupVerdict]:
         rows = [row for score in incomplete for row in score.rows("judged", subject=Subject.COMPLETENESS)[:1]]
         fractions = [row.value for row in rows if row.value is not None]
         # an incomplete drive prevents a pass, whatever the figures of the other drives
-        smallest = replace(incomplete_verdict(min(fractions, default=None)), n=len(scores))
+        smallest = replace(judged_share_verdict(min(fractions, default=None)), n=len(scores))
         yield _group_verdict(smallest, WORST_DRIVE, len(incomplete))
 
 
