@@ -67,10 +67,10 @@ def sums_of_steps(estimates: Estimates, steps: FloatArray, wanted: IntArray) -> 
     systematic = np.cumsum(of_step * counted[:, None, SYSTEMATIC], axis=0)
     unknown_steps = np.cumsum(~is_known & ~lost)
     noise = carried(of_pose, symmetric(counted[:, WITHOUT_NOISE:]))
-    places = np.searchsorted(poses.stamps_ns[order], poses.stamps_ns[wanted])
+    indices = np.searchsorted(poses.stamps_ns[order], poses.stamps_ns[wanted])
     return {
         int(row): StepSums(covariance[at], systematic[at], int(unknown_steps[at]), noise[at])
-        for row, at in zip(wanted.tolist(), places.tolist(), strict=True)
+        for row, at in zip(wanted.tolist(), indices.tolist(), strict=True)
     }
 
 

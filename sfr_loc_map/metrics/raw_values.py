@@ -275,8 +275,8 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
         yield f"mean of {row.label} is {row.mean:.9g}, but the histogram gives {bounds_s[0]:.9g} to {bounds_s[1]:.9g}"
     reached = np.cumsum(counts)
     for name, percent in QUANTILES.items():
-        place = percent / 100.0 * (row.n - 1)  # rank among the sorted times, between two of them
-        low, high = (edges[np.searchsorted(reached, int(rank), "right")] for rank in (np.floor(place), np.ceil(place)))
+        rank = percent / 100.0 * (row.n - 1)  # among the sorted times, between two of them
+        low, high = (edges[np.searchsorted(reached, int(each), "right")] for each in (np.floor(rank), np.ceil(rank)))
         high *= edges[1] / edges[0]  # all bins have this ratio of their edges
         value = getattr(row, name)
         if value is not None and not low * (1.0 - 1e-6) <= value <= high * (1.0 + 1e-6):

@@ -185,8 +185,8 @@ class FindingRecord(Record, frozen=True, kw_only=True):
     def __str__(self) -> str:
         """Return the finding as one line."""
         calls = "1 call" if self.count == 1 else f"{self.count} calls, the first"
-        place = "" if self.first_stamp_ns is None else f" at stamp {self.first_stamp_ns}"
-        return f"{self.kind}: {calls}{place}: {self.text}"
+        stamp = "" if self.first_stamp_ns is None else f" at stamp {self.first_stamp_ns}"
+        return f"{self.kind}: {calls}{stamp}: {self.text}"
 
 
 class AnswerCounts(Record, frozen=True, kw_only=True, omit_defaults=False):

@@ -44,15 +44,15 @@ def json_line(value: Any) -> str:  # noqa: ANN401 - any record, or dicts and lis
     return _encoded(value).decode() + "\n"
 
 
-def from_plain(kind: type[T], value: Any, place: str = "") -> T:  # noqa: ANN401 - any JSON
-    """Return the value of a type from its JSON; `place` is the name of the value in messages.
+def from_plain(kind: type[T], value: Any, name: str = "") -> T:  # noqa: ANN401 - any JSON
+    """Return the value of a type from its JSON; `name` is the name of the value in messages.
 
     RecordError, with a message of one line, if a key is missing or unknown or a value has another type.
     """
     try:
         return msgspec.convert(value, kind)
     except (msgspec.ValidationError, ValueError) as error:
-        raise RecordError(f"{place}: {error}" if place else str(error)) from error
+        raise RecordError(f"{name}: {error}" if name else str(error)) from error
 
 
 def to_dict(score: Score) -> dict[str, Any]:

@@ -40,9 +40,9 @@ def rows_of_moving(condition: str, judged: SubTrajectories, overlap: float, *, h
 def is_moving(judged: SubTrajectories) -> Mask:
     """Return the sub-trajectories in which the rover moves or turns by a tenth of the largest motion or turn."""
     starts, ends = judged.starts, judged.ends
-    places = [starts + np.rint(share * (ends - starts)).astype(np.int64) for share in QUARTERS]
+    frames = [starts + np.rint(share * (ends - starts)).astype(np.int64) for share in QUARTERS]
     position = np.nan_to_num(judged.poses.true_position)  # heights may be unknown
-    moved_m = [np.linalg.norm(formulas.displacement(position, starts, at), axis=1) for at in places]
+    moved_m = [np.linalg.norm(formulas.displacement(position, starts, at), axis=1) for at in frames]
     farthest_m = np.max(moved_m, axis=0)
     attitude = judged.poses.true_attitude
     turn_deg = np.nan_to_num(formulas.attitude_error_deg(attitude[ends], attitude[starts]))  # attitudes may be unknown

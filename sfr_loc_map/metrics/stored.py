@@ -40,8 +40,8 @@ def stored_contradiction(score: Score) -> str | None:
         for field in Verdict.__struct_fields__:
             mine, theirs = getattr(stored, field), getattr(derived, field)
             if mine != theirs and not _is_near(mine, theirs):
-                place = f"{json_name(field)} of the verdict on {stored.name}"
-                return f"{place} is {_text(mine)}, but the figures give {_text(theirs)}"
+                what = f"{json_name(field)} of the verdict on {stored.name}"
+                return f"{what} is {_text(mine)}, but the figures give {_text(theirs)}"
     for field in ("verdict", "incomplete"):
         mine, theirs = getattr(score, field), getattr(again, field)
         if mine != theirs:

@@ -96,15 +96,15 @@ def figure_row(
 ) -> Figure:
     """Return the row of a figure of the catalogue, with its clause, its subject and, unless given, its unit."""
     kind = KINDS[figure]
-    place = None if part is None else str(part)
+    part = None if part is None else str(part)
     row: dict[str, Any] = {} if statistics is None else msgspec.structs.asdict(statistics)
     for name, value in numbers.items():
         row[name] = None if value is None else int(value) if name == "n" else float(value)
     return Figure(
-        clause=clause_of(kind.name, place),
+        clause=clause_of(kind.name, part),
         subject=kind.subject,
         condition=condition,
-        part=place,
+        part=part,
         figure=kind.name,
         unit=unit or kind.unit,
         **row,

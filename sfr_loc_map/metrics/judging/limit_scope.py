@@ -1,4 +1,4 @@
-"""The scope of the limits of a score: the task of each limit, and the part of the score that it requires."""
+"""The scope that each limit requires to be complete, and the tasks that limits and scores are about."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def task_of(limit: Limit) -> Scope:
 def tasks_of(score: Score) -> list[Scope]:
     """Return the tasks that a score is about: `drive`, `map`, or both."""
     found = []
-    for part, subject in ((Scope.DRIVE, Subject.TRAJECTORY), (Scope.MAP, Subject.MAP)):
-        if score.has(subject) or score.figure("judged", part=part) is not None:
-            found.append(part)
+    for scope, subject in ((Scope.DRIVE, Subject.TRAJECTORY), (Scope.MAP, Subject.MAP)):
+        if score.has(subject) or score.figure("judged", part=scope) is not None:
+            found.append(scope)
     return found
 
 
@@ -43,7 +43,7 @@ def limits_about(limits: Limits | None, tasks: Collection[str]) -> Limits | None
 
 
 def needed_part(limit: Limit) -> RowPart | None:
-    """Return the part that must be complete for a pass of a limit; None for limits on completeness."""
+    """Return the scope that must be complete for a pass, as in a row `judged`; None for limits on completeness."""
     if limit.section is LimitSection.TRAJECTORY:
         return RowPart(Scope.DRIVE)
     if limit.section is LimitSection.MAP:
@@ -57,7 +57,7 @@ def needed_part(limit: Limit) -> RowPart | None:
 
 
 def judged_parts(limits: Limits, score: Score) -> list[RowPart]:
-    """Return the parts of a score that limits judge, as named in the rows `judged`."""
+    """Return the scopes of a score that limits judge, as in the rows `judged`."""
     found = [RowPart(task) for task in tasks_of(score)]
     found += [RowPart(Scope.LIVE)] if score.figure("judged", part=Scope.LIVE) else []
     for limit in limits.limits:

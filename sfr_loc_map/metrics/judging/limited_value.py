@@ -18,9 +18,8 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.truth_error import ATTITUDE, TURN
 
-EXPANSION = {
-    **{"mean": 1.0, "sigma": 1.0, "rmse": 1.0, "mean_plus_3sigma": 3.0, "max": 3.0},
-    **{name: float(math.ceil(NormalDist().inv_cdf(0.5 + percent / 200.0))) for name, percent in QUANTILES.items()},
+EXPANSION = {"mean": 1.0, "sigma": 1.0, "rmse": 1.0, "mean_plus_3sigma": 3.0, "max": 3.0} | {
+    name: float(math.ceil(NormalDist().inv_cdf(0.5 + percent / 200.0))) for name, percent in QUANTILES.items()
 }
 """Largest error of each statistic, in standard deviations of the error of the truth. For a quantile, it is the same
 quantile of a normal error, rounded up to 1, 2 or 3. The standard library is used because scipy is slow to import."""
@@ -75,13 +74,14 @@ def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> fl
 
     The reading `pose` rotates the estimate by the true attitude at the start, whose error also moves the end.
     """
-    limited = limit.limited
     if limit.section is not LimitSection.TRAJECTORY:
         return 0.0
-    part = None if KINDS[limited.figure].unit == "m" else ATTITUDE
+    kind = KINDS[limit.limited.figure]
+    is_length = kind.unit == "m"
+    part = None if is_length else ATTITUDE
     of_ends = float(np.sqrt(2.0)) * (score.number("truth_error", condition=None, part=part) or 0.0)
-    turned = limited.figure in ("position", "horizontal") and reading == Rebase.POSE
-    of_turn = score.number("truth_error", condition=limit.condition, part=TURN) if turned else None
+    is_turned = is_length and not kind.is_of_all_readings and reading == Rebase.POSE
+    of_turn = score.number("truth_error", condition=limit.condition, part=TURN) if is_turned else None
     return expansion_of(limit) * float(np.hypot(of_ends, of_turn or 0.0))
 
 

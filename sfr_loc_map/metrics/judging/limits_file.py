@@ -55,15 +55,15 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
         raise ConfigError(f"{origin}: 'trajectory' must be a list, one entry per condition ('- condition: ...')")
     limits: list[Limit] = []
     for number, entry in enumerate(entries, 1):
-        place = f"{origin}: trajectory entry {number}"
+        entry_origin = f"{origin}: trajectory entry {number}"
         if not isinstance(entry, Mapping) or not isinstance(entry.get("condition"), str):
-            raise ConfigError(f"{place}: needs 'condition', such as distance=5, and limits in the same entry")
+            raise ConfigError(f"{entry_origin}: needs 'condition', such as distance=5, and limits in the same entry")
         try:
             condition = Condition.parse(entry["condition"]).setting
         except MetricsError as error:
-            raise ConfigError(f"{place}: {error}") from error
+            raise ConfigError(f"{entry_origin}: {error}") from error
         rest = {key: value for key, value in entry.items() if key != "condition"}
-        limits += _limits_of(LimitSection.TRAJECTORY, rest, place, condition)
+        limits += _limits_of(LimitSection.TRAJECTORY, rest, entry_origin, condition)
     for section in LimitSection:
         if section is not LimitSection.TRAJECTORY:
             blocks = content.get(section, {})
