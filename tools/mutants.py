@@ -147,7 +147,7 @@ MUTATIONS = (
     Mutation(FORMULAS, "error - 360.0 * np.ceil((error - 180.0) / 360.0)", "error"),
     # directions, quantiles
     Mutation(FORMULAS, "error[:, 1] * east - error[:, 0] * north", "error[:, 0] * north - error[:, 1] * east"),
-    Mutation(FORMULAS, "{name: percent_of(name) for", "{name: min(percent_of(name), 95.0) for"),
+    Mutation(FORMULAS, "{name: float(f", "{name: 0.5 * float(f"),
     Mutation(FORMULAS, "np.abs(given)", "given"),
     Mutation(
         FORMULAS, "return np.asarray(estimated - np.linalg.norm(", "return np.asarray(estimated + np.linalg.norm("

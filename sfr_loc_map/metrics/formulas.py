@@ -298,7 +298,7 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, 
     The size of an error is its absolute value, or the norm of an error vector. Every score contains each statistic of
     this struct, and each can be limited, except the numbers of values. `FigureKind.shown` selects the statistics in
     tables and topics of the monitor, `FigureKind.compared` those in comparisons, histories and suites. The name of a
-    quantile states its percentage (`percent_of`).
+    quantile states its percentage (`QUANTILES`).
     """
 
     n: int | None = None  #: Number of known values.
@@ -315,15 +315,8 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, 
 
 STATISTICS = tuple(name for name in Statistics.__struct_fields__ if name not in ("n", "unknown"))
 """Names of the statistics, in the order of the columns."""
-
-
-def percent_of(quantile: str) -> float:
-    """Return the percentage of a quantile by its name: 95 for `p95`, 99.7 for `p997`."""
-    return float(f"{quantile[1:3]}.{quantile[3:] or 0}")
-
-
-QUANTILES = {name: percent_of(name) for name in STATISTICS if re.fullmatch(r"p\d{2,}", name)}
-"""Statistics that are quantiles of the sizes, with their percentage."""
+QUANTILES = {name: float(f"{name[1:3]}.{name[3:] or 0}") for name in STATISTICS if re.fullmatch(r"p\d{2,}", name)}
+"""Statistics that are quantiles of the sizes, with their percentage: 95 for `p95`, 99.7 for `p997`."""
 
 
 def statistics(errors: NDArray[np.floating]) -> Statistics:
