@@ -5,9 +5,10 @@ The modules by subject, each subject in the order of its use:
 - formulas: `formulas` has the formulas of the specification in the order of its clauses, and the statistics of errors.
 - table of figures: `catalogue` has a line for each figure, `row_part` the parts of rows, `table` the rows, `config` the
   settings. `score` has the table with the verdicts (`verdict`), `records` and the data of the plots (`details`).
-- trajectory: `association` pairs estimates with true poses, `placement` makes the frames, `trajectory_errors` the
-  sub-trajectories and their rows, and `trajectory_score` the score. It also calls `other_frames` and `standing` (errors
-  that the figures do not contain), `copies`, `truth_error`, `consistency` (NEES), `three_sigma` and `plot_columns`.
+- trajectory: `association` pairs estimates with true poses, `placement` makes the frames, `trajectory_errors` selects
+  the `sub_trajectories` and makes their rows, and `trajectory_score` makes the score. It also calls `other_frames` and
+  `standing` (errors that the figures do not contain), `copies`, `truth_error`, `consistency` (NEES), `three_sigma` and
+  `plot_columns`.
 - map and calls: `cloud_error` scores clouds. `call_meter` measures a call, and `calls` scores the calls of a run.
 - results: `results` has the result of each part (trajectory, map, calls), of which `scoring` makes a score.
 - completeness: `shortfall_kinds` is the table of what is expected and when a result is incomplete.

@@ -18,15 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import StrEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import QUANTILES, chord_error
 from sfr_loc_map.metrics.row_part import DIRECTIONS, MOVING, OTHER_FRAMES, Place, RowPart, is_of_distance
-
-if TYPE_CHECKING:
-    from sfr_loc_map.metrics.trajectory_errors import SubTrajectories
+from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 
 
 class Subject(StrEnum):

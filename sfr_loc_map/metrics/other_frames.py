@@ -13,8 +13,9 @@ from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.placement import PlacedFrames
 from sfr_loc_map.metrics.row_part import OTHER_FRAMES
 from sfr_loc_map.metrics.shortfall_kinds import BEYOND_MOST
+from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.metrics.trajectory_errors import SubTrajectories, error_figures, error_row, errors_of
+from sfr_loc_map.metrics.trajectory_errors import error_figures, error_row, errors_of
 
 BEYOND = 3.0
 """Multiple of the largest judged error that the error at another frame must not exceed."""

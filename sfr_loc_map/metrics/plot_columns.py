@@ -9,7 +9,8 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import POSITION_VARIANCES, Estimates, Frames
 from sfr_loc_map.metrics.details import NAMED_ERRORS, PathRows, SubTrajectoryRows, Values, column
 from sfr_loc_map.metrics.formulas import Lengths
-from sfr_loc_map.metrics.trajectory_errors import SubTrajectories, error_figures, errors_of
+from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
+from sfr_loc_map.metrics.trajectory_errors import error_figures, errors_of
 
 PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Maximum number of frames, and of sub-trajectories of each condition, in plots.
 

@@ -13,8 +13,9 @@ from sfr_loc_map.metrics.completeness import share_of
 from sfr_loc_map.metrics.copies import MOVING_SHARE
 from sfr_loc_map.metrics.formulas import SubTrajectoryErrors
 from sfr_loc_map.metrics.row_part import MOVING, SUB_TRAJECTORIES
+from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.metrics.trajectory_errors import SubTrajectories, error_figures, error_row
+from sfr_loc_map.metrics.trajectory_errors import error_figures, error_row
 
 TURN_DEG = 1.0  #: Smallest rotation of a point turn, above the typical noise of true attitudes, deg.
 QUARTERS = (0.25, 0.5, 0.75, 1.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,10 +13,11 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import StampedPoses
 from sfr_loc_map.metrics.catalogue import KINDS, FigureKind
 from sfr_loc_map.metrics.config import Condition, ConditionKind
-from sfr_loc_map.metrics.formulas import Lengths, Poses, Reading, SubTrajectoryErrors
+from sfr_loc_map.metrics.formulas import Lengths, Poses, Reading
 from sfr_loc_map.metrics.intervals import interval95
 from sfr_loc_map.metrics.placement import READINGS, PlacedFrames, of_known
 from sfr_loc_map.metrics.row_part import distance_part
+from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.truth_error import known_of
 
@@ -27,31 +27,6 @@ DISTANCES_SPACING, DISTANCES_BASE_M = 10, 50.0
 """Minimum number of frames between the starts of these sub-trajectories, and the length beyond which this number is
 proportional to the length, because overlapping sub-trajectories add little information."""
 DISTANCES_MAX_STARTS = 5000  #: A sub-trajectory that contains more starts is ignored: the rover was stationary.
-
-
-class SubTrajectories(NamedTuple):
-    """The sub-trajectories of one condition, and their errors by one reading of the document."""
-
-    starts: IntArray  #: Frames N.
-    ends: IntArray  #: Frames N+x.
-    poses: Poses  #: Poses of all frames.
-    errors: SubTrajectoryErrors
-
-    def every(self, step: int) -> SubTrajectories:
-        """Return every `step`-th sub-trajectory."""
-        errors = SubTrajectoryErrors(*(values[::step] for values in self.errors))
-        return self._replace(starts=self.starts[::step], ends=self.ends[::step], errors=errors)
-
-    def true_displacement(self) -> FloatArray:
-        """Return the true displacements from N to N+x."""
-        return formulas.displacement(self.poses.true_position, self.starts, self.ends)
-
-    def by_direction(self) -> dict[str, FloatArray]:
-        """Return the position errors along x, y and z of DS, and along and across the true displacement."""
-        x, y, z = self.errors.position_m.T
-        true_heading = formulas.heading(self.poses.true_attitude[self.ends])
-        along, cross = formulas.along_and_cross(self.errors.position_m, self.true_displacement(), true_heading)
-        return {"x": x, "y": y, "z": z, "along": along, "cross": cross}
 
 
 def error_figures(*, has_height: bool) -> list[FigureKind]:

@@ -29,17 +29,10 @@ from sfr_loc_map.metrics.plot_columns import path_rows, sub_trajectory_rows
 from sfr_loc_map.metrics.records import TruthRecord
 from sfr_loc_map.metrics.results import TrajectoryResult
 from sfr_loc_map.metrics.standing import largest_standing_fraction, rows_of_moving
+from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.three_sigma import evidence_rows
-from sfr_loc_map.metrics.trajectory_errors import (
-    SubTrajectories,
-    error_figures,
-    error_rows,
-    errors_of,
-    growth_rows,
-    overlap_of,
-    select,
-)
+from sfr_loc_map.metrics.trajectory_errors import error_figures, error_rows, errors_of, growth_rows, overlap_of, select
 from sfr_loc_map.metrics.truth_error import known_of, truth_error_rows, turn_rows
 
 
