@@ -44,7 +44,7 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import associate, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.formulas import pose_reading
-from sfr_loc_map.metrics.pose_convention import MIRROR, MIRROR_QUAT
+from sfr_loc_map.metrics.pose_convention import FRD_IN_BODY, MIRROR, MIRROR_QUAT
 from sfr_loc_map.metrics.records import Record
 
 GAIN, GAIN_FITTED = 2.0, 3.0
@@ -281,6 +281,7 @@ def _moves_in_true_directions(true: PoseArrays, found: PoseArrays) -> bool:
 
 WXYZ = [1, 2, 3, 0]  #: Columns x, y, z, w of a quaternion that was written as w, x, y, z.
 OPTICAL = quat_from_matrix(OPTICAL_IN_BODY)
+FRD = quat_from_matrix(FRD_IN_BODY)
 MISMATCHES = (
     Mismatch(
         "conjugated quaternion",
@@ -350,6 +351,13 @@ MISMATCHES = (
         "mirrored=true",
         "left and right are mirrored (y points right): negate y, and x and z of the quaternions",
         lambda p, q: (p * MIRROR, q * MIRROR_QUAT),
+    ),
+    Mismatch(
+        "axes of NED",
+        "frame=rb_frd",
+        "its attitudes are those of the axes x forward, y right, z down (NED): rotate them to RB; if the truth has "
+        "these axes, --set 'truth.lever_quat_xyzw=[1, 0, 0, 0]' corrects the truth",
+        lambda p, q: (p, quat_multiply(q, quat_conjugate(FRD))),
     ),
     Mismatch(
         "truth scalar first",

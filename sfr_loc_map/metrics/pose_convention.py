@@ -28,8 +28,11 @@ from sfr_loc_map.metrics.consistency import carried
 
 RB = "rb"  #: Frame of the rover [3.2.1].
 RB_OPTICAL = "rb_optical"  #: Frame with the origin of RB and optical axes.
-FRAMES = (RB, RB_OPTICAL, "sb", "left", "right", "left_optical", "right_optical")
-"""Frames of the rover: RB, RB with optical axes, the stereo rig SB, and the cameras with axes of SB or optical axes."""
+RB_FRD = "rb_frd"  #: Frame with the origin of RB and the axes x forward, y right, z down (NED).
+FRAMES = (RB, RB_OPTICAL, RB_FRD, "sb", "left", "right", "left_optical", "right_optical")
+"""Frames of the rover: RB, RB with optical axes or axes of NED, the stereo rig SB, and the cameras with axes of SB or
+optical axes."""
+FRD_IN_BODY = np.diag([1.0, -1.0, -1.0])  #: Converts components in `RB_FRD` to RB.
 MIRROR = np.array([1.0, -1.0, 1.0])  #: Factors that mirror a position in the x-z plane.
 MIRROR_QUAT = np.array([-1.0, 1.0, -1.0, 1.0])  #: Factors that mirror a quaternion in the x-z plane.
 FIRST_POSE = "first_pose"  #: World frame that is aligned with the truth at the first pose.
@@ -120,8 +123,9 @@ class PoseConvention:
         """Return the pose in RB of the frame whose poses are given; ConfigError if the required rig is unknown."""
         if self.extrinsics:
             return Transform.from_quat(self.extrinsics[:3], self.extrinsics[3:])
-        if self.frame in (RB, RB_OPTICAL):
-            return Transform(np.eye(3) if self.frame == RB else OPTICAL_IN_BODY, np.zeros(3))
+        rotations = {RB: np.eye(3), RB_OPTICAL: OPTICAL_IN_BODY, RB_FRD: FRD_IN_BODY}
+        if self.frame in rotations:
+            return Transform(rotations[self.frame], np.zeros(3))
         if rig is None or rig.T_rb_sb is None:
             raise ConfigError(
                 f"convention 'frame={self.frame}' needs the pose of the cameras in RB (T_rb_locsb), which the source "

@@ -70,6 +70,7 @@ CASES: dict[str, tuple[Callable[..., Poses], str]] = {
     "late": (lambda s, p, q: (s + 1_234_000_000, p, q), "time offset"),
     "other_clock": (lambda s, p, q: (s - s[0], p, q), "time offset"),
     "swapped": (lambda s, p, q: (s, -p, q), "swapped left and right images"),
+    "ned": (lambda s, p, q: (s, p * [1, -1, -1], q * [1, -1, -1, 1]), "axes of NED"),
     "mirrored": (lambda s, p, q: (s, p * [1, -1, 1], q * [-1, 1, -1, 1]), "mirrored left and right"),
 }
 
