@@ -50,6 +50,7 @@ CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z,
 TUM_HEADER = "# t x y z qx qy qz qw"
 EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
 KITTI_COLUMNS = 12
+MAX_NEGATIVE = 1e-6  #: Largest negative eigenvalue of a covariance by rounding, as a fraction of its largest variance.
 CONJUGATED = np.array([-1.0, -1.0, -1.0, 1.0])
 """Signs that conjugate a quaternion: `att_q_DsToRb` to the orientation in ROS messages, and back."""
 TUM_SUFFIXES = (".txt", ".tum")
@@ -249,6 +250,15 @@ def _covariance(values: Mapping[str, FloatArray]) -> FloatArray:
     return covariance
 
 
+def _valid_covariances(covariance: FloatArray) -> tuple[FloatArray | None, int]:
+    """Return covariances `(N, 6, 6)`, None if none is valid, and the number of invalid ones, which become NaN."""
+    largest = np.diagonal(covariance, axis1=1, axis2=2).max(axis=1)
+    is_valid = np.linalg.eigvalsh(covariance)[:, 0] >= -MAX_NEGATIVE * np.maximum(largest, 0.0)
+    if not is_valid.any():
+        return None, len(covariance)
+    return np.where(is_valid[:, None, None], covariance, np.nan), int((~is_valid).sum())
+
+
 def _loaded(
     path: Path,
     table: Table,
@@ -275,8 +285,11 @@ def _loaded(
     if not len(kept.lines):
         raise InputError(f"{table.name} has no pose: at least one line with a pose is required")
     trajectory = Trajectory(kept.stamps_ns, positions[good], quats[good])
-    covariance = None if covariance is None else covariance[good]
-    return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, kept.skipped, covariance)
+    skipped = [kept.skipped] if kept.skipped else []
+    if covariance is not None:
+        covariance, invalid = _valid_covariances(covariance[good])
+        skipped += [f"{invalid} covariances that are not positive semi-definite ignored"] if invalid else []
+    return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, "; ".join(skipped), covariance)
 
 
 def times_beside(path: Path) -> Path:

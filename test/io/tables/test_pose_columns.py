@@ -283,6 +283,25 @@ def test_covariances_of_columns_give_a_nees(tmp_path: Path) -> None:
     np.testing.assert_allclose(covariance[0], 1e-4 * np.kron(np.eye(2), np.ones((3, 3)))[np.triu_indices(6)])
 
 
+@pytest.mark.parametrize(("invalid", "correlation"), [(0, 0.9e-4), (COUNT, 1.1e-4), (3, 1.1e-4)])
+def test_covariances_that_are_not_positive_semi_definite_are_ignored_and_counted(
+    tmp_path: Path, invalid: int, correlation: float
+) -> None:
+    poses = drive()
+    upper = np.zeros((COUNT, 12))
+    upper[:, [0, 3, 5, 6, 9, 11]] = 1e-4
+    upper[: invalid or COUNT, 7] = correlation
+    header = f"# timestamp(s) {' '.join(POSE)} {COVARIANCE}"
+    table = rows(seconds(poses), poses.positions, poses.quats_xyzw, upper, separator=" ", header=header)
+    (tmp_path / "estimate.txt").write_text(table)
+    found = read_trajectory_file(tmp_path / "estimate.txt")
+    assert len(found.trajectory) == COUNT
+    assert (found.covariance is None) == (invalid == COUNT)
+    assert (f"{invalid} covariances that are not" in found.text) == (invalid > 0)
+    if found.covariance is not None:
+        assert np.isnan(found.covariance[:, 0, 0]).sum() == invalid
+
+
 # ---- poses that cannot be true
 
 
