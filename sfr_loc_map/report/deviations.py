@@ -18,6 +18,7 @@ from sfr_loc_map.metrics.calls import STATED_CLOCK
 from sfr_loc_map.metrics.catalogue import STANDING, TOTAL, Subject
 from sfr_loc_map.metrics.caveats import caveats_of
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Rebase, label_of
+from sfr_loc_map.metrics.judging.several_scores import other_recording
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.row_part import MOVING, SUB_TRAJECTORIES, RowPart
 from sfr_loc_map.metrics.score import Score
@@ -238,6 +239,17 @@ def _declared_truth(score: Score) -> Iterator[str]:
         yield f"The ground truth was read with {', '.join(score.truth.declared)}; the recording does not state this."
 
 
+def _truth_elsewhere(score: Score) -> Iterator[str]:
+    """Yield the file of true poses that replaces those of the recording, and the recordings of a drive and a map."""
+    if (made := score.provenance) is None:
+        return
+    if (file := made.inputs.get("truth_file")) is not None:
+        yield f"The true poses are those of '{file.path}' (truth.source), not those of the recording."
+    if (pair := other_recording([made])) is not None:
+        drive, map_truth = (file.path for file in pair)
+        yield f"The drive and the map are of different recordings: '{drive}' and '{map_truth}'."
+
+
 def _converted_poses(score: Score) -> Iterator[str]:
     """Yield the conversion of the poses before scoring."""
     if score.convention is not None:
@@ -262,6 +274,7 @@ DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (
     _unknown_calls,
     _external_node,
     _declared_truth,
+    _truth_elsewhere,
     _converted_poses,
 )
 """Deviations, in the order of the test report."""

@@ -71,6 +71,20 @@ def test_settings_that_change_the_truth_are_a_deviation(tmp_path: Path, sfr: Sfr
     assert all(f"The ground truth was read with {setting}" in path.read_text() for path in (page, table))
 
 
+def test_another_truth_than_that_of_the_recording_is_a_deviation(tmp_path: Path, sfr: Sfr) -> None:
+    folder, other, score = write_folder(tmp_path / "data", 40, 1), tmp_path / "mine.csv", tmp_path / "s.json"
+    truth = open_source(folder).truth
+    assert truth is not None
+    save_trajectory(other, replace(truth, positions=1.05 * truth.positions))
+    save_trajectory(tmp_path / "e.csv", replace(truth, positions=1.0501 * truth.positions))
+    content = {"minimum_independent": 1, "trajectory": [{"condition": "frames=4", "position_mean_plus_3sigma_m": 1.0}]}
+    options = ("--limits", limits(tmp_path, content), "--set", f"truth.source={other}", "--json", score)
+    done = sfr("score", tmp_path / "e.csv", folder, *options)
+    assert done.code == 0, done.out + done.err
+    sfr("report", score, "--test-report", tmp_path / "r.html")
+    assert "mine.csv&#39; (truth.source), not those of the recording" in (tmp_path / "r.html").read_text()
+
+
 def test_unknown_calls_are_a_deviation(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
     rules, score, page = limits(tmp_path, POSITION), tmp_path / "s.json", tmp_path / "r.html"
     stats = write_calls_of(tmp_path / "calls.csv", "mine")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+import pytest
 import yaml
 
 from helpers.cli_result import Sfr
@@ -20,7 +21,11 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.judging.several_scores import difference_of
+from sfr_loc_map.metrics.records import InputFile, Provenance
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import decoded, from_json, to_json
+from sfr_loc_map.report.deviations import deviations_of
 
 
 def test_scores_of_several_runs_have_no_pass_in_common(tmp_path: Path, sfr: Sfr) -> None:
@@ -172,3 +177,28 @@ def test_runs_of_our_method_by_several_configurations_have_no_pass_in_common(tmp
     assert together.code == 0, together.err
     mixed = sfr("report", found["default", "timing"], found["few", "memory"], "--test-report", page, "--overwrite")
     assert (mixed.code, "the item under test had several configurations" in mixed.err) == (3, True), mixed.err
+
+
+@pytest.mark.parametrize(
+    ("drive", "of_map", "is_different"),
+    [
+        (("run.mcap", "a"), ("run.mcap", "a"), False),
+        (("run", "a"), ("copy of run", "a"), False),
+        (("run/loc/groundtruth.csv", "a"), ("run", "b"), False),
+        (("run.mcap", "a"), ("flat.mcap", "b"), True),
+    ],
+)
+def test_a_drive_and_a_map_of_different_recordings_have_no_common_verdict(
+    drive: tuple[str, str], of_map: tuple[str, str], is_different: bool
+) -> None:
+    """The map of a simple scene does not complete the drive of another recording; in one score it is a deviation."""
+    given = {"truth": drive, "map_truth": of_map}
+    files = {role: InputFile(path=path, sha256=sha256) for role, (path, sha256) in given.items()}
+    scores = [with_inputs({role: file}) for role, file in files.items()]
+    assert ("different recordings" in (difference_of(scores) or "")) == is_different
+    text = " ".join(deviations_of(with_inputs(files)))
+    assert ("different recordings: 'run.mcap' and 'flat.mcap'" in text) == is_different
+
+
+def with_inputs(files: dict[str, InputFile]) -> Score:
+    return msgspec.structs.replace(whole_score(), provenance=Provenance(version="0.3.0", inputs=files))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
@@ -11,7 +12,7 @@ from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, task_of, tasks_of
 from sfr_loc_map.metrics.judging.limited_value import value_of
-from sfr_loc_map.metrics.records import MethodRecord
+from sfr_loc_map.metrics.records import InputFile, MethodRecord, Provenance
 from sfr_loc_map.metrics.row_part import Scope
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.verdict import Verdict
@@ -91,6 +92,8 @@ def difference_of(scores: Sequence[Score]) -> str | None:
         files = [item.inputs[role] for item in made if role in item.inputs]
         if len({file.data_sha256 or file.sha256 for file in files}) > 1:
             return f"the scores are of several {several}, which only a suite judges together"
+    if other_recording(made) is not None:
+        return "the drive and the map are of different recordings, which only a suite judges together"
     for part, words in SETTINGS_OF.items():
         settings = [
             {name: value for name, value in item.configuration.items() if name.partition(".")[0] in words}
@@ -101,6 +104,23 @@ def difference_of(scores: Sequence[Score]) -> str | None:
         if odd := [name for name in names if any(mine.get(name) != settings[0].get(name) for mine in settings)]:
             return f"the scores are of several configurations ({', '.join(odd)})"
     return None
+
+
+def other_recording(made: Sequence[Provenance]) -> tuple[InputFile, InputFile] | None:
+    """Return a ground truth of a drive and one of a map that are of different recordings; None without such a pair.
+
+    The same file, or a file and the folder that contains it, are of one recording.
+    """
+    drives, maps = ([item.inputs[role] for item in made if role in item.inputs] for role in ("truth", "map_truth"))
+    different = ((drive, map_truth) for drive in drives for map_truth in maps if not _is_one_place(drive, map_truth))
+    return next(different, None)
+
+
+def _is_one_place(first: InputFile, other: InputFile) -> bool:
+    if first.sha256 == other.sha256:
+        return True
+    paths = Path(first.path), Path(other.path)
+    return paths[0].is_relative_to(paths[1]) or paths[1].is_relative_to(paths[0])
 
 
 def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
