@@ -38,7 +38,7 @@ def refuse_given(context: Context, names: Iterable[str], reason: str) -> None:
 
 
 def given_words(context: Context, *names: str) -> list[str]:
-    """Return those of the options that were given on the command line, as words of another command line."""
+    """Return the options that were given on the command line, as words of another command line."""
     words: list[str] = []
     for option, value in _given(context, names):
         for item in value if isinstance(value, list | tuple) else [value]:

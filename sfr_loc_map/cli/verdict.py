@@ -91,7 +91,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
 def conclude_all(scores: Sequence[Score], *, requires_common_verdict: bool, lenient: bool) -> None:
     """Raise the error of the verdicts of scores; a missed limit precedes a limit that could not be judged.
 
-    Scores without limits are ignored. If a common verdict is required, they are not judged instead.
+    Scores without limits are ignored. If a common verdict is required, they count as not judged.
     """
     from sfr_loc_map.metrics.judging.several_scores import common_verdict
 
