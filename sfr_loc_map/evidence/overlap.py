@@ -19,7 +19,7 @@ from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.mapping.multiview.pose_agreement import MAX_GREY_RATIO, MAX_RANGE_RATIO, disagreement_of
+from sfr_loc_map.mapping.multiview.pose_agreement import MAX_GREY_RATIO, MAX_RANGE_RATIO, pose_disagreement
 from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, SHIFT_PX
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.report.tables import METRE, PERCENT, Cell, Column, Table, fitting
@@ -46,14 +46,14 @@ class Overlap(NamedTuple):
         """Description of the disagreement; empty if the pairs agree."""
         if self.result is not CheckResult.INCONSISTENT:
             return ""
-        return f"the maps of {self.name} disagree: {disagreement_of(self.ratio, self.grey_ratio)}"
+        return f"the maps of {self.name} disagree: {pose_disagreement(self.ratio, self.grey_ratio)}"
 
     @property
     def result(self) -> CheckResult:
         """Result for the two pairs by the criteria of the fusion."""
         if self.points < MIN_OVERLAP:
             return CheckResult.NOT_ENOUGH_DATA
-        disagrees = disagreement_of(self.ratio, self.grey_ratio) != ""
+        disagrees = pose_disagreement(self.ratio, self.grey_ratio) != ""
         return CheckResult.INCONSISTENT if disagrees else CheckResult.CONSISTENT
 
 

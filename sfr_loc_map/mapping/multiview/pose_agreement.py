@@ -34,7 +34,7 @@ class PoseAgreement(NamedTuple):
     grey_ratio: float
 
 
-def disagreement_of(range_ratio: float, grey_ratio: float) -> str:
+def pose_disagreement(range_ratio: float, grey_ratio: float) -> str:
     """Return a clause for each ratio that exceeds its limit (`PoseAgreement`); empty if the poses agree.
 
     A ratio that is NaN was not measured and is no disagreement.
@@ -66,7 +66,7 @@ def agreement_findings(i: int, j: int, views: Sequence[PairView], observed: Obse
         f"difference_over_sigma_{i}_{j}": agreement.range_ratio,
         f"grey_difference_over_beside_{i}_{j}": agreement.grey_ratio,
     }
-    disagreement = disagreement_of(agreement.range_ratio, agreement.grey_ratio)
+    disagreement = pose_disagreement(agreement.range_ratio, agreement.grey_ratio)
     if i > j or common < MIN_OVERLAP or not disagreement:
         return Findings(statistics)
     warning = (
