@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +25,7 @@ class PairMap:
     """The map of one stereo pair, by any method."""
 
     stamp_ns: int  #: Stamp of the pair.
-    cloud: PointCloud  #: Points in LM with the total sigma; their `pair` is the index that was given to `process`.
+    cloud: PointCloud  #: Points in LM with the total sigma; their pair index was given to `process`.
     #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation. Other
     #: methods may state the complete sigma.
     random_sigma: FloatArray32
@@ -36,32 +35,16 @@ class PairMap:
     warnings: tuple[str, ...] = ()  #: Warnings of the call, one line each.
 
 
-class ViewValues(NamedTuple):
-    """The values of a `PairMap` that follow from its view.
-
-    The fusion uses the view. A caller who filters the cloud with `dataclasses.replace` and then fuses the map would
-    otherwise obtain the points of the unfiltered cloud. `fusion_input_of` therefore refuses such a map.
-    """
-
-    cloud: PointCloud
-    random_sigma: FloatArray32
-    T_lm_left: Transform
-    disparity_px: FloatImage
-
-    @classmethod
-    def of(cls, pair_map: PairMap) -> ViewValues:
-        """Return the present values of a map."""
-        return cls._make(getattr(pair_map, name) for name in cls._fields)
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FusionInput:
-    """Data of one pair that the fusion uses."""
+    """Data of one pair that the fusion uses, and the values of the map that follow from these data."""
 
     rig: StereoRig  #: Rig of the pair.
     view: PairView  #: Points with their fusion sigma, disparities, pose and saturation.
     calibration: CalibrationSigma  #: Uncertainty of the calibration given the measurements in this pair.
-    as_made: ViewValues  #: The values of the map as `Mapper.process` returned them.
+    cloud: PointCloud  #: `PairMap.cloud` of the map.
+    random_sigma: FloatArray32  #: `PairMap.random_sigma` of the map.
+    disparity_px: FloatImage  #: `PairMap.disparity_px` of the map.
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -91,25 +74,51 @@ class MappedPair(PairMap):
         findings: Findings,
     ) -> MappedPair:
         """Return the map of a pair from the results of the stages of `Mapper.process`."""
-        pair = np.full(view.points.size, index, np.uint8)
-        cloud = view.points.to_cloud(sigma.total, pair, fused=False)
-        values = ViewValues(cloud, sigma.random, view.T_lm_left, read_only(view.images.disparity))
-        fusion_input = FusionInput(rig=rig, view=view, calibration=calibration, as_made=values)
+        pair_index = np.full(view.points.size, index, np.uint8)
+        cloud = view.points.to_cloud(sigma.total, pair_index, fused=False)
+        disparity_px = read_only(view.images.disparity)
+        fusion_input = FusionInput(
+            rig=rig,
+            view=view,
+            calibration=calibration,
+            cloud=cloud,
+            random_sigma=sigma.random,
+            disparity_px=disparity_px,
+        )
         return cls(
             stamp_ns=stamp_ns,
-            **values._asdict(),
+            cloud=cloud,
+            random_sigma=sigma.random,
+            T_lm_left=view.T_lm_left,
+            disparity_px=disparity_px,
             pixel_status=read_only(disparity_map.status),
             fusion_input=fusion_input,
             statistics=findings.statistics,
             warnings=findings.warnings,
         )
 
+    @property
+    def is_as_made(self) -> bool:
+        """Whether points, sigmas, pose and disparities are those that `Mapper.process` returned.
+
+        The map and its arrays are read-only, so that these values can only be replaced by other objects
+        (`dataclasses.replace`). The objects are therefore compared, and not their values.
+        """
+        made = self.fusion_input
+        return (
+            self.cloud is made.cloud
+            and self.random_sigma is made.random_sigma
+            and self.T_lm_left is made.view.T_lm_left
+            and self.disparity_px is made.disparity_px
+        )
+
 
 def fusion_input_of(pair_map: PairMap, rig: StereoRig) -> FusionInput:
     """Return the input of the fusion that `Mapper.process` stored in a map.
 
-    Raises MappingError for a map of another method or of other cameras, and for a map whose values were replaced. The
-    method is checked for callers without type checks.
+    Raises MappingError for a map of another method or of other cameras. The method is checked for callers without type
+    checks. A map whose points, sigmas, pose or disparities were replaced is refused as well, because the fusion uses
+    the stored input and would ignore the new values.
     """
     if not isinstance(pair_map, MappedPair):
         raise MappingError(
@@ -121,8 +130,7 @@ def fusion_input_of(pair_map: PairMap, rig: StereoRig) -> FusionInput:
             f"the map of stamp {pair_map.stamp_ns} is from other cameras than those of this mapper: fuse maps of "
             "one rig"
         )
-    values = zip(ViewValues.of(pair_map), found.as_made, strict=True)
-    if any(value is not made for value, made in values):
+    if not pair_map.is_as_made:
         raise MappingError(
             f"the cloud, sigma, pose or disparities of the map of stamp {pair_map.stamp_ns} were replaced after "
             "`Mapper.process`: fuse maps as they were made, and select or move points afterwards"
