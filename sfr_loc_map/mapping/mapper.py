@@ -3,6 +3,9 @@
 LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping, which is SB in the names
 of a rig. Disparities refer to the left image and are in pixels. Lengths are in metres.
 
+A pair is a stereo pair. The pair index of a point, `PointCloud.pair` in a cloud, is the index of its pair in the set of
+pairs. A view (`PairView`) is the data of one pair that the fusion uses.
+
 The stages of `Mapper.process`, with their modules and results:
 
 1. `check_images` (`checks`): images are refused if they are textureless, identical, or not of the rig's size.
@@ -118,12 +121,12 @@ class Mapper:
         Raises MappingError under the same conditions as `process` and `fuse`.
         """
         check_pair_count(len(pairs))
-        maps = [self.process(item.pair, item.T_lm_navsb, index) for index, item in enumerate(pairs)]
+        maps = [self.process(posed.pair, posed.T_lm_navsb, index) for index, posed in enumerate(pairs)]
         fused = self.fuse(maps)
         return replace(fused, warnings=warnings_of_pairs(maps) + fused.warnings)
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int = 0) -> MappedPair:
-        """Return the map of a pair; `index`, 0 to 2, becomes the `pair` of its points.
+        """Return the map of a pair; `index`, 0 to 2, becomes the pair index of its points.
 
         The index only distinguishes the points of several maps that are used without a fusion. `fuse` ignores it and
         assigns new indices.
@@ -155,7 +158,7 @@ class Mapper:
         )
 
     def fuse(self, maps: Sequence[MappedPair]) -> FusedMap:
-        """Return one cloud from up to three pairs; the `pair` of a point is the index of its map in `maps`.
+        """Return one cloud from up to three pairs; the pair index of a point is the index of its map in `maps`.
 
         The poses of the result are in the order of the maps.
 
@@ -174,11 +177,11 @@ class Mapper:
             findings += registered.findings
         fused = fuse_views(views, self._rig)
         largest_calibration = largest_of(item.calibration for item in inputs)
-        sigma = sigma_of_points(fused.points, fused.view_index, views, largest_calibration, self._rig)
+        sigma = sigma_of_points(fused.points, fused.pair_index, views, largest_calibration, self._rig)
         stamps_ns = tuple(item.stamp_ns for item in maps)
         findings += fused.findings
         return FusedMap(
-            cloud=fused.points.to_cloud(sigma.total, fused.view_index, fused=len(maps) > 1, pair_stamps_ns=stamps_ns),
+            cloud=fused.points.to_cloud(sigma.total, fused.pair_index, fused=len(maps) > 1, pair_stamps_ns=stamps_ns),
             random_sigma=sigma.random,
             poses_lm_left=tuple(view.T_lm_left for view in views),
             statistics=findings.statistics,

@@ -55,7 +55,7 @@ class ViewPoints(NamedTuple):
     def to_cloud(
         self,
         sigma: FloatArray32,
-        pair: NDArray[np.uint8],
+        pair_index: NDArray[np.uint8],
         *,
         fused: bool,
         pair_stamps_ns: tuple[int, ...] | None = None,
@@ -70,7 +70,7 @@ class ViewPoints(NamedTuple):
             intensity=read_only(self.intensity),
             u=read_only(self.u),
             v=read_only(self.v),
-            pair=read_only(pair),
+            pair=read_only(pair_index),
             fused=fused,
             pair_stamps_ns=pair_stamps_ns,
         )

@@ -16,8 +16,8 @@ def point_covariances(cloud: PointCloud, poses_lm_left: Sequence[Transform], foc
     """Return the covariance of each point in LM `(N, 3, 3)`, square metres.
 
     The variance along the ray is the point's `sigma^2`. Across the ray a point represents its pixel: a uniform
-    distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. The `pair` of a point is the index
-    of its pose.
+    distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. The pair index of a point is that of
+    its pose.
     """
     axes = np.stack([pose.rotation[:, 2] for pose in poses_lm_left])[cloud.pair]
     ray = rays_from_cameras(cloud.xyz, cloud.pair, poses_lm_left)

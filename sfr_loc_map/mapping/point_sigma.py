@@ -85,38 +85,38 @@ class PointSigma(NamedTuple):
 
 def sigma_of_points(
     points: ViewPoints,
-    view_index: NDArray[np.uint8],
+    pair_index: NDArray[np.uint8],
     views: Sequence[PairView],
     calibration: CalibrationSigma,
     rig: StereoRig,
 ) -> PointSigma:
-    """Return the standard deviations of points; `view_index` `(N,)` is the index of each point's view in `views`."""
-    random = random_sigma(points, view_index, [view.saturation for view in views])
-    total = total_sigma(points, random, view_index, [view.T_lm_left for view in views], calibration, rig)
+    """Return the standard deviations of points; `pair_index` `(N,)` is the index of each point's pair in `views`."""
+    random = random_sigma(points, pair_index, [view.saturation for view in views])
+    total = total_sigma(points, random, pair_index, [view.T_lm_left for view in views], calibration, rig)
     return PointSigma(read_only(random), read_only(total))
 
 
 def sigma_of_view(view: PairView, calibration: CalibrationSigma, rig: StereoRig) -> PointSigma:
     """Return the standard deviations of the points of one view."""
-    view_index = np.zeros(view.points.size, np.uint8)
-    return sigma_of_points(view.points, view_index, [view], calibration, rig)
+    pair_index = np.zeros(view.points.size, np.uint8)
+    return sigma_of_points(view.points, pair_index, [view], calibration, rig)
 
 
-def random_sigma(points: ViewPoints, view_index: NDArray[np.uint8], saturations: Sequence[Saturation]) -> FloatArray32:
+def random_sigma(points: ViewPoints, pair_index: NDArray[np.uint8], saturations: Sequence[Saturation]) -> FloatArray32:
     """Return the random standard deviation along the ray of each point `(N,)`, metres, larger beside saturated pixels.
 
-    `view_index` `(N,)` is the index of each point's saturation.
+    `pair_index` `(N,)` is the index of each point's pair in `saturations`.
     """
     if not any(item.fraction > 0.0 for item in saturations):
         return points.fusion_sigma.copy()
     nearby_fractions_255 = np.stack([item.nearby_fraction_255 for item in saturations])
-    return _random_sigma(points.fusion_sigma, view_index, points.v, points.u, nearby_fractions_255)
+    return _random_sigma(points.fusion_sigma, pair_index, points.v, points.u, nearby_fractions_255)
 
 
 @jit_rows
 def _random_sigma(
     sigma: FloatArray32,
-    view_index: NDArray[np.uint8],
+    pair_index: NDArray[np.uint8],
     v: NDArray[np.uint16],
     u: NDArray[np.uint16],
     nearby_fractions_255: NDArray[np.uint8],
@@ -124,14 +124,14 @@ def _random_sigma(
     """Return the standard deviations `(N,)` times the factors for the nearby saturated fractions `(views, H, W)`."""
     out = np.empty_like(sigma)
     for n in prange(len(sigma)):
-        out[n] = sigma[n] * SIGMA_FACTORS[nearby_fractions_255[view_index[n], v[n], u[n]]]
+        out[n] = sigma[n] * SIGMA_FACTORS[nearby_fractions_255[pair_index[n], v[n], u[n]]]
     return out
 
 
 def total_sigma(
     points: ViewPoints,
     random: FloatArray32,
-    view_index: NDArray[np.uint8],
+    pair_index: NDArray[np.uint8],
     poses_lm_left: Sequence[Transform],
     calibration: CalibrationSigma,
     rig: StereoRig,
@@ -146,15 +146,15 @@ def total_sigma(
         total^2 = sigma^2 + (r c)^2
 
     The angle a is the error of the angle between both rays (`disparity/right_camera` has the geometry), and c is the
-    relative error of the range. `view_index` `(N,)` is the index of each point's pose, and the poses transform from
-    the left optical frame to LM.
+    relative error of the range. `pair_index` `(N,)` is the index of each point's pair in `poses_lm_left`, which
+    transform from the left optical frame to LM.
     """
     return _total_sigma(
         xyz=points.xyz,
         sigma=random,
         us=points.u,
         vs=points.v,
-        view_index=view_index,
+        pair_index=pair_index,
         axes=np.stack([pose.rotation[:, 2] for pose in poses_lm_left]),
         centres=np.stack([pose.translation for pose in poses_lm_left]),
         camera=rig.camera,
@@ -168,7 +168,7 @@ def _total_sigma(
     sigma: FloatArray32,
     us: NDArray[np.uint16],
     vs: NDArray[np.uint16],
-    view_index: NDArray[np.uint8],
+    pair_index: NDArray[np.uint8],
     axes: FloatArray,
     centres: FloatArray,
     camera: StereoCamera,
@@ -181,10 +181,10 @@ def _total_sigma(
     baseline = calibration.baseline_fraction
     length_variance = focal * focal + baseline * baseline
     for n in prange(len(total)):
-        view = view_index[n]
+        index = pair_index[n]
         depth = 0.0
         for k in range(3):
-            depth += axes[view, k] * (np.float64(xyz[n, k]) - centres[view, k])
+            depth += axes[index, k] * (np.float64(xyz[n, k]) - centres[index, k])
         x = (us[n] - camera.cx) / camera.fx
         y = (vs[n] - camera.cy) / camera.fy
         right_x = x - camera.baseline_m / depth

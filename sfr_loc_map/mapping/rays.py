@@ -11,10 +11,12 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.geometry.transform import Transform
 
 
-def rays_from_cameras(xyz: FloatArray32, pair: NDArray[np.uint8], poses_lm_left: Sequence[Transform]) -> FloatArray:
+def rays_from_cameras(
+    xyz: FloatArray32, pair_index: NDArray[np.uint8], poses_lm_left: Sequence[Transform]
+) -> FloatArray:
     """Return the vector `(N, 3)` from the left camera of each point's pair to the point, metres, LM.
 
-    `pair` `(N,)` is the index of each point's pose in `poses_lm_left`.
+    `pair_index` `(N,)` is the index of each point's pair in `poses_lm_left`.
     """
     centres = np.stack([pose.translation for pose in poses_lm_left])
-    return np.asarray(xyz - centres.take(pair, axis=0))
+    return np.asarray(xyz - centres.take(pair_index, axis=0))

@@ -54,7 +54,7 @@ class FusedViews(NamedTuple):
     """Result of the fusion."""
 
     points: ViewPoints  #: N points of all views.
-    view_index: NDArray[np.uint8]  #: `(N,)`, index of the view of each point.
+    pair_index: NDArray[np.uint8]  #: `(N,)`, index of the pair of each point.
     findings: Findings
 
 
@@ -146,8 +146,8 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
         "pairs": float(len(views)),
         "fused": float(len(views) > 1),
     }
-    view_index = np.repeat(np.arange(len(views), dtype=np.uint8), [part.size for part in parts])
-    return FusedViews(points, view_index, Findings(statistics) + agreement)
+    pair_index = np.repeat(np.arange(len(views), dtype=np.uint8), [part.size for part in parts])
+    return FusedViews(points, pair_index, Findings(statistics) + agreement)
 
 
 def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:

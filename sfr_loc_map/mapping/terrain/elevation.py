@@ -55,7 +55,7 @@ def elevation_model(
     """Return the elevation model of a cloud over cells; raises MappingError if no cell contains a point.
 
     `cell_of_point` `(N,)` is the cell of each point, -1 outside (`CellGrid.cell_of`). The caller passes the cells,
-    because other layers of the grid use them, too. The `pair` of a point is the index of its left camera's pose;
+    because other layers of the grid use them, too. The pair index of a point is that of its left camera's pose;
     without poses, the sigma of heights is overestimated. `random_sigma` `(N,)` is the part of the points' sigma that
     differs from point to point; None if this is the whole sigma.
 
@@ -103,7 +103,7 @@ def elevation_model(
 
 
 def _height_variance_ratio(
-    xyz: FloatArray32, pair: NDArray[np.uint8], poses_lm_left: Sequence[Transform] | None
+    xyz: FloatArray32, pair_index: NDArray[np.uint8], poses_lm_left: Sequence[Transform] | None
 ) -> FloatArray:
     """Return the variance of the height of each point `(N,)` over its variance along the ray.
 
@@ -113,5 +113,5 @@ def _height_variance_ratio(
     """
     if poses_lm_left is None:
         return np.full(len(xyz), 1.0 + TYPICAL_SLOPE**2)
-    x_squared, y_squared, z_squared = np.square(rays_from_cameras(xyz, pair, poses_lm_left)).T
+    x_squared, y_squared, z_squared = np.square(rays_from_cameras(xyz, pair_index, poses_lm_left)).T
     return np.asarray(z_squared / (x_squared + y_squared + z_squared) + TYPICAL_SLOPE**2)

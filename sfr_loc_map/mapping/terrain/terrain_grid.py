@@ -88,7 +88,7 @@ def terrain_grid(
 ) -> TerrainGrid:
     """Return the terrain of a cloud in LM, with z upwards; raises MappingError for no points or too many cells.
 
-    The `pair` of a point is the index of its left camera's pose. Without poses, points at all ranges are used and the
+    The pair index of a point is that of its left camera's pose. Without poses, points at all ranges are used and the
     sigma of heights is overestimated. `random_sigma` `(N,)`, metres, is the part of sigma that differs from point to
     point; None if this is the whole sigma.
 

@@ -39,7 +39,7 @@ def inner(points: ViewPoints) -> ViewPoints:
 
 
 def inner_of_pair(fused: FusedViews, index: int) -> ViewPoints:
-    return inner(fused.points.select(fused.view_index == index))
+    return inner(fused.points.select(fused.pair_index == index))
 
 
 ASIDE = ((0.0, 0.0), (0.021, 0.013), (-0.011, 0.023))
@@ -79,7 +79,7 @@ def test_sigma_near_the_border_is_that_of_the_mean_with_reduced_weights() -> Non
     """Two equally uncertain views agree: the mean of both is better than either one at any distance from the border."""
     views = [plane_view(4.0, 0.1, ASIDE[i]) for i in range(2)]
     fused = fuse_views(views, RIG)
-    points = fused.points.select(fused.view_index == 0)
+    points = fused.points.select(fused.pair_index == 0)
     single = views[0].images.fusion_sigma[points.v, points.u]
     merged = points.fusion_sigma != single
     assert merged.sum() > 0.9 * views[0].points.size
@@ -126,9 +126,9 @@ def test_one_pair_and_pairs_that_do_not_overlap_stay_as_they_are(two_views: Any)
     np.testing.assert_array_equal(points.fusion_sigma, first.points.fusion_sigma)
     assert [findings.statistics[name] for name in ("fused", "pairs", "merged")] == [0.0, 1.0, 0.0]
     away = Transform(second.T_lm_left.rotation, second.T_lm_left.translation + np.array([0.0, 500.0, 0.0]))
-    points, view_index, findings = fuse_views([first, second.with_pose(away)], two_views.rig)
+    points, pair_index, findings = fuse_views([first, second.with_pose(away)], two_views.rig)
     assert points.size == first.points.size + second.points.size
-    np.testing.assert_array_equal(view_index, np.repeat([0, 1], [first.points.size, second.points.size]))
+    np.testing.assert_array_equal(pair_index, np.repeat([0, 1], [first.points.size, second.points.size]))
     assert findings.statistics["overlap_0_1"] == 0.0
 
 
