@@ -46,7 +46,7 @@ To add
   its call in `Mapper.process` between `fill_holes` and `without_roll`. Its disparities still fit the right image, and
   `within_range` tests them. Later stages use its result; the fraction of measured pixels is computed before.
 - a contribution to sigma: the docstring of `point_sigma` lists the steps.
-- a test of points across pairs: a flag of `Comparison` (`multiview/fusion`), which drops points, or a stage of
+- a test of points across pairs: a flag of `Judgement` (`multiview/fusion`), which drops points, or a stage of
   `Mapper.fuse` that takes and returns views, like `without_fixed_content`.
 - a statistic or a warning: the docstring of `findings` lists the places.
 

@@ -23,7 +23,6 @@ metres apart, converting the difference reduces the error by at most 5 % (measur
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +35,10 @@ from sfr_loc_map.mapping.multiview.pose_agreement import agreement_findings
 from sfr_loc_map.mapping.multiview.projection import Observations, point_weights, project_into_view
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
-AGREE_SIGMAS = 3.0  #: Ranges that differ by up to this many standard deviations agree; 0.3 % exceed it by chance.
+AGREE_SIGMAS = 3.0
+"""Ranges that differ by up to this many standard deviations agree. Independent errors exceed the limit in 0.3 % of the
+points by chance. Because a part of the errors is common (`COMMON_VARIANCE`), the differences are smaller, and the limit
+corresponds to 4.2 standard deviations if both sigmas are equal."""
 COMMON_VARIANCE = 0.5
 """Fraction of a point's variance that is common to all pairs, because all are smoothed in the same way. Averaging does
 not reduce this fraction. Where two rendered pairs agree, their errors have a correlation of 0.49 to 0.59
@@ -58,86 +60,44 @@ class FusedViews(NamedTuple):
     findings: Findings
 
 
-@dataclass(slots=True, eq=False)
-class Comparison:
-    """The N points of a view, compared with the other views that were included; `include` changes the arrays.
+class Judgement(NamedTuple):
+    """Judgement of the points of a view by another view, for the M points that this view observes, `(M,)` each."""
 
-    To add a test of points across pairs, add an array of flags, its update in `include`, and its effect in
-    `_fused_points`.
-    """
+    weight: FloatArray32  #: Weight of the observed range, 1 / m^2; 0 if the ranges do not agree.
+    agrees: Mask  #: Whether the ranges agree.
+    is_duplicate: Mask  #: Whether the other view is preferred and samples the same spot.
+    is_conflict: Mask  #: Whether the other view is preferred and observes a farther surface.
 
-    own_sigma: FloatArray32  #: `(N,)`, the `fusion_sigma` of the point, metres.
+
+class Comparison(NamedTuple):
+    """The N points of a view, compared with all other views."""
+
     own_range: FloatArray32  #: `(N,)`, range of the point from its own camera, metres.
-    own_weight: FloatArray32  #: `(N,)`, weight of the point, 1 / m^2.
     total_weight: FloatArray32  #: `(N,)`, sum of the weights of the point and of the agreeing views, 1 / m^2.
     weighted_difference: FloatArray32  #: `(N,)`, sum of weight times range difference of the agreeing views, 1 / m.
     #: `(N,)`, sum of weight^2 sigma^2 of the point and of the agreeing views, 1 / m^2: the variance of their weighted
     #: sum.
     weighted_variance: FloatArray32
     agrees: Mask  #: `(N,)`, whether another view agrees.
-    is_duplicate: Mask  #: `(N,)`, whether a preferred view samples the same spot.
-    is_conflict: Mask  #: `(N,)`, whether a preferred view observes a farther surface.
-
-    @classmethod
-    def with_no_view(cls, view: PairView) -> Comparison:
-        """Return the comparison of a view's points before other views are included."""
-        weight = point_weights(view)
-        rays = view.points.xyz - view.T_lm_left.translation.astype(F)
-        return cls(
-            own_sigma=view.points.fusion_sigma,
-            own_range=np.sqrt(np.einsum("ij,ij->i", rays, rays)),
-            own_weight=weight,
-            total_weight=weight.copy(),
-            weighted_difference=np.zeros_like(weight),
-            weighted_variance=np.square(weight * view.points.fusion_sigma),
-            agrees=np.zeros(len(weight), np.bool_),
-            is_duplicate=np.zeros(len(weight), np.bool_),
-            is_conflict=np.zeros(len(weight), np.bool_),
-        )
-
-    def include(self, observed: Observations, *, is_earlier: bool) -> None:
-        """Add the observations of the points by another view.
-
-        The other view is preferred at a point if its weight there is larger, or if it is the earlier view and both
-        weights are equal. It is ignored at points that it observes from too far away (`MAX_RANGE_FACTOR`).
-        """
-        indices = observed.indices
-        own_weight = self.own_weight[indices]
-        is_preferred = observed.weight > own_weight
-        if is_earlier:
-            is_preferred |= observed.weight == own_weight
-        is_used = observed.point_range <= MAX_RANGE_FACTOR * self.own_range[indices]
-        sigma = observed.difference_sigma(self.own_sigma)
-        agrees = is_used & (np.abs(observed.difference) / sigma <= AGREE_SIGMAS)
-        is_farther = is_used & (observed.difference > AGREE_SIGMAS * sigma)
-        weight = np.where(agrees, observed.weight, F(0.0))
-        self.total_weight[indices] += weight
-        self.weighted_difference[indices] += weight * observed.difference
-        self.weighted_variance[indices] += np.square(weight * observed.fusion_sigma)
-        self.agrees[indices] |= agrees
-        self.is_duplicate[indices] |= agrees & is_preferred & (observed.sample_distance_px < SAME_SAMPLE_PX)
-        self.is_conflict[indices] |= is_farther & is_preferred
+    is_dropped: Mask  #: `(N,)`, whether the point is a duplicate of another view, or in conflict with it.
+    conflict_count: int  #: Number of points in conflict with another view.
+    agreement: Findings  #: Agreement of the poses: statistics and warnings only.
 
 
 def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
     """Return the points of all views on one surface, in LM."""
-    parts: list[ViewPoints] = []
+    parts = []
     agreeing_count = 0
     conflict_count = 0
     agreement = Findings()
     for index, view in enumerate(views):
-        comparison = Comparison.with_no_view(view)
-        for other_index, other in enumerate(views):
-            if other_index == index:
-                continue
-            observed = project_into_view(view.points.xyz, other.T_lm_left, other.images, rig)
-            comparison.include(observed, is_earlier=other_index < index)
-            # Only statistics and warnings, which need the same observations.
-            agreement += agreement_findings(index, other_index, views, observed)
+        comparison = _compare_with_others(index, views, rig)
         parts.append(_fused_points(view, comparison))
-        agreeing_count += int(comparison.agrees.sum())
-        conflict_count += int(comparison.is_conflict.sum())
+        agreeing_count += int(np.count_nonzero(comparison.agrees))
+        conflict_count += comparison.conflict_count
+        agreement += comparison.agreement
     points = ViewPoints.concatenated(parts)
+    pair_index = np.repeat(np.arange(len(views), dtype=np.uint8), [part.size for part in parts])
     statistics = {
         "points_in": float(sum(view.points.size for view in views)),
         "merged": float(agreeing_count),
@@ -146,8 +106,78 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
         "pairs": float(len(views)),
         "fused": float(len(views) > 1),
     }
-    pair_index = np.repeat(np.arange(len(views), dtype=np.uint8), [part.size for part in parts])
     return FusedViews(points, pair_index, Findings(statistics) + agreement)
+
+
+def _compare_with_others(index: int, views: Sequence[PairView], rig: StereoRig) -> Comparison:
+    """Compare the points of a view with all other views."""
+    view = views[index]
+    own_sigma = view.points.fusion_sigma
+    own_weight = point_weights(view)
+    rays = view.points.xyz - view.T_lm_left.translation.astype(F)
+    own_range = np.sqrt(np.einsum("ij,ij->i", rays, rays))
+    total_weight = own_weight.copy()
+    weighted_difference = np.zeros_like(own_weight)
+    weighted_variance = np.square(own_weight * own_sigma)
+    agrees = np.zeros(len(own_weight), np.bool_)
+    is_duplicate = np.zeros(len(own_weight), np.bool_)
+    is_conflict = np.zeros(len(own_weight), np.bool_)
+    agreement = Findings()
+    for other_index, other in enumerate(views):
+        if other_index == index:
+            continue
+        observed = project_into_view(view.points.xyz, other.T_lm_left, other.images, rig)
+        rows = observed.indices
+        judgement = _judge(observed, own_weight, own_range, own_sigma, is_earlier=other_index < index)
+        total_weight[rows] += judgement.weight
+        weighted_difference[rows] += judgement.weight * observed.difference
+        weighted_variance[rows] += np.square(judgement.weight * observed.fusion_sigma)
+        agrees[rows] |= judgement.agrees
+        is_duplicate[rows] |= judgement.is_duplicate
+        is_conflict[rows] |= judgement.is_conflict
+        agreement += agreement_findings(index, other_index, views, observed)
+    return Comparison(
+        own_range=own_range,
+        total_weight=total_weight,
+        weighted_difference=weighted_difference,
+        weighted_variance=weighted_variance,
+        agrees=agrees,
+        is_dropped=is_duplicate | is_conflict,
+        conflict_count=int(np.count_nonzero(is_conflict)),
+        agreement=agreement,
+    )
+
+
+def _judge(
+    observed: Observations,
+    own_weight: FloatArray32,
+    own_range: FloatArray32,
+    own_sigma: FloatArray32,
+    *,
+    is_earlier: bool,
+) -> Judgement:
+    """Judge the points of a view, with weight, range and sigma `(N,)`, by the observations of another view.
+
+    The other view is preferred at a point if its weight there is larger, or if it is the earlier view and both weights
+    are equal. It is ignored at points that it observes from too far away (`MAX_RANGE_FACTOR`).
+
+    To add a test of points across pairs: a flag of `Judgement`, which `_compare_with_others` combines over the other
+    views.
+    """
+    rows = observed.indices
+    is_preferred = observed.weight > own_weight[rows]
+    if is_earlier:
+        is_preferred |= observed.weight == own_weight[rows]
+    is_used = observed.point_range <= MAX_RANGE_FACTOR * own_range[rows]
+    sigma = observed.difference_sigma(own_sigma)
+    agrees = is_used & (np.abs(observed.difference) / sigma <= AGREE_SIGMAS)
+    is_farther = is_used & (observed.difference > AGREE_SIGMAS * sigma)
+    return Judgement(
+        weight=np.where(agrees, observed.weight, F(0.0)),
+        agrees=agrees,
+        is_duplicate=agrees & is_preferred & (observed.sample_distance_px < SAME_SAMPLE_PX),
+        is_conflict=is_farther & is_preferred,
+    )
 
 
 def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:
@@ -158,7 +188,7 @@ def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:
     is the standard deviation of the point and c the fraction of the variance that is common to all pairs. Away from the
     image border the weights are `1 / s_i^2`, and the last term is `(1 - c) / sum w_i`.
     """
-    kept = np.flatnonzero(~(comparison.is_duplicate | comparison.is_conflict))
+    kept = np.flatnonzero(~comparison.is_dropped)
     points = view.points.select(kept)
     moved = np.flatnonzero(comparison.agrees[kept])
     rows = kept[moved]
