@@ -40,7 +40,7 @@ from sfr_loc_map.mapping.disparity.hole_hypotheses import (
     REACH,
     HoleScene,
     Hypotheses,
-    hypotheses,
+    find_hypotheses,
     is_enclosed,
     surface_slope,
 )
@@ -188,15 +188,15 @@ def _best_hypothesis(
 
     If the refined field agrees with the hypothesis, the disparity of the field is returned.
     """
-    planes = hypotheses(scene, y, x)
+    hypotheses = find_hypotheses(scene, y, x)
     possible = np.zeros(DIRECTION_COUNT, np.bool_)
     count = 0
     for k in range(DIRECTION_COUNT):
-        possible[k] = not _is_contradicted(planes.disparity[k], surfaces, y, x)
+        possible[k] = not _is_contradicted(hypotheses.disparity[k], surfaces, y, x)
         count += possible[k]
     if count == 0:  # condition 3
         return F(np.nan)
-    costs = _hypothesis_costs(scene, y, x, planes)
+    costs = _hypothesis_costs(scene, y, x, hypotheses)
     cost = costs.cost
     best = -1
     lowest = NO_COST
@@ -204,36 +204,41 @@ def _best_hypothesis(
         if possible[k] and cost[k] < lowest:
             best = k
             lowest = cost[k]
-    if best < 0:  # no possible hypothesis has a cost, which condition 4 requires
+    if best < 0 or lowest > cost_limit:  # condition 4; without a cost, no hypothesis meets the condition
         return F(np.nan)
-    disparity: np.float32 = planes.disparity[best]
+    disparity: np.float32 = hypotheses.disparity[best]
     lowest_other = NO_COST
     for k in range(DIRECTION_COUNT):
-        if abs(planes.disparity[k] - disparity) > SURFACE_JUMP_PX:
+        if abs(hypotheses.disparity[k] - disparity) > SURFACE_JUMP_PX:
             lowest_other = min(lowest_other, cost[k])
-    required = cost[best] + min_margin / np.sqrt(costs.effective_pixels[best])
-    if cost[best] > cost_limit:  # condition 4
-        return F(np.nan)
+    required = lowest + min_margin / np.sqrt(costs.effective_pixels[best])
     if lowest_other < required:  # condition 5
         return F(np.nan)
-    if not _is_confirmed(scene, planes, best, required, y, x):  # condition 6
+    if not _is_confirmed(scene, hypotheses, best, required, y, x):  # condition 6
         return F(np.nan)
     own: np.float32 = scene.disparity[y, x]
     return own if abs(own - disparity) < SURFACE_JUMP_PX else disparity
 
 
 @jit_rows_inline
-def _is_confirmed(scene: HoleScene, planes: Hypotheses, best: int, required: np.float32, y: int, x: int) -> bool:
+def _is_confirmed(scene: HoleScene, hypotheses: Hypotheses, best: int, required: np.float32, y: int, x: int) -> bool:
     """Return whether a hypothesis is enclosed, agrees with the matcher, or matches better than its alternatives.
 
     `required` is the cost of the hypothesis plus the margin.
     """
-    disparity = planes.disparity[best]
-    if is_enclosed(planes, disparity) or abs(scene.initial[y, x] - disparity) < SURFACE_JUMP_PX:
+    disparity = hypotheses.disparity[best]
+    if is_enclosed(hypotheses, disparity) or abs(scene.initial[y, x] - disparity) < SURFACE_JUMP_PX:
         return True
     for side in (-ALTERNATIVE_PX, ALTERNATIVE_PX):
         alternative = plane_cost(
-            scene.left, scene.right, scene.valid, y, x, disparity + side, planes.slope_x[best], planes.slope_y[best]
+            scene.left,
+            scene.right,
+            scene.valid,
+            y,
+            x,
+            disparity + side,
+            hypotheses.slope_x[best],
+            hypotheses.slope_y[best],
         )
         if alternative.cost < required:
             return False
@@ -241,16 +246,16 @@ def _is_confirmed(scene: HoleScene, planes: Hypotheses, best: int, required: np.
 
 
 @jit_rows_inline
-def _hypothesis_costs(scene: HoleScene, y: int, x: int, planes: Hypotheses) -> HypothesisCosts:
+def _hypothesis_costs(scene: HoleScene, y: int, x: int, hypotheses: Hypotheses) -> HypothesisCosts:
     """Return the matching cost of each hypothesis; hypotheses of nearly the same disparity are evaluated once."""
     cost = np.full(DIRECTION_COUNT, NO_COST)
     effective_pixels = np.ones(DIRECTION_COUNT, F)
     for k in range(DIRECTION_COUNT):
-        if np.isnan(planes.disparity[k]):
+        if np.isnan(hypotheses.disparity[k]):
             continue
         first = 0
         while first < k:
-            is_same = abs(planes.disparity[first] - planes.disparity[k]) < SAME_HYPOTHESIS_PX
+            is_same = abs(hypotheses.disparity[first] - hypotheses.disparity[k]) < SAME_HYPOTHESIS_PX
             if is_same:
                 break
             first += 1
@@ -259,7 +264,14 @@ def _hypothesis_costs(scene: HoleScene, y: int, x: int, planes: Hypotheses) -> H
             effective_pixels[k] = effective_pixels[first]
         else:
             found = plane_cost(
-                scene.left, scene.right, scene.valid, y, x, planes.disparity[k], planes.slope_x[k], planes.slope_y[k]
+                scene.left,
+                scene.right,
+                scene.valid,
+                y,
+                x,
+                hypotheses.disparity[k],
+                hypotheses.slope_x[k],
+                hypotheses.slope_y[k],
             )
             cost[k] = found.cost
             effective_pixels[k] = found.effective_pixels

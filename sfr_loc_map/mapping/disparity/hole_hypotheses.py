@@ -41,7 +41,7 @@ class Hypotheses(NamedTuple):
 
 
 @jit_rows_inline
-def hypotheses(scene: HoleScene, y: int, x: int) -> Hypotheses:
+def find_hypotheses(scene: HoleScene, y: int, x: int) -> Hypotheses:
     """Return the nearest surface along each direction, extrapolated to the pixel as a plane.
 
     All pixels nearer than `distance` are invalid, so that the search along a direction advances by `distance`.
@@ -94,11 +94,11 @@ def surface_slope(scene: HoleScene, y: int, x: int, dy: int, dx: int) -> np.floa
 
 
 @jit_rows_inline
-def is_enclosed(planes: Hypotheses, disparity: np.float32) -> bool:
+def is_enclosed(hypotheses: Hypotheses, disparity: np.float32) -> bool:
     """Return whether the surface of a disparity is found in two opposite directions."""
     found = False
     for k in range(0, DIRECTION_COUNT, 2):
-        one = abs(planes.disparity[k] - disparity) < SURFACE_JUMP_PX
-        opposite = abs(planes.disparity[k + 1] - disparity) < SURFACE_JUMP_PX
+        one = abs(hypotheses.disparity[k] - disparity) < SURFACE_JUMP_PX
+        opposite = abs(hypotheses.disparity[k + 1] - disparity) < SURFACE_JUMP_PX
         found |= one and opposite
     return found
