@@ -1,109 +1,42 @@
 """Covariances of the estimates, composed of the named error sources.
 
-The table lists the letters of the formulas. Names with underscores are fields of `error_sources.ErrorSources`, unless
-the table or the text says otherwise. Other words are explained below each formula.
+The docstring of each function contains its formula:
 
-| letter | meaning | in the code |
+| letter | covariance of | function |
 |---|---|---|
-| P | pose | `pose_covariance` |
-| Q | step | `step_covariance`; with the added terms `StepEstimate.covariance` |
-| N | white noise of a pose | `pose_noise`, `StepEstimate.noise` |
-| S | systematic errors of a step | `systematic_step`, `StepEstimate.systematic` |
-| M | unobserved motion | `unobserved_motion` |
-| C | pose given the keyframes | `given_keyframes`, the inverse of `Tracks.information` |
-| W | newest keyframe in its window | `SlidingWindow.covariance` |
-| W + C | pose in its window | `PathErrors.in_window` |
-| O | W + C of the past pose to which an external pose applies | `Origin.past_in_window` |
-| A | directed errors | `PathErrors.directed_covariance` |
-| B | position error per pixel of disparity | `PathErrors.bias_since_origin.total` |
-| U | position error of the path before the correction of the yaw | `uncorrected` in `pose_covariance` |
-| K | newest keyframe given the previous keyframe | `KeyframeMotion.covariance` |
-| v | variance factor | `PublishedPose.variance_factor`, `updated_variance_factor` |
-| Z | median depth of the landmarks, m: of the map in P, of the tracked landmarks in Q and S | `depth_m` |
-| f, b | focal length, px; baseline, m | `RoverModel.fx`; f b is `RoverModel.focal_baseline` |
-
-The variance factor v is the ratio of the squared residuals to their stated variance (Foerstner and Wrobel,
-Photogrammetric Computer Vision, chapter 4). Three names are those of `OnlineCalibration`: `yaw_sigma_px` is the
-standard deviation of the right camera's yaw, `yaw.target_px` the yaw to be corrected, and `remaining_px` the part of
-this yaw that is not corrected yet.
-
-**Pose** (`pose_covariance`): left camera in the world, relative to the pose that placed the world in DS. The increments
-of each pair are computed by `trajectory._errors_at`, accumulated by `PathErrors` and added up by `pose_covariance`.
-
-    P = start + adjustment_inflation D + A + blur + (disparity_px^2 + yaw_sigma_px^2 + (unsettled_yaw_ratio
-        remaining_px)^2) B B' + U U' + attitude + unobserved
-    D = W + C - O
-
-- start (`Origin.start`): covariance of that pose, propagated to the present position. A new window adds to it
-  `adjustment_inflation D`, `unobserved` and `blur` of the pose at which the window begins.
-- D: drift within the window. W comes from the bundle adjustment. C is zero once the pose itself is an adjusted
-  keyframe. O is zero unless an external pose applies to a past pose of this window. O is then W + C of that past pose,
-  propagated to the present position, and negative eigenvalues of D are replaced by zero (`positive_part`).
-- A: directed errors, which add up along the path (ambiguous motions, bending of the path by the lens), propagated to
-  the present position.
-- blur: standard deviation blur_px / f, rad, about each axis, and this angle times Z in position (`blur_of`).
-- B: position error per pixel of a constant disparity error, m/px: the sum of displacement Z / (f b) over the steps
-  since the origin.
-- U: position error of the path that was travelled before the yaw was corrected, m: the sum over the steps
-  of (`yaw.target_px` - yaw corrected at the step) displacement Z / (f b).
-- attitude: (bent_attitude_ratio hypot(yaw_sigma_px, yaw.target_px))^2 + (followed_attitude_ratio d)^2, divided by f^2.
-  d is the sum of the absolute drifts of the right camera that were followed, px (`followed_px`).
-- unobserved (`PathErrors.unobserved`): M of two motions. The motion to the last accepted pose counts as unobserved if
-  the findings of that pose require this (`findings.RULES`, `PathErrors.unobserved_to_pose`). The motion since that pose
-  is unobserved while the pose is kept (`PathErrors.unobserved_since_pose`).
+| P | a pose of the left camera in the world | `pose_covariance` |
+| Q | the motion of RB in a step, in RB at the previous pose | `step_covariance`, and `added` (below) |
+| N | the white noise of a pose of RB, in RB, which cancels between consecutive steps | `pose_noise` |
+| S | errors common to all steps, in RB, which add up with their sign; a vector | `systematic_step` |
+| M | an unobserved motion of RB, in RB at its start | `unobserved_motion` |
 
 Consecutive poses share most of P, and P shrinks when the yaw is estimated. The uncertainty of the motion between two
-poses is therefore composed of steps and not computed from P.
+poses is therefore composed of steps and not computed from P. The covariance of the motion of a step, and thereby of the
+twist, is `Q + N + N_before + S^2 + speed_change` (`StepEstimate.motion_covariance`).
 
-**Step** (`step_covariance` without `added`, which `trajectory` adds): motion of RB, in RB at the previous pose. Errors
-from images are independent from step to step. An added error of a pose has opposite signs in the steps to and from
-that pose. Each of the two steps contains its covariance, which is conservative.
+In the formulas, names with underscores are fields of `error_sources.ErrorSources`, unless the text says otherwise. The
+other symbols:
 
-    Q = step_inflation max(v, min_variance_factor) r (adjustment_inflation K + k) + added
-    k = (keyframe_px Z / f)^2 diag(1, 1, 1, 0, 0, 0)
-    r = max(step / max(keyframe interval, min_interval_ratio usual interval), min_step_ratio)
+- f and b: focal length, px, and baseline, m (`RoverModel.fx`; f b is `RoverModel.focal_baseline`).
+- Z: median depth of the landmarks, m; of the map in P, of the tracked landmarks in Q and S.
+- C: covariance of a pose given the keyframes, the inverse of `Tracks.information`.
+- v: variance factor, the ratio of the squared residuals to their stated variance (Foerstner and Wrobel, Photogrammetric
+  Computer Vision, chapter 4; `updated_variance_factor`).
+- `yaw_sigma_px`, `yaw.target_px`, `remaining_px`: standard deviation of the right camera's yaw, the yaw to be
+  corrected, and the part of this yaw that is not corrected yet (`OnlineCalibration`).
 
-- The keyframe interval is the motion between the two newest keyframes. In a window of one keyframe, C replaces K, and
-  the usual interval (`RoverModel.keyframe_rad`) is used. Steps and intervals are measured as optical flow, rad.
-- added: the inflation by findings of the two poses of the step (`inflation_of`), the displacement of the previous pose
-  by a correction of the yaw, and M while the previous pose was kept (`PublishedPose.unobserved_rb`). Inflation and
-  displacement of the previous pose are in `PublishedPose.undone_by_next_step`.
-  The terms of the previous pose are zero if its pair began a window, because the step is measured from its image.
+`added` in the step (`trajectory._step_to_new_pose`) has three parts: the inflation by findings of the two poses of the
+step (`inflation_of`), the displacement of the previous pose by a correction of the yaw, and M while the previous pose
+was kept (`PublishedPose.unobserved_rb`). An added error of a pose has opposite signs in the steps to and from that
+pose. Each of the two steps contains its covariance, which is conservative (`PublishedPose.undone_by_next_step`). The
+parts of the previous pose are zero if its pair began a window, because the step is measured from its image.
 
-Before the first residuals, the factor before r is 1. `MIN_VARIANCE` is added to each variance of Q.
-
-**Noise** (`pose_noise`): white noise of a pose, which cancels between consecutive steps. `shear_chi2` is the squared
-shear of the image rows over its variance, per degree of freedom.
-
-    N = white_ratio max(v, min_variance_factor) max(shear_chi2, 1) C + exposure_rad^2 (attitude)
-
-**Systematic** (`systematic_step`): errors common to all steps, which add up with their sign.
-
-    S = (position, attitude)
-    position = hypot(disparity_px, yaw_sigma_px, remaining_px) Z / (f b) displacement
-    attitude = hypot(lens_px, lens_ratio RMS of the residual disparities) / (f b) length
-
-The remaining yaw enters a step in full. In the pose it is multiplied by `unsettled_yaw_ratio`, because P also contains
-U.
-
-**Twist** (`StepEstimate.motion_covariance`): the motion of a step divided by its duration. The covariance of the motion
-is the sum of Q, N of both poses, the squares of S, and the covariance of a change of speed during an unobserved motion
-(`StepEstimate.speed_change`).
-
-**Unobserved motion** (`unobserved_motion`): motion in a time t (seconds) at a speed s (m/s) and a turn rate w (rad/s),
-which are the last ones, but at least the configured ones.
-
-    M = diag(s t, s t, climb_ratio s t, tilt_ratio w t, tilt_ratio w t, w t)^2
-
-Each angle is at most `MAX_ANGLE_RAD`.
-
-A new error source requires a field of `ErrorSources` and a term in one of these formulas. An error that accumulates
-along the path also requires a field of `path_errors.PathErrors`, which only the methods of that class change, and its
+A new error source requires a field of `ErrorSources` and a term in one of the formulas. An error that accumulates along
+the path also requires a field of `path_errors.PathErrors`, which only the methods of that class change, and its
 increment in `trajectory._errors_at`. The table of that class shows what each event does to each field. A further field
 of `history.PastPose`, set in `trajectory._past_pose`, lets `rebased` subtract the error that arose before a past pose.
 
-Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is that of position and rotation about fixed axes, for the
-left camera in the world unless stated otherwise.
+Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is that of position and rotation about fixed axes.
 """
 
 from __future__ import annotations
@@ -136,7 +69,32 @@ MIN_VARIANCE = 1e-12  #: Added to the variances of a step, so that each is posit
 def pose_covariance(
     errors: PathErrors, position: FloatArray, depth_m: float, calibration: OnlineCalibration, model: RoverModel
 ) -> FloatArray:
-    """Return the covariance P of the left camera at a position, with landmarks at a median depth."""
+    """Return the covariance P of the left camera at a position, relative to the pose that placed the world in DS.
+
+        P = start + adjustment_inflation D + A + blur + attitude + unobserved
+            + (disparity_px^2 + yaw_sigma_px^2 + (unsettled_yaw_ratio remaining_px)^2) B B' + U U'
+
+    - start (`Origin.start`): covariance of that pose, propagated to the present position. A new window adds to it
+      `adjustment_inflation D`, `unobserved` and `blur` of the pose at which the window begins.
+    - D: drift within the window, W + C - O. W is the covariance of the newest keyframe in its window, from the bundle
+      adjustment. C is zero once the pose itself is an adjusted keyframe. W + C is `PathErrors.in_window`. O is zero
+      unless an external pose applies to a past pose of this window. O is then W + C of that past pose
+      (`Origin.past_in_window`), propagated to the present position, and negative eigenvalues of D are replaced by zero.
+    - A: directed errors, which add up along the path (ambiguous motions, bending of the path by the lens), propagated
+      to the present position (`PathErrors.directed_covariance`).
+    - blur: standard deviation blur_px / f, rad, about each axis, and this angle times Z in position (`blur_of`).
+    - B: position error per pixel of a constant disparity error, m/px: the sum of displacement Z / (f b) over the steps
+      since the origin.
+    - U: position error of the path that was travelled before the yaw was corrected, m: the sum over the steps of
+      (`yaw.target_px` - yaw corrected at the step) displacement Z / (f b).
+    - attitude: (bent_attitude_ratio hypot(yaw_sigma_px, yaw.target_px))^2 + (followed_attitude_ratio d)^2, divided by
+      f^2. d is the sum of the absolute drifts of the right camera that were followed, px (`followed_px`).
+    - unobserved (`PathErrors.unobserved`): M of two motions. The motion to the last accepted pose counts as unobserved
+      if the findings of that pose require this (`findings.RULES`). The motion since that pose is unobserved while the
+      pose is kept.
+
+    `trajectory._errors_at` computes the increments of each pair, and `PathErrors` accumulates them.
+    """
     sources = model.sources
     blur = blur_of(depth_m, model).covariance
     # errors common to all disparities: a constant error, the uncertainty of the yaw, and the path travelled before the
@@ -177,9 +135,14 @@ def lens_turn_per_m(calibration: OnlineCalibration, model: RoverModel) -> float:
 
 
 def unobserved_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
-    """Return the covariance `(6, 6)` of an unobserved motion, in RB at its start.
+    """Return the covariance M `(6, 6)` of an unobserved motion, in RB at its start.
 
-    The rover may have continued at its last speed.
+    For a motion in a time t (seconds) at a speed s (m/s) and a turn rate w (rad/s),
+
+        M = diag(s t, s t, climb_ratio s t, tilt_ratio w t, tilt_ratio w t, w t)^2
+
+    Speed and turn rate are the last ones, because the rover may have continued, but at least the configured ones. Each
+    angle is at most `MAX_ANGLE_RAD`.
     """
     metres = max(model.bounds.unseen_speed_m_s, speed.m_s) * seconds
     heading = max(model.bounds.unseen_turn_rad_s, speed.rad_s) * seconds
@@ -269,6 +232,16 @@ def step_covariance(
 ) -> FloatArray:
     """Return the covariance Q `(6, 6)` of a step without `added`, for the motion of RB, in RB at the previous pose.
 
+        Q = step_inflation max(v, min_variance_factor) r (adjustment_inflation K + k)
+        k = (keyframe_px Z / f)^2 diag(1, 1, 1, 0, 0, 0)
+        r = max(step / max(keyframe interval, min_interval_ratio usual interval), min_step_ratio)
+
+    Errors from images are independent from step to step. K is the covariance of the newest keyframe given the previous
+    keyframe (`KeyframeMotion.covariance`), and the keyframe interval is the motion between the two. In a window of one
+    keyframe, C replaces K, and the usual interval (`RoverModel.keyframe_rad`) is used. Steps and intervals are measured
+    as optical flow, rad. Before the first residuals, the factor before r is 1. `MIN_VARIANCE` is added to each variance
+    of Q.
+
     Args:
         step: The motion.
         keyframes: Motion between the two newest keyframes.
@@ -308,8 +281,10 @@ def pose_noise(
 ) -> FloatArray:
     """Return the covariance N `(6, 6)` of the white noise of a pose of RB, in RB.
 
-    `given_keyframes` is the covariance C of the pose given the keyframes. `shear_chi2` increases the noise if it
-    exceeds 1.
+        N = white_ratio max(v, min_variance_factor) max(shear_chi2, 1) C + exposure_rad^2 (attitude)
+
+    `given_keyframes` is the covariance C of the pose given the keyframes. `shear_chi2` is the squared shear of the rows
+    of the image over its variance, per degree of freedom.
     """
     sources = model.sources
     factor = 1.0 if variance_factor is None else max(variance_factor, sources.min_variance_factor)
@@ -321,9 +296,14 @@ def pose_noise(
 
 
 def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
-    """Return the signed one-sigma effects `(6,)` on one step, in RB, of the errors that all steps share.
+    """Return the signed one-sigma effects S `(6,)` on one step, in RB, of the errors that all steps share.
 
-    The depth is the median depth of the landmarks, m.
+        S = (position, attitude)
+        position = hypot(disparity_px, yaw_sigma_px, remaining_px) Z / (f b) displacement
+        attitude = hypot(lens_px, lens_ratio RMS of the residual disparities) / (f b) length
+
+    The remaining yaw enters a step in full. In the pose it is multiplied by `unsettled_yaw_ratio`, because P also
+    contains U. The depth Z is the median depth of the landmarks, m.
     """
     disparity_px = np.sqrt(model.sources.disparity_px**2 + calibration.yaw_sigma_px**2 + calibration.remaining_px**2)
     scaled = disparity_px * depth_m / model.focal_baseline * step.displacement

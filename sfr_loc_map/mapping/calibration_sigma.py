@@ -4,9 +4,10 @@ The configured residual distortion (`CalibrationPrior.distortion_px`) sets the t
 
 - A yaw above `SIGNIFICANT_SIGMAS` standard deviations is reported and increases sigma. Distortion of this size could
   look like a yaw, namely the yaw whose vertical disparity in the corners equals the distortion. This yaw is part of the
-  standard deviation (`_yaw_threshold_rad`).
+  standard deviation, together with the noise of the measured yaw (`_yaw_threshold_rad`).
 - A vertical offset above the distortion and above `MIN_ROTATION_PX` increases sigma like a pitch
-  (`_pitch_threshold_px`).
+  (`_pitch_threshold_px`). The threshold contains no noise, because an offset is measured to a few hundredths of a
+  pixel.
 - Vertical disparity above a multiple of the distortion causes a warning (`pair_findings.vertical_warning_px`).
 
 A larger configured distortion therefore increases sigma, but also raises the yaw, the offset and the vertical disparity
@@ -25,8 +26,9 @@ from sfr_loc_map.mapping.disparity.right_camera import MIN_ROTATION_PX, CameraRo
 
 SIGNIFICANT_SIGMAS = 3.0  #: A yaw above this many standard deviations is significant: 0.3 % by chance.
 MIN_SIGNIFICANT_YAW_DEG = 0.02
-"""Lower bound of a significant yaw, deg. It changes disparities by 0.3 pixels at a focal length of 800 pixels. Chosen
-by hand: the bound has an effect only if the configured uncertainties are small."""
+"""Lower bound of a significant yaw, deg. It changes disparities by 0.3 pixels at a focal length of 800 pixels, which is
+the residual distortion of a typical calibration. The bound has an effect only if the configured uncertainties are
+small."""
 
 
 class CalibrationSigma(NamedTuple):
