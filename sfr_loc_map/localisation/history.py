@@ -20,7 +20,8 @@ class PastPose(NamedTuple):
     was_known: bool  #: Whether the pose before this one was known (tracked or kept, not lost).
     window_number: int  #: Number of the window.
     in_window: LocatedCovariance  #: Covariance of the pose in its window.
-    accumulated: LocatedCovariance  #: Covariance added by all windows so far (`PathErrors.since_map_was_placed`).
+    #: Covariance that windows, and the motions between windows, added up to this pose (`PathErrors`).
+    since_map_was_placed: LocatedCovariance
     bias: DisparityBias  #: Path integrals up to this pose.
     directed: DirectedError  #: Sum of the directed errors up to this pose.
 

@@ -291,14 +291,14 @@ def _past_pose(
 ) -> PastPose:
     """Return the last pose for the history; `was_known` is True if the pose before it was tracked or kept, not lost."""
     position = last.T_world_left.translation
-    accumulated = errors.since_map_was_placed(position, model.sources.adjustment_inflation)
+    since_map_was_placed = errors.since_map_was_placed(position, model.sources.adjustment_inflation)
     return PastPose(
         stamp_ns=last.tracked_ns,
         T_world_left=last.T_world_left,
         was_known=was_known,
         window_number=window_number,
         in_window=LocatedCovariance(position, errors.in_window),
-        accumulated=LocatedCovariance(position, accumulated),
+        since_map_was_placed=LocatedCovariance(position, since_map_was_placed),
         bias=errors.bias,
         directed=errors.directed,
     )
@@ -396,7 +396,7 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
         origin = Origin(LocatedCovariance(position, covariance), past.in_window, past.bias)
     else:  # add drift and unobserved motions between the past pose and the present window
         before_window = path.errors.before_window
-        added = positive_part(before_window.covariance - past.accumulated.at(before_window.position))
+        added = positive_part(before_window.covariance - past.since_map_was_placed.at(before_window.position))
         at_window = propagated_covariance(covariance, before_window.position - position)
         origin = Origin(LocatedCovariance(before_window.position, at_window + added), bias=past.bias)
     errors = path.errors.rebased(origin, position=position, directed=past.directed)
