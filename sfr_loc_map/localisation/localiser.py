@@ -387,13 +387,15 @@ class Localiser:
         pair = trajectory.AcceptedPair(
             stamp_ns=candidate.frame.stamp_ns,
             tracks=tracks,
+            landmark_map=landmark_map,
+            calibration=corrected.calibration,
             chi_median=residuals.chi_median,
             was_known=state.status is not TrackingState.LOST,
             shear_chi2=corrected.shear_chi2,
             inflation=verdict.inflation,
             other_distance=ground.other_distance,
         )
-        path, step = trajectory.accepted(state.path, pair, landmark_map, corrected.calibration, self._model)
+        path, step = trajectory.accepted(state.path, pair, self._model)
         recovery = state.recovery
         if final.is_recovery_image:
             recovery = recovery.with_tracked(candidate.frame.image, tracks)

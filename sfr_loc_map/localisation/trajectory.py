@@ -94,6 +94,8 @@ class AcceptedPair(NamedTuple):
 
     stamp_ns: int
     tracks: Tracks
+    landmark_map: LandmarkMap  #: Map in which the pose was estimated.
+    calibration: OnlineCalibration  #: The calibration, updated by the pair.
     chi_median: float  #: Median squared Mahalanobis residual per degree of freedom; NaN without residuals.
     was_known: bool  #: Whether the pose before this pair was known (tracked or kept, not lost).
     shear_chi2: float  #: Squared shear of the image rows over its variance, per degree of freedom.
@@ -139,14 +141,12 @@ def arrived(path: PathState, stamp_ns: int) -> PathState:
 # ---- poses from images
 
 
-def accepted(
-    path: PathState, pair: AcceptedPair, landmark_map: LandmarkMap, calibration: OnlineCalibration, model: RoverModel
-) -> tuple[PathState, StepEstimate]:
+def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[PathState, StepEstimate]:
     """Return the path with the pose of an accepted pair, and the step to it."""
     pose = _new_pose(path, pair, model)
-    errors = _errors_at(path, pose, landmark_map, calibration, model)
+    errors = _errors_at(path, pose, model)
     published = _published_at(path, pose, model)
-    step = _step_to_new_pose(path, pose, published, landmark_map, calibration, model)
+    step = _step_to_new_pose(path, pose, published, model)
     last = path.last.tracked(pair.stamp_ns, pose.T_world_left, pose.since, was_known=pair.was_known)
     past = _past_pose(last, errors, path.window_number, model, was_known=pair.was_known)
     return PathState(last, path.datum, errors, published, path.history.with_pose(past), path.window_number), step
@@ -167,10 +167,10 @@ def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPos
     return _NewPose(pair, now, since, given_keyframes, added)
 
 
-def _errors_at(
-    path: PathState, pose: _NewPose, landmark_map: LandmarkMap, calibration: OnlineCalibration, model: RoverModel
-) -> PathErrors:
+def _errors_at(path: PathState, pose: _NewPose, model: RoverModel) -> PathErrors:
     """Return the accumulated errors at a new pose."""
+    landmark_map = pose.pair.landmark_map
+    calibration = pose.pair.calibration
     position = pose.T_world_left.translation
     bending = DirectedError(0.0, lens_turn_per_m(calibration, model) * pose.since.metres)
     errors = path.errors.with_directed(bending, position)
@@ -206,27 +206,20 @@ def _published_at(path: PathState, pose: _NewPose, model: RoverModel) -> Publish
     )
 
 
-def _step_to_new_pose(
-    path: PathState,
-    pose: _NewPose,
-    published: PublishedPose,
-    landmark_map: LandmarkMap,
-    calibration: OnlineCalibration,
-    model: RoverModel,
-) -> StepEstimate:
+def _step_to_new_pose(path: PathState, pose: _NewPose, published: PublishedPose, model: RoverModel) -> StepEstimate:
     """Return the step from the last published pose to a new pose; the first step is from the new pose to itself."""
     before = path.published
     before_ns = pose.pair.stamp_ns if before.stamp_ns is None else before.stamp_ns
     seconds = (pose.pair.stamp_ns - before_ns) / NS_PER_S
     step = StepMotion.between(before.T_world_left or pose.T_world_left, pose.T_world_left, model)
     depth_m = pose.pair.tracks.landmarks.median_depth
-    keyframes = landmark_map.window.last_motion
+    keyframes = pose.pair.landmark_map.window.last_motion
     of_images = step_covariance(step, keyframes, pose.given_keyframes, depth_m, published.variance_factor, model)
     return StepEstimate(
         seconds=seconds,
         motion=step.vector,
         covariance=of_images + before.undone_by_next_step + before.unobserved_rb + pose.added.of_step,
-        systematic=systematic_step(step, depth_m, calibration, model),
+        systematic=systematic_step(step, depth_m, pose.pair.calibration, model),
         noise=published.noise,
         noise_before=before.noise,
         speed_change=ZERO if pose.pair.was_known else unobserved_motion(path.last.speed, seconds, model),

@@ -65,13 +65,20 @@ def begun(rig: StereoRig = IN_CAMERA) -> PathState:
     return trajectory.restarted(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
 
 
-def pair_at(number: int, to: Transform | np.ndarray, inflation: Inflation = Inflation.NONE) -> AcceptedPair:
+def pair_at(
+    number: int,
+    to: Transform | np.ndarray,
+    inflation: Inflation = Inflation.NONE,
+    known: OnlineCalibration | None = None,
+) -> AcceptedPair:
     """Return the pair of a number that was tracked at a pose, or a position."""
     pose = Pose(to.rotation, to.translation) if isinstance(to, Transform) else Pose(np.eye(3), to)
     tracks = SimpleNamespace(pose=pose, information=1e18 * np.eye(6), landmarks=SimpleNamespace(median_depth=DEPTH_M))
     return AcceptedPair(
         number * PERIOD_NS,
         tracks,  # type: ignore[arg-type]
+        map_of(NOTHING),  # type: ignore[arg-type]
+        known or OnlineCalibration(RIG.camera, 7),
         chi_median=1.0,
         was_known=True,
         shear_chi2=0.0,
@@ -89,16 +96,12 @@ def move(
     inflation: Inflation = Inflation.NONE,
 ) -> PathState:
     """Return the path after the pair of a number was tracked at a pose, or a position."""
-    pair = pair_at(number, to, inflation)
-    calibration = known or OnlineCalibration(RIG.camera, 7)
-    return trajectory.accepted(path, pair, map_of(NOTHING), calibration, model_of(rig))[0]  # type: ignore[arg-type]
+    return trajectory.accepted(path, pair_at(number, to, inflation, known), model_of(rig))[0]
 
 
 def step_to(path: PathState, number: int, to: np.ndarray) -> StepEstimate:
     """Return the step to the pair of a number that is tracked at a position."""
-    calibration = OnlineCalibration(RIG.camera, 7)
-    model = model_of(IN_CAMERA)
-    return trajectory.accepted(path, pair_at(number, to), map_of(NOTHING), calibration, model)[1]  # type: ignore[arg-type]
+    return trajectory.accepted(path, pair_at(number, to), model_of(IN_CAMERA))[1]
 
 
 def of_path(path: PathState, known: OnlineCalibration | None = None) -> np.ndarray:
