@@ -116,22 +116,31 @@ class Tracks:
         return StereoObservations(self.observations, self.variance)
 
     @property
-    def is_left_fuller(self) -> bool:
-        """Whether at least as many inliers were observed in the left image as in the right one."""
-        return self.left_inlier_count >= int(np.count_nonzero(self.inliers & np.isfinite(self.observations[:, 2])))
+    def left_inliers(self) -> Mask:
+        """Mask `(M,)` of the inliers that were observed in the left image."""
+        return np.asarray(self.inliers & np.isfinite(self.observations[:, 0]))
 
     @property
-    def stereo_fraction(self) -> float:
-        """Ratio of the inliers observed in both images to the inliers observed in the image with more inliers."""
-        in_left = self.inliers & np.isfinite(self.observations[:, 0])
-        in_right = self.inliers & np.isfinite(self.observations[:, 2])
-        most = max(int(np.count_nonzero(in_left)), int(np.count_nonzero(in_right)), 1)
-        return int(np.count_nonzero(in_left & in_right)) / most
+    def right_inliers(self) -> Mask:
+        """Mask `(M,)` of the inliers that were observed in the right image."""
+        return np.asarray(self.inliers & np.isfinite(self.observations[:, 2]))
 
     @property
     def left_inlier_count(self) -> int:
         """Number of inliers that were observed in the left image."""
-        return int(np.count_nonzero(self.inliers & np.isfinite(self.observations[:, 0])))
+        return int(np.count_nonzero(self.left_inliers))
+
+    @property
+    def is_left_fuller(self) -> bool:
+        """Whether at least as many inliers were observed in the left image as in the right one."""
+        return self.left_inlier_count >= int(np.count_nonzero(self.right_inliers))
+
+    @property
+    def stereo_fraction(self) -> float:
+        """Ratio of the inliers observed in both images to the inliers observed in the image with more inliers."""
+        in_both = int(np.count_nonzero(self.left_inliers & self.right_inliers))
+        most = max(self.left_inlier_count, int(np.count_nonzero(self.right_inliers)), 1)
+        return in_both / most
 
 
 class Tracker:
