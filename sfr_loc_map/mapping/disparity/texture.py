@@ -11,7 +11,8 @@ from sfr_loc_map.mapping.disparity.image_noise import noise_of_image
 from sfr_loc_map.mapping.filters import local_variance
 
 MIN_TEXTURED_FRACTION = 0.02
-"""Minimum textured fraction of an image for judging its matches. Chosen by hand."""
+"""Minimum textured fraction of an image for judging its matches. Chosen by hand: two percent of a megapixel are 20 000
+pixels. Fewer may all be on one object, such as a bright star or a reflection, which does not show how images match."""
 TEXTURE_SIGMAS = 2.0
 """A neighbourhood is textured if its standard deviation exceeds this many standard deviations of the noise. The
 standard deviation of 49 pixels of pure noise is accurate to 10 %."""

@@ -50,7 +50,7 @@ SURFACE_RADIUS = 3
 cells."""
 OCCLUDER_COLUMNS = 6
 """Distance along the row within which a surface is searched that occludes the pixel in the right image, columns: twice
-`SURFACE_RADIUS`. Chosen by hand."""
+`SURFACE_RADIUS`, because both edges may be displaced. Fixed by the training of the network."""
 SAME_COLUMN_PX = F(1.0)  #: Pixels with right columns that differ by up to this correspond to the same right pixel.
 LOG_ODDS_AT_1_PX = F(3.3)
 """Log odds above which a pixel is invalid if the median sigma of the pair is 1 pixel. The threshold is this value plus

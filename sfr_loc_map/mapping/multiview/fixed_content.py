@@ -32,13 +32,18 @@ MIN_SIMILARITY = F(0.8)
 """Minimum similarity of the grey levels of fixed content. The similarity is 1 for equal windows, and 0.8 if the noise
 has half the standard deviation of the content. Chosen by hand: a larger threshold misses fixed content in noisy images,
 and a smaller threshold removes ground that is similar to itself."""
-MIN_WINDOW_FRACTION = F(0.6)  #: Minimum fraction of the window with points of both pairs. Chosen by hand.
+MIN_WINDOW_FRACTION = F(0.6)
+"""Minimum fraction of the window with points of both pairs. Chosen by hand above one half, so that the similarity is
+that of most of the window. If larger, fixed content beside holes is missed."""
 MIN_MOTION_PX = 8.0
 """Minimum motion of ground in the image, pixels: a third of a window. With less motion, ground is similar to
-itself. With a larger threshold, fixed content is detected only between pairs that differ more. Chosen by hand."""
+itself. With a larger threshold, fixed content is detected only between pairs that differ more."""
 REGION_SAMPLES = 5
-"""Side of the smallest region, samples: 15 pixels, about half of the window. Chosen by hand."""
-MIN_REGION_FRACTION = 0.003  #: Minimum fraction of the image that is removed. Chosen by hand.
+"""Side of the smallest region, samples: 15 pixels, about half of the window. Chosen by hand: a smaller region may be
+similar by chance."""
+MIN_REGION_FRACTION = 0.003
+"""Minimum fraction of the image that is removed: a square of 55 pixels in a megapixel, twice the side of the window. If
+smaller, ground that is similar by chance is removed. If larger, small parts of the rover's body are mapped."""
 
 
 class CleanedViews(NamedTuple):

@@ -79,8 +79,8 @@ class Comparison(NamedTuple):
     #: sum.
     weighted_variance: FloatArray32
     agrees: Mask  #: `(N,)`, whether another view agrees.
-    is_dropped: Mask  #: `(N,)`, whether the point is a duplicate of another view, or in conflict with it.
-    conflict_count: int  #: Number of points in conflict with another view.
+    is_duplicate: Mask  #: `(N,)`, whether a preferred view samples the same spot.
+    is_conflict: Mask  #: `(N,)`, whether a preferred view observes a farther surface.
     agreement: Findings  #: Agreement of the poses: statistics and warnings only.
 
 
@@ -94,7 +94,7 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
         comparison = _compare_with_others(index, views, rig)
         parts.append(_fused_points(view, comparison))
         agreeing_count += int(np.count_nonzero(comparison.agrees))
-        conflict_count += comparison.conflict_count
+        conflict_count += int(np.count_nonzero(comparison.is_conflict))
         agreement += comparison.agreement
     points = ViewPoints.concatenated(parts)
     pair_index = np.repeat(np.arange(len(views), dtype=np.uint8), [part.size for part in parts])
@@ -142,8 +142,8 @@ def _compare_with_others(index: int, views: Sequence[PairView], rig: StereoRig) 
         weighted_difference=weighted_difference,
         weighted_variance=weighted_variance,
         agrees=agrees,
-        is_dropped=is_duplicate | is_conflict,
-        conflict_count=int(np.count_nonzero(is_conflict)),
+        is_duplicate=is_duplicate,
+        is_conflict=is_conflict,
         agreement=agreement,
     )
 
@@ -162,13 +162,13 @@ def _judge(
     are equal. It is ignored at points that it observes from too far away (`MAX_RANGE_FACTOR`).
 
     To add a test of points across pairs: a flag of `Judgement`, which `_compare_with_others` combines over the other
-    views.
+    views, and its effect in `_fused_points`.
     """
-    rows = observed.indices
-    is_preferred = observed.weight > own_weight[rows]
+    weight_here = own_weight[observed.indices]
+    is_preferred = observed.weight > weight_here
     if is_earlier:
-        is_preferred |= observed.weight == own_weight[rows]
-    is_used = observed.point_range <= MAX_RANGE_FACTOR * own_range[rows]
+        is_preferred |= observed.weight == weight_here
+    is_used = observed.point_range <= MAX_RANGE_FACTOR * own_range[observed.indices]
     sigma = observed.difference_sigma(own_sigma)
     agrees = is_used & (np.abs(observed.difference) / sigma <= AGREE_SIGMAS)
     is_farther = is_used & (observed.difference > AGREE_SIGMAS * sigma)
@@ -188,7 +188,7 @@ def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:
     is the standard deviation of the point and c the fraction of the variance that is common to all pairs. Away from the
     image border the weights are `1 / s_i^2`, and the last term is `(1 - c) / sum w_i`.
     """
-    kept = np.flatnonzero(~comparison.is_dropped)
+    kept = np.flatnonzero(~(comparison.is_duplicate | comparison.is_conflict))
     points = view.points.select(kept)
     moved = np.flatnonzero(comparison.agrees[kept])
     rows = kept[moved]

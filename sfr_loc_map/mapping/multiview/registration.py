@@ -28,7 +28,7 @@ enough for six parameters."""
 BLURS_PX = (12.0, 5.0, 2.0, 0.7)
 """Standard deviations of the Gaussians that blur the compared images, pixels. A rotation of 1 deg moves content by 14
 pixels at a focal length of 800 pixels. Each blur is less than half of the blur before, so that the estimate at one blur
-is within the range of convergence of the next. Chosen by hand."""
+is within the range of convergence of the next."""
 MAX_STEPS_PER_BLUR = 6
 """Maximum number of Gauss-Newton steps at each blur; the next blur continues from an estimate that has not converged.
 Chosen by hand."""
@@ -38,13 +38,14 @@ DERIVATIVE_STEPS = np.array([ROTATION_STEP_RAD] * 3 + [TRANSLATION_STEP_M] * 3)
 """Steps of the six parameters: rotation vector (rad) and translation (m)."""
 CONVERGED_STEP = 1e-5  #: The estimate has converged if no parameter changes by more than this, rad and m: 0.01 pixels.
 MAX_ROTATION_DEG = 2.0
-"""Maximum rotation of a registered pose, deg. A larger rotation is reported and not applied, because registration
-should not hide a faulty pose. Chosen by hand."""
-MAX_TRANSLATION_M = 0.1  #: Maximum translation, metres; a larger one is reported and not applied. Chosen by hand.
+"""Maximum rotation of a registered pose, deg: four standard deviations of the prior (`PRIOR_SIGMAS`). A larger rotation
+is reported and not applied, because registration should not hide a faulty pose."""
+MAX_TRANSLATION_M = 0.1
+"""Maximum translation, metres: five standard deviations of the prior; a larger one is reported and not applied."""
 PRIOR_SIGMAS = np.array([np.deg2rad(0.5)] * 3 + [0.02] * 3)
-"""Standard deviations of the error of a given pose, rad and m: 0.5 deg and 0.02 m, a quarter and a fifth of the maximum
-motions. If a rotation and a translation explain the residuals equally well, the ratio of their standard deviations
-decides between them. Chosen by hand."""
+"""Standard deviations of the error of a given pose, rad and m: 0.5 deg and 0.02 m. Chosen by hand. If larger, a correct
+pose is moved where little texture determines the motion. If smaller, an error is corrected only in part. If a rotation
+and a translation explain the residuals equally well, the ratio of their standard deviations decides between them."""
 POSE_HALF_WEIGHT_SIGMAS = 3.0
 """Residuals of this many standard deviations have half the weight (`cauchy_weight`). The value exceeds 2.385, which has
 an efficiency of 95 %, because the residuals of a wrong pose are large."""
