@@ -26,8 +26,7 @@ class ErrorSources:
     NEES exceeds 1.
 
     The letters at the beginning of each description name the formulas of `covariance` that use the field: P pose,
-    Q step, N noise, S systematic errors, M unobserved motion. The twist includes Q, N, S and
-    M (`StepEstimate.speed_change`).
+    Q step, N noise, S systematic errors, M unobserved motion. The twist includes Q, N, S and M.
     """
 
     blur_px: float = 0.03
