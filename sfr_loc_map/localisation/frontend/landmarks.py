@@ -70,37 +70,34 @@ class Patches:
 
     def hosts(self, level: int) -> Iterator[tuple[FloatImage, slice]]:
         """Yield the image of each host at a coarser level, with the slice of the landmarks that it hosts."""
-        ends = np.cumsum([0, *(len(host.uv) for host in self.hosted)])
-        bounds = np.searchsorted(self.rows, ends)
-        for host, first, last in zip(self.hosted, bounds, bounds[1:], strict=False):
-            if first < last:
-                yield host.coarse[level - 1].image, slice(int(first), int(last))
+        for host, _, hosted in self._by_host():
+            if hosted.start < hosted.stop:
+                yield host.coarse[level - 1].image, hosted
 
-    def _by_host(self) -> list[tuple[HostPatches, NDArray[np.intp]]]:
-        """Return each host with the indices of the landmarks among those that it hosts."""
+    def _by_host(self) -> Iterator[tuple[HostPatches, NDArray[np.intp], slice]]:
+        """Yield each host, the indices of the landmarks among those that it hosts, and the slice of the landmarks."""
         ends = np.cumsum([0, *(len(host.uv) for host in self.hosted)])
-        split = np.split(self.rows, np.searchsorted(self.rows, ends[1:-1]))
-        return [(host, rows - end) for host, end, rows in zip(self.hosted, ends, split, strict=False)]
+        bounds = np.searchsorted(self.rows, ends).tolist()
+        for host, end, first, last in zip(self.hosted, ends, bounds, bounds[1:], strict=False):
+            hosted = slice(first, last)
+            yield host, self.rows[hosted] - end, hosted
 
     def _fine(self) -> Templates:
         """Copy the templates at full size."""
         count = len(self.rows)
         values = np.empty((count, *self.hosted[-1].fine.values.shape[1:]), np.float32)
         moments = np.empty((count, 6))
-        first = 0
-        for host, rows in self._by_host():
-            place = slice(first, first + len(rows))
+        for host, rows, hosted in self._by_host():
             # mode "raise" would copy twice
-            np.take(host.fine.values, rows, axis=0, out=values[place], mode="clip")
-            moments[place] = host.fine.moments[rows]
-            first += len(rows)
+            np.take(host.fine.values, rows, axis=0, out=values[hosted], mode="clip")
+            moments[hosted] = host.fine.moments[rows]
         return Templates(values, moments)
 
     def _coarse(self, level: int) -> Templates:
         """Cut the templates of a coarser level. A patch that leaves the image is set to 0 and is then not aligned."""
         margin = COARSE_HALF + 2
         parts = []
-        for host, rows in self._by_host():
+        for host, rows, _ in self._by_host():
             image = host.coarse[level - 1].image
             uv = (host.uv[rows] + 0.5) / 2.0**level - 0.5
             last = np.array(image.shape[::-1]) - 1 - margin
