@@ -23,9 +23,8 @@ if one image is upside down, and 0.64 or more for correct images (measurements/m
 COARSE_FACTOR = 2
 """Images are downsampled by this factor to find the cause of a mismatch quickly."""
 SWAPPED_FACTOR = 1.5
-"""Images are probably swapped if exchanging them multiplies the number of matched pixels by more than this factor. Chosen
-by hand: images that match about equally well in both orders, such as those of a plane without texture, are not
-swapped."""
+"""Images are probably swapped if exchanging them multiplies the number of matched pixels by more than this factor.
+Chosen by hand: images that match about equally well in both orders are not swapped."""
 MIN_SWAPPED_FRACTION = 0.5
 """Images are probably swapped only if more than this fraction of the pixels matches after the exchange. On the same
 data sets the fraction is 0.75 or more for swapped images, and 0.2 or less for unrelated images."""
