@@ -27,8 +27,9 @@ been relocalised."""
 MIN_BEST_RATIO = 0.5
 """Minimum fraction of the landmarks that are inliers in the best image: the majority."""
 GOOD_IMAGE_RATIO = 0.5
-"""Minimum ratio of corners to landmarks of the map in a pair that may begin a window. Chosen by hand: half. If larger,
-no window begins in a scene of less texture. If smaller, a window begins with a blurred pair."""
+"""Minimum ratio of corners to landmarks of the map in a pair that may begin a window. If a map has more landmarks than
+the grid has cells, the ratio to the number of cells is used. Chosen by hand: half. If larger, no window begins in a
+scene of less texture. If smaller, a window begins with a blurred pair."""
 MIN_DESCRIPTOR_PX = 8.0  #: Minimum size of a descriptor, px: smaller descriptors are dominated by noise.
 DESCRIPTORS_PER_SIDE = 32  #: Ratio of the shorter image side to the descriptor size: 16 px at 512 x 512.
 NO_POINTS = np.zeros((0, 2))  #: No points.
@@ -188,8 +189,8 @@ class Relocaliser:
     def is_good_image(self, frame: StereoFrame, landmark_count: int) -> bool:
         """Return whether a pair shows enough corners, compared with the landmarks of the map, to begin a window."""
         corners = find_corners(frame.left[0].image, NO_POINTS, self._max_corners, BORDER)
-        enough = max(self._config.min_tracked, int(GOOD_IMAGE_RATIO * landmark_count))
-        enough = min(enough, self._max_corners)  # the map may have more than twice as many landmarks
+        expected = min(landmark_count, self._max_corners)
+        enough = max(self._config.min_tracked, int(GOOD_IMAGE_RATIO * expected))
         return len(corners) >= enough and is_textured(frame.right)
 
 
