@@ -222,10 +222,17 @@ class GroundSelector:
                 return Selection(evidence.main, explained.motion_px, not_ground=not_ground, fixed=explained.fixed_cells)
 
     def _off_own_body(self, evidence: Evidence) -> Selection:
-        """Select the motion of the landmarks outside stationary cells, and exclude the landmarks in these cells."""
+        """Select the motion of the landmarks outside stationary cells, and exclude the landmarks in these cells.
+
+        The host cell of such a landmark is fixed to the camera if the motion would have moved the landmark. Without
+        these cells, a keyframe would create new landmarks on the body.
+        """
         off_stationary = _present(evidence.motion_off_stationary)
-        fixed = self._tools.explained(evidence.pair, off_stationary).fixed_cells
-        return self._tracked_again(evidence, off_stationary, evidence.explained.on_stationary, fixed)
+        on_stationary = evidence.explained.on_stationary
+        of_ground = self._tools.explained(evidence.pair, replace(evidence.main, pose=off_stationary.pose))
+        fixed = self._tools.cells(of_ground.host_cell_index[on_stationary & of_ground.are_moved])
+        fixed |= self._tools.explained(evidence.pair, off_stationary).fixed_cells
+        return self._tracked_again(evidence, off_stationary, on_stationary, fixed)
 
     def _either_of_two(self, evidence: Evidence) -> Selection:
         """Select the motion with more weight. Exclude nothing, because the other motion may be the ground's."""

@@ -178,6 +178,13 @@ def test_the_own_body_is_found_by_the_first_motion_and_left_out() -> None:
     assert np.median(masked(with_body)) == pytest.approx(0.3, abs=0.12)
 
 
+def test_the_cells_of_the_own_body_are_excluded_with_its_landmarks() -> None:
+    """Otherwise the next keyframes create landmarks on the body again."""
+    with_body = with_fault("body:amount=0.5")
+    assert worst_ratio(with_body) < 1.0
+    assert max(masked(with_body)[:4]) == pytest.approx(0.5, abs=0.1)
+
+
 def test_a_crossing_object_does_not_carry_the_pose_along() -> None:
     estimates = with_fault("object:amount=0.3,share=1,burst=20,start=8")
     assert worst_ratio(estimates) < 1.0

@@ -43,6 +43,8 @@ class Explained(NamedTuple):
 
     motion_px: float  #: Quantile `MOTION_QUANTILE` of the image motion of the landmarks, px; 0 without landmarks.
     cell_index: NDArray[np.intp]  #: `(M,)` numbers of the cells that contain the landmarks' projections; R * C outside.
+    host_cell_index: NDArray[np.intp]  #: `(M,)` numbers of the cells that contain the host pixels; R * C outside.
+    are_moved: Mask  #: `(M,)` landmarks for which the pose predicts an image motion above `MOVED_PX`.
     #: `(M,)` landmarks whose host pixels are in stationary cells. A landmark that is fixed to the camera stays at its
     #: host pixel.
     on_stationary: Mask
@@ -246,8 +248,12 @@ def explain(
     motion = _landmark_motion(reference, pose, landmarks, camera)
     in_view = _are_in_view(motion, inliers, shape, far_px)
     cells = np.empty(count, np.intp)
+    host_cells = np.empty(count, np.intp)
+    are_moved = np.zeros(count, np.bool_)
     for n in range(count):
         cells[n] = _cell_of(motion.uv[n, 0], motion.uv[n, 1], rows, columns)
+        host_cells[n] = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
+        are_moved[n] = motion.px[n] > MOVED_PX  # False for NaN
     cell_motion = _cell_motion(motion.px, cells, in_view, rows, columns)
     fixed_cells = _fixed_cells(cell_motion, change.stationary)
     on_stationary = np.zeros(count, np.bool_)
@@ -256,16 +262,17 @@ def explain(
     unexplained_count = 0
     in_view_count = 0
     for n in range(count):
-        host_cell = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
-        on_stationary[n] = _is_set(change.stationary, host_cell)
+        on_stationary[n] = _is_set(change.stationary, host_cells[n])
         if not inliers[n]:
-            on_fixed[n] = _is_set(fixed_cells, host_cell)
+            on_fixed[n] = _is_set(fixed_cells, host_cells[n])
             unexplained[n] = in_view[n] and not (on_fixed[n] or _is_set(fixed_cells, cells[n]))
         unexplained_count += unexplained[n]
         in_view_count += in_view[n]
     return Explained(
         motion_px=_quantile(motion.px),
         cell_index=cells,
+        host_cell_index=host_cells,
+        are_moved=are_moved,
         on_stationary=on_stationary,
         on_fixed=on_fixed,
         unexplained=unexplained,
