@@ -159,6 +159,9 @@ class IsolatedMapper(IsolatedMethod):
             raise MethodFailureError(FindingKind.INVALID_RESULT, f"the cloud is invalid: {error}") from error
         if not (np.isfinite(cloud.xyz).all() and np.isfinite(cloud.sigma).all()):
             raise MethodFailureError(FindingKind.NOT_FINITE, "a point or its sigma is not finite")
+        if len(cloud) and cloud.sigma.min() < 0.0:
+            text = f"the sigma of a point is negative: {cloud.sigma.min():g} m"
+            raise MethodFailureError(FindingKind.INVALID_RESULT, text)
         if len(cloud) and not (cloud.u.max() < self._rig.width and cloud.v.max() < self._rig.height):
             raise MethodFailureError(FindingKind.INVALID_RESULT, "a point names a pixel outside the image")
         if len(cloud) and not cloud.pair.max() < pairs:

@@ -126,5 +126,7 @@ int32_t sfr_candidate_map_pairs(sfr_candidate *self, const sfr_pair *pairs, size
         points[0].u = 60000;
     if (strcmp(kind, "nan") == 0)
         points[0].y = NAN;
+    if (strcmp(kind, "negative") == 0)
+        points[0].sigma = -0.1f;
     return strcmp(kind, "fail") == 0 ? 7 : SFR_OK;
 }

@@ -126,6 +126,7 @@ def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: P
         ("many", "invalid result: wrote 19201 points: there is room for 19200"),
         ("pixel", "invalid result: a point names a pixel outside 160 x 120"),
         ("nan", "not finite: a point or its sigma is not finite"),
+        ("negative", "invalid result: the sigma of a point is negative: -0.1 m"),
     ],
 )
 def test_points_are_checked(build: Build, options: tuple[str, ...], config: str, finding: str) -> None:
@@ -159,6 +160,7 @@ def mapper_library(build: Build, *options: str) -> Path:
         ("pair", "invalid result: a point names pair 2: the set has 2, counted from 0"),
         ("fused", "invalid result: fused is 5: must be 0 or 1"),
         ("nan", "not finite: a point or its sigma is not finite"),
+        ("negative", "invalid result: the sigma of a point is negative: -0.1 m"),
         ("fail", "invalid result: sfr_candidate_map_pairs returned 7"),
         ("crash", "crashed: has ended by SIGABRT"),
     ],
