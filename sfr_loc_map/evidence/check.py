@@ -59,11 +59,7 @@ class DriveCheck(Check):
     agreements: tuple[Agreement, ...]  #: The comparisons that decide the result.
     forward: Run  #: The run over all pairs in recorded order, as in operation.
     offsets: tuple[CameraOffset, ...]  #: Offsets of the right camera from its calibration.
-
-    @property
-    def wrong_offsets(self) -> tuple[CameraOffset, ...]:
-        """The offsets for which the calibration should be repeated."""
-        return tuple(offset for offset in self.offsets if offset.is_wrong)
+    wrong_offsets: tuple[CameraOffset, ...]  #: The offsets for which the calibration should be repeated.
 
     @property
     def advice(self) -> dict[str, Advice]:
@@ -96,7 +92,7 @@ def check_drive(
         agreements.append(agreement_at(closures))
     with_others = [compare(forward, other, condition) for condition in conditions for other in others]
     offsets = right_camera_offsets([runs[variant] for variant in CALIBRATED], sequence.rig)
-    wrong = [offset for offset in offsets if offset.is_wrong]
+    wrong_offsets = [offset for offset in offsets if offset.is_wrong]
     figures: list[Figure] = []
     for agreement in (*agreements, *with_others):
         figures += agreement_rows(agreement)
@@ -109,9 +105,9 @@ def check_drive(
         figures += hat_rows((forward, *others), condition)
     for offset in offsets:
         figures += offset_rows(offset)
-    if wrong:
-        corrected = run_pairs(drive, config, "corrected", corrected_drive(drive, wrong).kept)
-        figures += [cost_row(wrong, compare(forward, corrected, condition)) for condition in conditions]
+    if wrong_offsets:
+        corrected = run_pairs(drive, config, "corrected", corrected_drive(drive, wrong_offsets).kept)
+        figures += [cost_row(wrong_offsets, compare(forward, corrected, condition)) for condition in conditions]
     result = result_of(agreements)
     return DriveCheck(
         result=result,
@@ -120,6 +116,7 @@ def check_drive(
         agreements=tuple(agreements),
         forward=forward,
         offsets=tuple(offsets),
+        wrong_offsets=tuple(wrong_offsets),
     )
 
 
