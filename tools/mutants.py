@@ -303,8 +303,8 @@ MUTATIONS = (
     Mutation("scoring/inputs.py", "stats = [beside] if beside.is_file() else []", "stats = []"),
     Mutation(
         "suite/running/digests.py",
-        "files_hash(source.path, source.truth, *map(str, calls))",
-        "files_hash(source.path, source.truth)",
+        "files_hash(estimate, truth, *ScoreInputs.of(estimate, truth).stats)",
+        "files_hash(estimate, truth)",
     ),
     # shared memory of other methods
     Mutation("methods/isolation.py", '"urandom", "tty", "dri"', '"urandom", "tty", "shm", "dri"'),
@@ -324,7 +324,7 @@ MUTATIONS = (
     Mutation("host_clock.py", "abs(passed_s - kernel_passed_s)", "passed_s - kernel_passed_s"),
     Mutation("child_process.py", 'not name.startswith("LD_") or name', "True or name"),
     # a search: a run that fails is not a worst case, but a lost drive is
-    Mutation("suite/search/run.py", 'if self._store.state(job.key) == "failed"]:', "if False]:"),
+    Mutation("suite/search/run.py", "if self._store.state(job) is JobState.FAILED]:", "if False]:"),
     Mutation("suite/search/run.py", "WITHOUT_FIGURE if ratio is None else ratio", "0.0 if ratio is None else ratio"),
     # copies of a drive count as one drive
     Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.001"),
@@ -335,11 +335,11 @@ MUTATIONS = (
     Mutation("suite/statistics/pooling.py", "size > worst[drive_key][0]", "size < worst[drive_key][0]"),
     Mutation("suite/statistics/group_verdicts.py", "items_under_test(scores)) > 1", "items_under_test(scores)) > 2"),
     # a suite must not hide drives that were run, and its plan must match its files
-    Mutation(STORE, "if planned.get(work_of(description), ", "if not planned.get(work_of(description), "),
-    Mutation(STORE, '(description.get("source"), self._place(str(description.get("path"))))', "object()"),
-    Mutation(STORE, '))), description.get("source_sha256")', "))), object()"),
+    Mutation(STORE, "if planned.get(description.work, ", "if not planned.get(description.work, "),
+    Mutation(STORE, "(description.source, self._place(description.path))", "object()"),
+    Mutation(STORE, "path)), description.source_sha256", "path)), object()"),
     Mutation(STORE, ', *sorted(self.failures.glob("*.json"))', ""),
-    Mutation("suite/running/job.py", "fault_seed if faults else 0, repeat)", "fault_seed if faults else 0)"),
+    Mutation("suite/running/job.py", "fault_seed, self.repeat)", "fault_seed)"),
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
     Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),
     # edited scores

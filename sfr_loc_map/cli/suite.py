@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -29,7 +28,8 @@ from sfr_loc_map.inputs import one_line
 
 if TYPE_CHECKING:
     from sfr_loc_map.suite.run import Progress
-    from sfr_loc_map.suite.running.job import Job, JobOutcome
+    from sfr_loc_map.suite.running.job import Job
+    from sfr_loc_map.suite.running.job_outcome import JobOutcome
     from sfr_loc_map.suite.running.specification import SuiteSpecification
     from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.statistics.summary import Summary
@@ -96,23 +96,16 @@ def run(
 
 def _list_jobs(specification: SuiteSpecification, store: Store, workers: int | None, *, retry_failed: bool) -> None:
     """Print the jobs that `sfr suite run` would run."""
-    from sfr_loc_map.suite.run import open_jobs, planned_jobs, slots_for
-    from sfr_loc_map.suite.statistics.summary import SequentialDecision
+    from sfr_loc_map.suite.run import plan_run, slots_for
 
-    settings = specification.settings
     with store.locked():
-        planned, refusals = planned_jobs(specification, store)
-        for refusal in refusals:
-            _tell(f"skipped: {refusal.reason}")
-        jobs = open_jobs(planned, store, settings, retry_failed=retry_failed)
-        is_same_plan = [job.key for job in planned] == [job.key for job in store.jobs]
-        if settings.stop_when_decided and is_same_plan and SequentialDecision(store).is_made:
-            jobs = [job for job in jobs if store.state(job.key) == "failed"]  # only by --retry-failed
-            _tell("decided by the existing results: the remaining jobs are not needed")
-    for job in jobs:
+        planned = plan_run(specification, store, retry_failed=retry_failed)
+    for text in planned.texts:
+        _tell(text)
+    for job in planned.jobs:
         say(f"{job.key}  {job.label}")
-    slots = min(slots_for(settings, workers), max(1, len(jobs)))
-    say(f"{len(jobs)} of {len(planned)} jobs to run, {slots} at a time")
+    slots = min(slots_for(specification.settings, workers), max(1, len(planned.jobs)))
+    say(f"{len(planned.jobs)} of {len(planned.all_jobs)} jobs to run, {slots} at a time")
 
 
 def _tell(text: str) -> None:
@@ -247,7 +240,7 @@ def plan(
         refuse_given(context, asked, reason)
         store = _open_store(folder)
         counts = list(drive_counts(summarise(store).results, store.limits))
-    show([asdict(count) for count in counts], json_path, [drive_count_table(counts)])
+    show(counts, json_path, [drive_count_table(counts)])
 
 
 @app.command(epilog=examples("sfr suite history nights/* --html history.html"))
@@ -309,7 +302,7 @@ def _present(
         say(text, err=True)
     if summary.verdict is not None:
         counts = summary.counts
-        reported = f"verdict: {summary.verdict}. {counts['done']} of {counts['tasks']} jobs have a result"
+        reported = f"verdict: {summary.verdict}. {counts.done} of {counts.jobs} jobs have a result"
         say(reported, err=json_path == STANDARD_OUTPUT)
     if outcome.failures:
         raise FailedVerdictError("; ".join(outcome.failures))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,8 @@ from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.score_json import json_line
 from sfr_loc_map.signals import hold
 from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
-from sfr_loc_map.suite.running.job import Job, JobOutcome
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.job_outcome import JobOutcome, JobState
 from sfr_loc_map.suite.running.plan import make_plan
 from sfr_loc_map.suite.running.specification import Refusal, SuiteSettings, SuiteSpecification
 from sfr_loc_map.suite.running.store import Store
@@ -50,21 +52,15 @@ def run_suite(
     settings = specification.settings
     interrupted = False
     with store.locked():
-        planned, refusals = planned_jobs(specification, store)
-        store.save_plan(planned, refusals, specification.limits, specification.files)
-        for refusal in refusals:
-            say(f"skipped: {refusal.reason}")
-        jobs = open_jobs(planned, store, settings, retry_failed=retry_failed)
-        decision = SequentialDecision(store) if jobs and settings.stop_when_decided else None
-        if decision is not None and decision.is_made:
-            decision = None  # failed jobs are run again even so, if this was requested
-            jobs = [job for job in jobs if store.state(job.key) == "failed"]
-            say("decided by the existing results: the remaining jobs are not needed")
+        planned = plan_run(specification, store, retry_failed=retry_failed)
+        store.save_plan(planned.all_jobs, planned.refusals, specification.stated_limits, specification.files)
+        for text in planned.texts:
+            say(text)
         try:
-            if jobs:
-                slots = min(slots_for(settings, workers), len(jobs))
+            if planned.jobs:
+                slots = min(slots_for(settings, workers), len(planned.jobs))
                 with suite_workers(store, settings, slots, scheduler, say) as (client, at_work):
-                    run_and_keep(jobs, store, settings, client, at_work, say, progress, decision)
+                    run_and_keep(planned.jobs, store, settings, client, at_work, say, progress, planned.decision)
         except KeyboardInterrupt:
             interrupted = True
         finally:  # report the finished jobs after any error
@@ -74,7 +70,7 @@ def run_suite(
             summary = summarise(store)
             write_summary(summary, store)
     if interrupted:
-        done = f"{summary.counts['done']} of {summary.jobs} jobs are done and reported"
+        done = f"{summary.counts.done} of {summary.counts.jobs} jobs are done and reported"
         raise InterruptedRunError(f"interrupted: {done}; repeat the command to run the others")
     return summary
 
@@ -113,18 +109,42 @@ def run_search(
     return result
 
 
-def planned_jobs(specification: SuiteSpecification, store: Store) -> tuple[list[Job], list[Refusal]]:
-    """Return the jobs of a suite and its unreadable sources. The facts of the sources are cached in the folder."""
-    return make_plan(specification, store.facts_of, store.cache)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedRun:
+    """A run of a suite before any job is executed."""
+
+    all_jobs: Sequence[Job]  #: All jobs of the suite.
+    refusals: Sequence[Refusal]  #: Unreadable sources.
+    jobs: Sequence[Job]  #: Jobs to execute, in their order.
+    decision: SequentialDecision | None = None  #: Ends the run when the limits are decided; None to execute all jobs.
+    not_needed: int = 0  #: Number of waiting jobs that are skipped, because the existing results decide all limits.
+
+    @property
+    def texts(self) -> Iterator[str]:
+        """Lines about skipped sources and skipped jobs."""
+        for refusal in self.refusals:
+            yield f"skipped: {refusal.reason}"
+        if self.not_needed:
+            yield f"decided by the existing results: {self.not_needed} waiting jobs are not needed"
 
 
-def open_jobs(planned: Sequence[Job], store: Store, settings: SuiteSettings, *, retry_failed: bool) -> list[Job]:
-    """Return the jobs to run in the order of the plan; a sequential test requires an order by drive."""
-    wanted = ("waiting", "failed") if retry_failed else ("waiting",)
-    jobs = [job for job in planned if store.state(job.key) in wanted]
-    if settings.stop_when_decided:
-        jobs.sort(key=lambda job: (job.drive_key, job.key))
-    return jobs
+def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: bool) -> PlannedRun:
+    """Return the jobs of a suite and those to execute. The facts of the sources are cached in the folder.
+
+    A sequential test executes the jobs by drive. Once sequential tests have decided all limits, only failed jobs are
+    executed, if this is requested.
+    """
+    all_jobs, refusals = make_plan(specification, store.facts_of, store.cache)
+    wanted = (JobState.WAITING, JobState.FAILED) if retry_failed else (JobState.WAITING,)
+    jobs = [job for job in all_jobs if store.state(job) in wanted]
+    if not jobs or not specification.settings.stop_when_decided:
+        return PlannedRun(all_jobs=all_jobs, refusals=refusals, jobs=jobs)
+    decision = SequentialDecision(store, all_jobs, specification.limits)
+    if decision.is_made:
+        failed = [job for job in jobs if store.state(job) is JobState.FAILED]
+        return PlannedRun(all_jobs=all_jobs, refusals=refusals, jobs=failed, not_needed=len(jobs) - len(failed))
+    jobs.sort(key=lambda job: (job.drive_key, job.key))
+    return PlannedRun(all_jobs=all_jobs, refusals=refusals, jobs=jobs, decision=decision)
 
 
 def slots_for(settings: SuiteSettings, workers: int | None) -> int:

@@ -395,6 +395,14 @@ def test_a_decided_suite_runs_no_further_drive(sfr: Sfr, decided: tuple[Path, Pa
     assert sfr("suite", "run", suite, "--out", out, "--dry-run").out.startswith("0 of 12 jobs to run")
 
 
+@pytest.mark.slow
+def test_the_dry_run_of_a_decided_suite_lists_no_job(sfr: Sfr, decided: tuple[Path, Path, Result]) -> None:
+    suite, out, _ = decided
+    listed = sfr("suite", "run", suite, "--out", out, "--dry-run")
+    assert listed.out.startswith("0 of 12 jobs to run")
+    assert "decided by the existing results: 6 waiting jobs are not needed" in listed.err
+
+
 SMALL_DRIVE = {
     "terrain.coarseness": 8, "rocks.cover": 0.01, "rocks.smallest_m": 0.15, "panorama.enabled": False,
     "drive.pairs": 12, "drive.segments": ["straight 2"], "sensor.samples": 1,

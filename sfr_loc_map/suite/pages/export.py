@@ -13,6 +13,7 @@ from sfr_loc_map.errors import MissingExtraError, OutputError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.table import COLUMNS
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.suite.statistics.figures import figures_of
@@ -32,7 +33,7 @@ def suite_junit(summary: Summary) -> str:
     failed = {unique_name(item.label, item.key): f"{item.cause}: {item.message}" for item in summary.failures}
     refused = {item.path: item.reason for item in summary.refusals}
     judged = {
-        ", ".join(filter(None, ("all drives", *group.key))): Score(figures=group.figures, verdicts=group.verdicts)
+        f"all drives, {group.key.text}": Score(figures=group.figures, verdicts=group.verdicts)
         for group in summary.groups
     }
     waiting = {"jobs": f"{summary.waiting} of {summary.jobs} have no result yet"} if summary.waiting else {}
@@ -66,26 +67,26 @@ def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
         import mlflow
     except ImportError as absent:
         raise MissingExtraError(f"'--mlflow' needs MLflow ({absent}): pip install 'sfr_loc_map[mlflow]'") from absent
-    values = {name: float(value) for name, value in summary.counts.items()}
+    values = {name: float(value) for name, value in to_plain(summary.counts).items()}
     means: dict[str, list[float]] = {}
     for result in summary.results:
         for figure, value in figures_of(result.score).items():
-            name = "/".join((*filter(None, result.group_key), f"drive mean of {figure.name}"))
+            name = "/".join((*result.job.group.parts, f"drive mean of {figure.name}"))
             means.setdefault(name, []).append(value)
     values |= {name: sum(of_drives) / len(of_drives) for name, of_drives in means.items()}
     for group in summary.groups:
         for row in group.figures:
-            runs = "/".join(filter(None, (*group.key, label_of(row.condition), row.figure)))
-            values |= {f"{runs}/{key}": value for key, value in row.as_dict().items() if isinstance(value, float)}
+            name = "/".join((*group.key.parts, label_of(row.condition), row.figure))
+            values |= {f"{name}/{key}": value for key, value in row.as_dict().items() if isinstance(value, float)}
     metrics = [(re.sub(r"[^\w\-. :/]", "_", name), value) for name, value in values.items() if isinstance(value, float)]
     about = {"verdict": summary.verdict, "code": summary.code, "version": __version__, **summary.run}
-    told = {f"sfr.{name}": value for name, value in about.items() if value is not None}
+    tags = {f"sfr.{name}": value for name, value in about.items() if value is not None}
     try:
         mlflow.set_tracking_uri(uri)
         mlflow.set_experiment(EXPERIMENT)
         with mlflow.start_run(run_name=folder.name) as run:
             mlflow.set_tags(
-                {name: value if isinstance(value, str) else json.dumps(value) for name, value in told.items()}
+                {name: value if isinstance(value, str) else json.dumps(value) for name, value in tags.items()}
             )
             for first in range(0, len(metrics), 500):
                 mlflow.log_metrics(dict(metrics[first : first + 500]))

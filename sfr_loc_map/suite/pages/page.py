@@ -19,7 +19,7 @@ from sfr_loc_map.suite.statistics.budget import Budget
 from sfr_loc_map.suite.statistics.history import History
 from sfr_loc_map.suite.statistics.summary import Summary
 
-RUNS = "runs, by their number in the table"
+GROUPS = "groups, by their number in the table"
 
 
 def write_summary(summary: Summary, store: Store) -> None:
@@ -35,21 +35,20 @@ def write_summary(summary: Summary, store: Store) -> None:
 
 def render_summary(summary: Summary) -> str:
     """Return the page of a suite as HTML."""
-    counts = summary.counts
     text = f"{counts_of(summary.on_limits).text}; " if summary.on_limits else ""
-    text += f"{counts['done']} of {counts['tasks']} jobs done, {counts['failed']} failed, {counts['waiting']} waiting"
+    text += summary.counts.text
     text += f", {len(summary.refusals)} sources refused." if summary.refusals else "."
     sections = [("Error budget", [budget_plot(budget)]) for budget in summary.budgets[:1]]
     if plots := _error_plots(summary):
         sections.append(("Errors", plots))
     banner = Banner.of(summary.verdict, text)
-    return render_overview("Suite of runs", banner, suite_tables(summary), sections, FIRST_TABLES)
+    return render_overview("Suite", banner, suite_tables(summary), sections, FIRST_TABLES)
 
 
 def _error_plots(summary: Summary) -> list[Plot]:
-    # runs are labelled by their number in the table `groups`, so that no user text is in the plot
+    # groups are labelled by their number in the table `groups`, so that no user text is in the plot
     numbers = {group.key: n for n, group in enumerate(summary.groups, 1)}
-    each = [(numbers[result.group_key], result.position_m) for result in summary.results if result.position_m]
+    each = [(numbers[result.job.group], result.position_m) for result in summary.results if result.position_m]
     each.sort(key=itemgetter(0))
     if not each:
         return []
@@ -61,12 +60,12 @@ def _error_plots(summary: Summary) -> list[Plot]:
         marks("all drives pooled", _columns(pooled, factor), "@two", symbol="line-ew-open", size=22),
     ]
     sizes = span([value * factor for _, value in each + pooled if value is not None])
-    layout = {"xaxis": axis(RUNS, dtick=1), "yaxis": log_axis(f"position, mean + 3 sigma, {unit}", *sizes)}
+    layout = {"xaxis": axis(GROUPS, dtick=1), "yaxis": log_axis(f"position, mean + 3 sigma, {unit}", *sizes)}
     caption = (
         "Each drive, and the pooled sub-trajectories of all drives; first condition. The pooled value contains the "
         "differences between the drives and may therefore exceed the values of all drives."
     )
-    return [Plot("suite-errors", "Position error by runs", caption, traces, layout, width="full")]
+    return [Plot("suite-errors", "Position error by group", caption, traces, layout, width="full")]
 
 
 def budget_plot(budget: Budget) -> Plot:

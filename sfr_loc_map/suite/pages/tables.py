@@ -7,6 +7,8 @@ from dataclasses import replace
 from operator import itemgetter
 from typing import Any
 
+from msgspec.structs import asdict
+
 from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
 from sfr_loc_map.metrics.row_part import ANY, Scope
@@ -27,7 +29,7 @@ from sfr_loc_map.report.tables import (
     number,
 )
 from sfr_loc_map.report.verdict_view import VerdictView
-from sfr_loc_map.suite.running.job import NO_CONFIGURATION, SHORT_KEY
+from sfr_loc_map.suite.running.job import SHORT_KEY
 from sfr_loc_map.suite.statistics.budget import Budget
 from sfr_loc_map.suite.statistics.comparison import SuiteComparison
 from sfr_loc_map.suite.statistics.drive_count import DriveCount
@@ -51,12 +53,12 @@ GROUPS: Columns = (
     ("lost", NONE, "lost"),
 )
 VERDICTS = (
-    *(Column("verdict", words=True), Column("runs", words=True), Column("figure", words=True)),
+    *(Column("verdict", words=True), Column("group", words=True), Column("figure", words=True)),
     *(Column("unit", words=True), Column("value"), Column("limit"), Column("margin"), Column("95 % interval")),
     *(Column("of", words=True), Column("n"), Column("drives that miss it"), Column("shown by", words=True)),
 )
 POOLED: Columns = (
-    ("runs", HEAD, "runs"),
+    ("group", HEAD, "group"),
     ("over", WORDS, "over"),
     ("error", WORDS, "error"),
     ("mean", SHOWN, "mean"),
@@ -105,7 +107,7 @@ FAILURES: Columns = (
     ("result", FILE, "key"),
 )
 COMPARISON: Columns = (
-    ("runs", HEAD, "runs"),
+    ("group", HEAD, "runs"),
     ("figure", WORDS, "figure"),
     ("drives", NONE, "drives"),
     ("ratio", NONE, "ratio"),
@@ -163,10 +165,10 @@ def verdict_table(summary: Summary) -> Table:
     for place, group in enumerate(summary.groups):
         for row, item in enumerate(group.verdicts):
             view = VerdictView.of(item, f"groups.{place}.verdicts.{row}")
-            runs = replace(Cell.head(_joined(*group.key)), link="suite.json")
+            name = replace(Cell.head(group.key.text), link="suite.json")
             numbers = (view.value, view.limit, view.margin, view.interval, Cell(item.over), view.count)
             shown_by = Cell(ABSENT if item.proof is None else view.confidence)
-            head = (Cell.verdict(item.state.value), runs, Cell(view.title), Cell(view.unit.symbol or ABSENT))
+            head = (Cell.verdict(item.state.value), name, Cell(view.title), Cell(view.unit.symbol or ABSENT))
             verdicts.append((item.state.severity, (*head, *numbers, Cell.number(item.missed_by), shown_by)))
     rows = tuple(cells for _, cells in sorted(verdicts, key=itemgetter(0)))
     note = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
@@ -177,7 +179,7 @@ def suite_tables(summary: Summary) -> list[Table]:
     """Return the tables of a suite: verdicts, failures, budgets, counts, pooled errors, maps and drives, workers."""
     groups, pooled = [], []
     for place, group in enumerate(summary.groups, 1):
-        head = {"runs": _joined(*group.key), "link": "suite.json"}
+        head = {"group": group.key.text, "link": "suite.json"}
         row = {**to_plain(group), **head, "number": place, "faults": group.faults or "none"}
         groups.append(row if group.figures else row | {"matched": None, "lost": None})  # maps have no frames
         for figure in group.figures:
@@ -190,7 +192,7 @@ def suite_tables(summary: Summary) -> list[Table]:
     pages = {result.job.key for result in linked(summary)}
     maps = [result for result in summary.results if result.score.has(Subject.MAP)]
     maps.sort(key=lambda result: -map_error_of(result.score))
-    counts = summary.counts | {"sources refused": len(summary.refusals)}
+    counts = {**asdict(summary.counts), "sources refused": len(summary.refusals)}
     of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; at least five drives are required."
     of_workers = "Workers with different code were set aside and got no jobs."
     of_drives = "Errors over the sub-trajectories of the first condition."
@@ -199,7 +201,7 @@ def suite_tables(summary: Summary) -> list[Table]:
         _table("failures", "Jobs without a result", FAILURES, failures),
         *budget_tables(summary.budgets),
         _table("counts", "Jobs", tuple((name, NONE, name) for name in counts), [counts]),
-        _table("groups", "Runs", GROUPS, groups, "Drives of one number have the same task, configuration and faults."),
+        _table("groups", "Groups", GROUPS, groups, "The results of a group have the same task, configuration, faults."),
         _table("pooled", "Errors over the sub-trajectories of all drives", POOLED, pooled, of_pooled),
         result_table("maps", "Maps, the worst first", maps, pages, Subject.MAP),
         result_table("drives", "Drives, the worst first", worst_first(summary), pages, Subject.TRAJECTORY, of_drives),
@@ -225,7 +227,7 @@ def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
             f"Fractions of the mean square position error over {label_of(budget.condition)}; {budget.drives} drives, "
             f"{budget.left_out} skipped because a variant has no result. Mean and sigma: effect of the source alone."
         )
-        title = f"Error budget, {_joined(budget.configuration)}: root mean square " + (
+        title = f"Error budget, {budget.configuration}: root mean square " + (
             "unknown" if budget.rms_m is None else number(budget.rms_m, unit=MILLIMETRE) + " mm"
         )
         tables.append(_table(f"budget-{place}", title, BUDGET, rows, note))
@@ -244,16 +246,12 @@ def linked(summary: Summary) -> list[ScoredJob]:
     return (worst_first(summary) + maps)[:MAX_PAGES]
 
 
-def _joined(*parts: str) -> str:
-    return ", ".join(part for part in parts if part not in ("", NO_CONFIGURATION))
-
-
 def result_table(
     name: str, title: str, drives: Sequence[ScoredJob], pages: set[str], subject: Subject, note: str = ""
 ) -> Table:
     """Return a table with a row per result: the compared errors over the first condition, and the resources."""
     errors = [kind for kind in KINDS.values() if TOTAL in kind.compared and kind.subject is subject]
-    columns = [Column("drive", words=True), Column("runs", words=True)]
+    columns = [Column("drive", words=True), Column("group", words=True)]
     for kind in errors:
         named, unit = kind.name.replace("_", " "), shown_unit(kind.unit)
         columns += [Column(f"{named}, {statistic_title(statistic)}", unit) for statistic in kind.compared]
@@ -265,9 +263,9 @@ def result_table(
     rows = []
     for result in drives:
         job, score = result.job, result.score
-        runs = _joined(*result.group_key, f"repeat {job.repeat}" if job.repeat else "")
+        group = f"{job.group.text}, repeat {job.repeat}" if job.repeat else job.group.text
         link = f"{PAGES}/{job.key}.html" if job.key in pages else ""
-        cells = [replace(Cell.head(job.source.name), link=link), Cell(runs)]
+        cells = [replace(Cell.head(job.source.name), link=link), Cell(group)]
         for kind in errors:
             values = [score.number(kind.name, statistic) for statistic in kind.compared]
             cells += [Cell.number(value, kind.name, shown_unit(kind.unit), ABSENT) for value in values]
@@ -319,20 +317,20 @@ def drive_count_table(counts: Sequence[DriveCount]) -> Table:
     """Return the required numbers of drives as a table."""
     columns = [Column("requirement", words=True), Column("without a failure"), Column("fixed plan"), Column("may fail")]
     columns += [Column("sequential, expected"), Column("sequential, no failure")]
-    has_runs = any(count.drives is not None for count in counts)
-    if has_runs:
+    has_suite = any(count.drives is not None for count in counts)
+    if has_suite:
         columns += [Column("drives"), Column("failed"), Column("at the rate seen"), Column("if normal")]
         columns += [Column("sequential test", words=True)]
     rows = []
     for place, count in enumerate(counts):
         terms = f"{100.0 * count.prob:g} % with {100.0 * count.confidence:g} %, power {100.0 * count.power:g} % at "
         terms += f"{100.0 * count.good:g} % failures"
-        row = [Cell.head(": ".join(text for text in (count.runs, count.limit, terms) if text))]
+        row = [Cell.head(": ".join(text for text in (count.group, count.limit, terms) if text))]
         names: tuple[str, ...] = ("without_failure", "fixed", "allowed", "sequential", "sequential_at_none")
-        if has_runs:
+        if has_suite:
             names = (*names, "drives", "failures", "at_the_rate_seen", "if_normal")
         row += [Cell.number(getattr(count, name), f"{place}.{name}", undefined="no number") for name in names]
-        row += [Cell.verdict(count.state or VerdictState.NOT_ENOUGH_DATA)] if has_runs else []
+        row += [Cell.verdict(count.state or VerdictState.NOT_ENOUGH_DATA)] if has_suite else []
         rows.append(tuple(row))
     note = (
         "Numbers of independent drives. A fixed plan is judged at its end and passes with at most the failures in "

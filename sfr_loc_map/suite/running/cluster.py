@@ -4,7 +4,7 @@ Dask starts the processes and restarts a process that exceeds its memory limit. 
 job, the check that a worker has the code of the client, and the cause of a failure.
 
 A Dask plugin compares the digest of the code once, when a worker joins. A worker with the code of the client offers a
-resource that the tasks require, so that Dask assigns tasks only to such workers.
+resource that the jobs require, so that Dask assigns jobs only to such workers.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from sfr_loc_map.errors import InputError, MissingExtraError, SfrError
 from sfr_loc_map.inputs import one_line, refusing
 from sfr_loc_map.signals import deferred_signals
 from sfr_loc_map.suite.running.digests import code_facts, code_fingerprint
-from sfr_loc_map.suite.running.job import FailureCause, Job, JobOutcome, WorkerRecord
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome, WorkerRecord
 from sfr_loc_map.suite.running.specification import SuiteSettings
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 TRIES = 3  #: Maximum number of errors of a job, and of worker processes that a job may kill.
 JOINED = "sfr-joined"  #: Topic of the event by which a worker reports its code.
-OVER_TIME = "sfr-over-time"  #: Topic of the event by which a task reports that it exceeds its time limit.
+OVER_TIME = "sfr-over-time"  #: Topic of the event by which a worker reports a job that exceeds its time limit.
 OVER_MEMORY = "worker-restart-memory"  #: Topic of the event by which the Dask nanny reports an exceeded memory limit.
 ASK_EVERY_S = 1.0  #: Period of requests for the workers of the scheduler.
 SAY_AFTER_S = 2.0  #: Time without a worker after which a message is printed.
@@ -87,7 +88,7 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
 
 
 def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
-    """Kill the workers; a normal close would wait for running tasks."""
+    """Kill the workers; a normal close would wait for running jobs."""
     for nanny in cluster.workers.values():
         with contextlib.suppress(Exception):
             nanny.auto_restart = False
@@ -118,7 +119,7 @@ def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
                 about = {"lacks": f"sfr_loc_map of another version, or none ({type(error).__name__}: {error})"}
             worker.log_event(topic, {**about, "worker": worker.address, "resource": resource})
             if not about["lacks"]:
-                # Dask assigns waiting tasks by resources only when a worker changes to running
+                # Dask assigns waiting jobs by resources only when a worker changes to running
                 worker.status = Status.paused
                 await worker.set_resources(**{resource: worker.state.nthreads})
                 worker.status = Status.running
@@ -211,8 +212,8 @@ def run_jobs(
 ) -> Generator[tuple[Job, JobOutcome]]:
     """Yield each job with its outcome when the job has finished.
 
-    Only as many jobs are submitted as run in parallel, because Dask counts the death of a worker against all tasks on
-    this worker, including waiting tasks. A job that kills its worker is retried. Workers that cannot see the cache of
+    Only as many jobs are submitted as run in parallel, because Dask counts the death of a worker against all jobs on
+    this worker, including waiting jobs. A job that kills its worker is retried. Workers that cannot see the cache of
     simulated sources use their own cache.
     """
     from distributed.scheduler import KilledWorker
@@ -276,7 +277,7 @@ def _result_of(future: Future[JobOutcome]) -> tuple[JobOutcome, BaseException | 
     if future.status == "error":
         return JobOutcome(), future.exception()
     if future.status != "finished":
-        raise ConnectionError(f"Dask has lost a task: {future.status}")
+        raise ConnectionError(f"Dask has lost a job: {future.status}")
     try:
         return future.result(), None
     except KilledWorker as error:  # the worker was killed before its result was fetched

@@ -20,7 +20,7 @@ from sfr_loc_map.io.source_config import config_beside
 from sfr_loc_map.methods.isolation import code_of
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.scoring.inputs import ScoreInputs
-from sfr_loc_map.suite.running.job import JobSource, SourceKind, digest
+from sfr_loc_map.suite.running.job import digest
 
 T = TypeVar("T")
 PACKAGE = Path(__file__).parents[2]
@@ -109,22 +109,13 @@ def _hash_code(path: Path) -> str:
     return hash_path(path) if path.is_file() else digest([hash_path(Path(name)) for name in _files(path)])
 
 
-def data_hash(source: JobSource) -> str:
-    """Return the hash of the local data of a source; for a simulation, the hash of its settings.
-
-    The data of an estimate include its truth and its calls, which contain findings and lost poses.
-    """
-    if source.kind is SourceKind.SIMULATED:
-        return source.sha256
-    if source.kind is SourceKind.ESTIMATE:
-        calls = ScoreInputs.of(Path(source.path), Path(source.truth)).stats
-        return files_hash(source.path, source.truth, *map(str, calls))
-    return files_hash(source.path)
+def estimate_hash(estimate: Path, truth: Path) -> str:
+    """Return the hash of an estimate, its truth and its calls, which contain findings and lost poses."""
+    return files_hash(estimate, truth, *ScoreInputs.of(estimate, truth).stats)
 
 
-def files_hash(*paths: str) -> str:
+def files_hash(*places: Path) -> str:
     """Return a hash of files or folders and of their configurations."""
-    places = [Path(path) for path in paths if path]
     configurations = [path for path in map(config_beside, places) if path is not None]
     hashes = [cached(path, hash_path) for path in (*places, *configurations)]
     return hashes[0] if len(hashes) == 1 else digest(hashes)

@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.load import load_run
-from sfr_loc_map.suite.running.job import JobSource, SourceKind
+from sfr_loc_map.suite.running.job import JobSource
 
 PLACES = 100  #: Number of compared poses of the ground truth, evenly distributed over the drive.
 PIXELS = 8  #: Number of compared rows and columns of the first left image.
@@ -77,15 +77,15 @@ def _trace(truth: Trajectory, grey: tuple[int, ...] = ()) -> DriveTrace:
 def with_drives(sources: Sequence[JobSource], traces: Sequence[DriveTrace]) -> list[JobSource]:
     """Return the sources with the hashes of their drives. Copies have the hash of the source with the smallest hash.
 
-    The hash of an estimate's drive is that of its ground truth. Simulated drives are identified by their settings.
+    The hash of an estimate's drive is that of its ground truth. Simulated drives have no trace, because their settings
+    identify them.
     """
     found: dict[int, JobSource] = {}
     originals: list[tuple[DriveTrace, str]] = []
     for index in sorted(range(len(sources)), key=lambda number: sources[number].sha256):
         source = sources[index]
         own = source.truth_sha256 or source.sha256
-        same = (drive for trace, drive in originals if trace.is_copy_of(traces[index]))
-        drive = own if source.kind is SourceKind.SIMULATED else next(same, own)
+        drive = next((drive for trace, drive in originals if trace.is_copy_of(traces[index])), own)
         if drive == own:
             originals.append((traces[index], own))
         found[index] = replace(source, drive=drive)

@@ -1,4 +1,15 @@
-"""A job of a suite: its inputs, the key that names its result, its outcome and its worker."""
+"""A job of a suite: its inputs, and its identities.
+
+A job has these identities:
+
+    key           all inputs of the result, without names and paths of sources: names the files of the job
+    description   names and inputs that the files of the job state, so that a later plan recognises the work
+    pairing       data, task, faults, repeat and scoring: pairs jobs of two suites, also with other code or parameters
+    group         task, configuration and faults: the errors of a group are pooled
+    drive_key     drive, task and faults: repeats and copies of a drive share this hash, because their errors depend on
+                  each other
+    label         the displayed name
+"""
 
 from __future__ import annotations
 
@@ -7,9 +18,10 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.score_json import from_plain, to_plain
 
 KEY_LENGTH = 32  #: Hexadecimal digits of a key. The probability of a collision among 10^9 results is 10^-21.
 SHORT_KEY = 12  #: Displayed digits of a key.
@@ -20,8 +32,8 @@ NO_CONFIGURATION = "-"  #: Name of the configuration of jobs without parameters.
 class JobKind(StrEnum):
     """Task of a job: an entry of `tasks` of the suite's file, or `score` for estimates.
 
-    A further kind is a member here, a row in `RUN_OF_KIND` (`job_run.py`), and a row in `possible_kinds` and in
-    `PARAMETERS_OF_KIND` (`plan.py`).
+    A further kind is a member here with its row in `PARAMETERS_OF_KIND` and in `kinds_for`, and a function in
+    `RUN_OF_KIND` (`job_run.py`).
     """
 
     LOCALISE = "localise"
@@ -30,11 +42,21 @@ class JobKind(StrEnum):
     REPLAY = "replay"
 
 
+PARAMETERS_OF_KIND = {JobKind.LOCALISE: "localisation.", JobKind.MAP: "mapping.", JobKind.REPLAY: "", JobKind.SCORE: ""}
+"""Prefix of the parameters that change a job of each kind. Other parameters are not part of the job."""
+
+
+def kinds_for(*, has_drive: bool, has_panorama: bool) -> tuple[JobKind, ...]:
+    """Return the kinds of jobs for which a source with localisation pairs or mapping pairs has data."""
+    has_data = {JobKind.LOCALISE: has_drive, JobKind.MAP: has_panorama, JobKind.REPLAY: has_drive or has_panorama}
+    return tuple(kind for kind, has in has_data.items() if has)
+
+
 class SourceKind(StrEnum):
-    """Origin of the data of a source."""
+    """Origin of the data of a source. A further kind is a member here and a class in `source_kinds.py`."""
 
     FILE = "file"
-    REMOTE = "remote"
+    REMOTE = "remote"  #: Only before the plan, which fetches the source and makes it a `FILE`.
     SIMULATED = "simulated"
     ESTIMATE = "estimate"
 
@@ -51,9 +73,62 @@ class JobSource:
     sha256: str  #: Hash of the content, or of the settings; empty before the plan.
     truth_sha256: str = ""  #: Hash of the truth of an estimate; otherwise empty.
     drive: str = ""  #: Hash of the drive of the source, which copies share; empty before the plan.
-    variant: str = ""  #: Variant of an error budget (`suite/running/variants.py`); otherwise empty.
+    variant: str = ""  #: Variant of an error budget (`variants.py`); otherwise empty.
     faults: str = ""  #: Faults that belong to the variant, joined by `+`.
     seed: int = 0  #: Seed of a simulation; otherwise 0.
+
+
+class GroupKey(NamedTuple):
+    """What the jobs of a group have in common."""
+
+    task: str
+    configuration: str
+    faults: str  #: Injected faults, or the variant of an error budget.
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The displayed parts; a job without parameters has no configuration."""
+        return tuple(part for part in self if part not in ("", NO_CONFIGURATION))
+
+    @property
+    def text(self) -> str:
+        """Displayed name: `localise, default, black:share=0.1`."""
+        return ", ".join(self.parts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobDescription:
+    """Names and inputs of a job that its result or its failure states."""
+
+    task: str = ""
+    source: str = ""  #: Name of the source.
+    source_sha256: str = ""
+    path: str = ""  #: Path of the source.
+    key: str = ""  #: Key of the job; empty if the file does not name its job.
+    faults: str = ""
+    fault_seed: int = 0
+    configuration: str = ""
+    repeat: int = 0
+    start: str = ""
+    code: str = ""
+
+    @property
+    def work(self) -> tuple[object, ...]:
+        """The work on the source, which other code or another configuration does not change."""
+        fault_seed = self.fault_seed if self.faults else 0  # has no effect without faults
+        return (self.task, self.faults, fault_seed, self.repeat)
+
+    def to_provenance(self) -> dict[str, object]:
+        """Return the description as entries of the configuration in a provenance."""
+        return {f"{OF_SUITE}{name}": value for name, value in to_plain(self).items()}
+
+    @staticmethod
+    def from_provenance(configuration: Mapping[str, object]) -> JobDescription:
+        """Return the description in the configuration of a provenance; RecordError if an entry has another type."""
+        entries = {
+            name.removeprefix(OF_SUITE): value for name, value in configuration.items() if name.startswith(OF_SUITE)
+        }
+        return from_plain(JobDescription, entries)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,7 +152,7 @@ class Job:
 
     @property
     def key(self) -> str:
-        """Name of the result: a hash of all inputs of the result, without names and paths of sources.
+        """Hash of all inputs of the result.
 
         The path of a method from a file is a parameter and therefore part of the key.
         """
@@ -86,21 +161,38 @@ class Job:
         return digest([self.kind, [self.source.kind, self.source.sha256], *faults, *how, self.code])
 
     @property
-    def description(self) -> dict[str, object]:
-        """Description of the job that its result and its failure contain, by which both are assigned to the job."""
-        return {
-            "task": self.kind.value,
-            "source": self.source.name,
-            "source_sha256": self.source.sha256,
-            "path": self.source.path,
-            "key": self.key,
-            "faults": self.faults,
-            "fault_seed": self.fault_seed,
-            "configuration": self.configuration,
-            "repeat": self.repeat,
-            "start": self.start,
-            "code": self.code,
-        }
+    def description(self) -> JobDescription:
+        """Names and inputs that the result and the failure of the job state."""
+        return JobDescription(
+            task=self.kind.value,
+            source=self.source.name,
+            source_sha256=self.source.sha256,
+            path=self.source.path,
+            key=self.key,
+            faults=self.faults,
+            fault_seed=self.fault_seed,
+            configuration=self.configuration,
+            repeat=self.repeat,
+            start=self.start,
+            code=self.code,
+        )
+
+    @property
+    def pairing(self) -> str:
+        """Hash of work and data, by which jobs of two suites are paired in a comparison."""
+        data = [self.kind, self.source.kind, self.source.sha256, self.faults, self.fault_seed, self.repeat]
+        return digest([*data, self.start, self.scoring])
+
+    @property
+    def group(self) -> GroupKey:
+        """Group of the job."""
+        return GroupKey(self.kind.value, self.configuration, self.alteration)
+
+    @property
+    def drive_key(self) -> str:
+        """Hash that repeats and copies of one drive share. Their errors are not independent."""
+        source = self.source
+        return digest([self.kind, source.kind, source.drive or source.truth_sha256 or source.sha256, self.faults])
 
     @property
     def alteration(self) -> str:
@@ -114,60 +206,6 @@ class Job:
         repeat = f", repeat {self.repeat}" if self.repeat else ""
         configuration = "" if self.configuration == NO_CONFIGURATION else f", {self.configuration}"
         return f"{self.kind} {self.source.name}{faults}{configuration}{repeat}"
-
-    @property
-    def drive_key(self) -> str:
-        """Hash that repeats and copies of one drive share. Their errors are not independent."""
-        source = self.source
-        return digest([self.kind, source.kind, source.drive or source.truth_sha256 or source.sha256, self.faults])
-
-    @property
-    def pairing(self) -> str:
-        """Hash of work and data, by which jobs of two suites are paired in a comparison."""
-        data = [self.kind, self.source.kind, self.source.sha256, self.faults, self.fault_seed, self.repeat]
-        return digest([*data, self.start, self.scoring])
-
-
-def work_of(description: Mapping[str, object]) -> tuple[object, ...]:
-    """Return the work of a described job on its source, which other code or another configuration does not change.
-
-    Without faults, the seed of the faults has no effect.
-    """
-    task, faults, fault_seed, repeat = (description.get(name) for name in ("task", "faults", "fault_seed", "repeat"))
-    return (task, faults, fault_seed if faults else 0, repeat)
-
-
-class FailureCause(StrEnum):
-    """Cause of the failure of a job."""
-
-    BAD_INPUT = "bad input"
-    FAULT = "fault of the program"
-    DIED = "its process ended"
-    MEMORY = "over the memory limit"
-    TIME = "over the time limit"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JobOutcome:
-    """Outcome of a job."""
-
-    result: str | None = None  #: The score as JSON; None if the job failed.
-    cause: FailureCause | None = None  #: Cause of the failure.
-    message: str = ""  #: The error, or the limit.
-    worker: str = ""  #: Address of the worker.
-
-
-@dataclass(slots=True, kw_only=True)
-class WorkerRecord:
-    """Record of a worker in suite.json."""
-
-    worker: str  #: Address of the worker.
-    host: str = ""
-    version: str = ""  #: Version of sfr_loc_map.
-    python: str = ""
-    code: str = ""  #: Fingerprint of the code of the worker.
-    done: int = 0  #: Number of jobs with a result.
-    set_aside: str = ""  #: Difference of its code, because of which the worker gets no jobs; empty if there is none.
 
 
 def digest(value: object) -> str:

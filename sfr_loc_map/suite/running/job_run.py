@@ -39,8 +39,8 @@ from sfr_loc_map.scoring.inputs import CloudToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.running.configurations import METHOD_KEYS, chosen_method
-from sfr_loc_map.suite.running.job import OF_SUITE, Job, JobKind
-from sfr_loc_map.suite.running.sources import local_path
+from sfr_loc_map.suite.running.job import Job, JobKind
+from sfr_loc_map.suite.running.source_kinds import SOURCE_KINDS
 
 
 def run_job(job: Job, scratch: Path, cache: Path) -> Score:
@@ -50,7 +50,8 @@ def run_job(job: Job, scratch: Path, cache: Path) -> Score:
     """
     cv2.setNumThreads(job.threads)
     numba.set_num_threads(min(job.threads, numba.get_num_threads()))
-    score = RUN_OF_KIND[job.kind](job, local_path(job.source, cache), scratch, cache)
+    path = SOURCE_KINDS[job.source.kind].local_path(job.source, cache)
+    score = RUN_OF_KIND[job.kind](job, path, scratch, cache)
     return struct_replace(score, provenance=_provenance(job, score.provenance, scratch))
 
 
@@ -157,10 +158,9 @@ def _section(job: Job, section: str) -> dict[str, object]:
 def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Provenance:
     """Return the provenance with the description of the job. Paths are those of the suite, not of `scratch`."""
     known = provenance or Provenance(version="")
-    of_suite = {f"{OF_SUITE}{name}": value for name, value in job.description.items()}
     host = {**known.host, "threads": str(job.threads)}
     inputs = {
         role: struct_replace(item, path=item.path.removeprefix(f"{scratch}/")) for role, item in known.inputs.items()
     }
-    configuration = {**known.configuration, **job.parameters, **of_suite}
+    configuration = {**known.configuration, **job.parameters, **job.description.to_provenance()}
     return struct_replace(known, inputs=inputs, configuration=configuration, host=host)

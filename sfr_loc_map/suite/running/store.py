@@ -14,7 +14,6 @@ import fcntl
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -27,28 +26,15 @@ from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.suite.running.digests import file_state
-from sfr_loc_map.suite.running.job import OF_SUITE, FailureCause, Job, JobOutcome, WorkerRecord, work_of
-from sfr_loc_map.suite.running.plan import SourceFacts, inspect_source
+from sfr_loc_map.suite.running.job import OF_SUITE, Job, JobDescription
+from sfr_loc_map.suite.running.job_outcome import JobFailure, JobOutcome, JobState, WorkerRecord
 from sfr_loc_map.suite.running.provenance import about_run
+from sfr_loc_map.suite.running.source_kinds import SourceFacts, inspect_file
 from sfr_loc_map.suite.running.specification import Refusal, limits_in
 
 PLAN, WORKERS = "plan.json", "workers.json"
 ADVICE = "delete this file and run the suite again"
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class JobFailure:
-    """A failed job with the cause."""
-
-    key: str
-    label: str
-    source: str  #: Path of the source.
-    cause: FailureCause
-    message: str
-    configuration: str = ""
-    pairing: str = ""  #: Hash that the same job in other suites shares.
-    description: Mapping[str, object] = field(default_factory=dict)  #: `Job.description`.
 
 
 class Store:
@@ -94,7 +80,7 @@ class Store:
         known = self._plan["sources"].get(str(path.absolute()))
         if known is not None and known["stamp"] == state:
             return _record(SourceFacts, known["facts"], self.folder / PLAN)
-        facts = inspect_source(path)
+        facts = inspect_file(path)
         self._plan["sources"][str(path.absolute())] = {"stamp": state, "facts": to_plain(facts)}
         return facts
 
@@ -164,28 +150,28 @@ class Store:
         """
         keys = {job.key for job in self.jobs}
         planned: dict[object, set[object]] = {}
-        for job in self.jobs:
-            planned.setdefault(work_of(job.description), set()).update(self._identities(job.description))
+        for described in (job.description for job in self.jobs):
+            planned.setdefault(described.work, set()).update(self._identities(described))
         found = []
         for path in (*sorted(self.results.glob("*.json")), *sorted(self.failures.glob("*.json"))):
             if path.stem in keys:
                 continue
             description = self._description_in(path)
-            if planned.get(work_of(description), set()).isdisjoint(self._identities(description)):
-                found.append(_left_over(str(description.get("source")), path))
+            if planned.get(description.work, set()).isdisjoint(self._identities(description)):
+                found.append(_left_over(description.source, path))
         return tuple(found)
 
-    def _description_in(self, path: Path) -> Mapping[str, object]:
+    def _description_in(self, path: Path) -> JobDescription:
         """Return the description of the job of a result or of a failure; a failure without one has only its source."""
         if path.parent == self.failures:
             failure = self.failure(path.stem)
-            return failure.description or {"source": failure.source}
+            return failure.description or JobDescription(source=failure.source)
         content = _record(dict, _read(path), path)
-        return _description_of_suite(content.get("provenance", {}).get("configuration", {}))
+        return _description(content.get("provenance", {}).get("configuration", {}), path)
 
-    def _identities(self, description: Mapping[str, object]) -> tuple[object, object]:
+    def _identities(self, description: JobDescription) -> tuple[object, object]:
         """Return name with path, and data of the source of a described job. Either identifies the source."""
-        return (description.get("source"), self._place(str(description.get("path")))), description.get("source_sha256")
+        return (description.source, self._place(description.path)), description.source_sha256
 
     def _place(self, path: str) -> str:
         """Return the path of a source; for a fetched source the name, because its folder depends on the version."""
@@ -200,21 +186,22 @@ class Store:
         """Add the workers of a run to those of earlier runs."""
         write_text(json_line([*self.workers(), *records]), self.folder / WORKERS)
 
-    def state(self, key: str) -> str:
-        """Return `failed` if there is a failure, which is newer than any result; otherwise `done` or `waiting`."""
-        if (self.failures / f"{key}.json").is_file():
-            return "failed"
-        return "done" if (self.results / f"{key}.json").is_file() else "waiting"
+    def state(self, job: Job) -> JobState:
+        """Return the state of a job. A failure is newer than a result, because a later result deletes the failure."""
+        name = f"{job.key}.json"
+        if (self.failures / name).is_file():
+            return JobState.FAILED
+        return JobState.DONE if (self.results / name).is_file() else JobState.WAITING
 
     def score(self, job: Job) -> Score:
         """Return the score of a job; raise InputError if the file contains the score of another job."""
         path = self.results / f"{job.key}.json"
         score = from_dict(_read(path), f"'{path}'")
-        description = {} if score.provenance is None else _description_of_suite(score.provenance.configuration)
-        if "key" not in description:
+        description = _description({} if score.provenance is None else score.provenance.configuration, path)
+        if not description.key:
             raise InputError(f"'{path}' does not name its job ({OF_SUITE}key in its provenance): {ADVICE}")
-        if description["key"] != job.key:
-            raise InputError(f"'{path}' is the result of '{description.get('source')}', not of '{job.label}': {ADVICE}")
+        if description.key != job.key:
+            raise InputError(f"'{path}' is the result of '{description.source}', not of '{job.label}': {ADVICE}")
         return score
 
     def failure(self, key: str) -> JobFailure:
@@ -229,17 +216,7 @@ class Store:
             write_text(outcome.result or "", self.results / f"{job.key}.json")
             failed.unlink(missing_ok=True)
             return
-        failure = JobFailure(
-            key=job.key,
-            label=job.label,
-            source=job.source.path,
-            cause=outcome.cause,
-            message=outcome.message,
-            configuration=job.configuration,
-            pairing=job.pairing,
-            description=job.description,
-        )
-        write_text(json_line(failure), failed)
+        write_text(json_line(JobFailure.of(job, outcome.cause, outcome.message)), failed)
 
     @property
     def jobs(self) -> tuple[Job, ...]:
@@ -249,9 +226,9 @@ class Store:
         return self._jobs
 
 
-def _description_of_suite(configuration: Mapping[str, object]) -> dict[str, object]:
-    """Return the description of the job in the configuration of a provenance."""
-    return {name.removeprefix(OF_SUITE): value for name, value in configuration.items() if name.startswith(OF_SUITE)}
+def _description(configuration: Mapping[str, object], path: Path) -> JobDescription:
+    with refusing(f"cannot read '{path}'", ADVICE):
+        return JobDescription.from_provenance(configuration)
 
 
 def _left_over(source: str, path: Path) -> Refusal:

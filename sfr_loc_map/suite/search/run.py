@@ -12,7 +12,8 @@ from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.suite.running.job import FailureCause, Job
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.job_outcome import FailureCause, JobState
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.search.specification import UNUSED, Point, SearchSpecification
 from sfr_loc_map.suite.search.worst_case import (
@@ -107,7 +108,7 @@ class _Points:
         self._specification, self._store, self._run_jobs = specification, store, run_jobs
 
     def evaluate(self, points: Sequence[Point]) -> list[float | None]:
-        """Return the largest ratio of the runs of each point, None if its scenario cannot be run."""
+        """Return the largest ratio of the jobs of each point, None if its scenario cannot be run."""
         jobs = {point: self._specification.jobs_at(point) for point in points}
         by_key = {job.key: job for of_point in jobs.values() for job in of_point}
         self.planned |= by_key
@@ -118,7 +119,7 @@ class _Points:
         return [self._ratio_at(point, jobs[point]) for point in points]
 
     def _ratio_at(self, point: Point, jobs: Sequence[Job]) -> float | None:
-        if refused := [job for job in jobs if self._store.state(job.key) == "failed"]:
+        if refused := [job for job in jobs if self._store.state(job) is JobState.FAILED]:
             self.left_out[point] = one_line(self._store.failure(refused[0].key).message)
             return None
         return _worst_ratio(self._specification, self._store, jobs)
@@ -163,12 +164,14 @@ def _search(specification: SearchSpecification, points: _Points, *, at_random: b
 
 def _is_open(store: Store, job: Job) -> bool:
     """Return whether a job must be run: it was not run yet, or failed for a reason other than invalid input."""
-    state = store.state(job.key)
-    return state == "waiting" or (state == "failed" and store.failure(job.key).cause is not FailureCause.BAD_INPUT)
+    state = store.state(job)
+    if state is JobState.FAILED:
+        return store.failure(job.key).cause is not FailureCause.BAD_INPUT
+    return state is JobState.WAITING
 
 
 def _check_host(store: Store, jobs: Sequence[Job]) -> None:
-    """Raise an InputError if a run failed for a reason other than its scenario."""
+    """Raise an InputError if a job failed for a reason other than its scenario."""
     for job in jobs:
         if _is_open(store, job):
             failure = store.failure(job.key)
@@ -179,14 +182,14 @@ def _check_host(store: Store, jobs: Sequence[Job]) -> None:
 
 
 def _worst_ratio(specification: SearchSpecification, store: Store, jobs: Sequence[Job]) -> float:
-    """Return the largest ratio of the runs of a point; a drive that lacks the figure (lost) is a miss."""
+    """Return the largest ratio of the jobs of a point; a drive that lacks the figure (lost) is a miss."""
     ratios = [_ratio_of(specification, store, job) for job in jobs]
     return max(WITHOUT_FIGURE if ratio is None else ratio for ratio in ratios)
 
 
 def _ratio_of(specification: SearchSpecification, store: Store, job: Job) -> float | None:
-    """Return the ratio of a run, None if the result or the figure is missing."""
-    return specification.ratio_of(store.score(job)) if store.state(job.key) == "done" else None
+    """Return the ratio of a job, None if the result or the figure is missing."""
+    return specification.ratio_of(store.score(job)) if store.state(job) is JobState.DONE else None
 
 
 def case_file(result: SearchResult) -> str:

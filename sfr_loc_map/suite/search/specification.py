@@ -18,7 +18,8 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import Job, JobKind
-from sfr_loc_map.suite.running.specification import SuiteSettings, scenario_settings, simulated_source
+from sfr_loc_map.suite.running.source_kinds import scenario_settings, simulated_source
+from sfr_loc_map.suite.running.specification import SuiteSettings
 
 Point = tuple[float, ...]
 """Values of the parameters of a search, in the order of the file."""
@@ -64,7 +65,7 @@ class SearchSettings:
 
 @dataclass(frozen=True, slots=True)
 class SearchSpecification:
-    """A search, and the conversion of its points to runs."""
+    """A search, and the conversion of its points to jobs."""
 
     path: Path  #: The file.
     scenario: Path

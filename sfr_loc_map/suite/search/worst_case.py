@@ -114,10 +114,10 @@ class Tried:
         return self.ratio > 1.0
 
 
-def search_worst(chooser: Chooser, evaluate: Evaluate, runs: int, batch: int) -> Iterator[Tried]:
-    """Yield the points of a search that have a result, in the order of the search."""
-    for begin in range(0, runs, batch):
-        points = chooser.ask(min(batch, runs - begin))
+def search_worst(chooser: Chooser, evaluate: Evaluate, count: int, batch: int) -> Iterator[Tried]:
+    """Yield those of `count` points that have a result, in the order of the search."""
+    for begin in range(0, count, batch):
+        points = chooser.ask(min(batch, count - begin))
         ratios = evaluate(points)
         chooser.tell(points, ratios)
         for point, ratio in zip(points, ratios, strict=True):
@@ -217,11 +217,11 @@ def rank_correlations(tried: Sequence[Tried], count: int) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Which cells of a combination of parameter ranges were run; each range has three cells."""
+    """Which cells of a combination of parameter ranges have a point; each range has three cells."""
 
     parameters: tuple[str, ...]  #: One parameter of each group: faults, terrain, light and so on.
     cells: int
-    missing: tuple[tuple[tuple[float, float], ...], ...]  #: Parameter ranges of each cell that was not run.
+    missing: tuple[tuple[tuple[float, float], ...], ...]  #: Parameter ranges of each cell without a point.
 
 
 def coverage_of(parameters: Sequence[Parameter], points: Sequence[Point]) -> list[Coverage]:
@@ -235,7 +235,7 @@ def coverage_of(parameters: Sequence[Parameter], points: Sequence[Point]) -> lis
 
 def _combination(parameters: Sequence[Parameter], indices: Sequence[int], points: Sequence[Point]) -> Coverage:
     edges = [np.linspace(parameter.low, parameter.high, CELLS + 1) for parameter in parameters]
-    run = {
+    tested = {
         tuple(
             int(np.clip(np.searchsorted(edge, point[index], side="right") - 1, 0, CELLS - 1))
             for edge, index in zip(edges, indices, strict=True)
@@ -246,6 +246,6 @@ def _combination(parameters: Sequence[Parameter], indices: Sequence[int], points
     missing = tuple(
         tuple((float(edge[part]), float(edge[part + 1])) for edge, part in zip(edges, cell, strict=True))
         for cell in cells
-        if cell not in run
+        if cell not in tested
     )
     return Coverage(tuple(parameter.name for parameter in parameters), len(cells), missing)

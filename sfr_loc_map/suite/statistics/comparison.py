@@ -14,6 +14,7 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -21,6 +22,7 @@ from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.intervals import Interval, holm
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName, figures_of
+from sfr_loc_map.suite.statistics.pairing import PairKey, have_one_configuration, without_configuration
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
 
@@ -32,21 +34,20 @@ MIN_TESTED = 6  #: With fewer drives, no p-value can be below 0.03.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveRatio:
-    """A figure of a drive in both suites."""
+    """A figure of a job in both suites."""
 
     label: str
     first: float
     other: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FigureComparison:
+class FigureComparison(Struct, frozen=True, kw_only=True, rename={"group": "runs"}):
     """A figure over the common drives of two suites.
 
     `ratio` is the second suite divided by the first, the baseline; below 1, the second suite is better.
     """
 
-    runs: str  #: Group: task, configuration and faults.
+    group: str  #: Task, configuration and faults; the key `runs` of the JSON.
     baseline: str  #: Name of the reference suite.
     kind: ComparedKind
     figure: str  #: Name with unit.
@@ -75,7 +76,7 @@ class SuiteComparison:
 
 def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> SuiteComparison:
     """Compare the second suite with the first, the reference; raise a MetricsError without a common drive."""
-    first_results, other_results = _by_pairing(first, other)
+    first_results, other_results = _by_pair_key(first, other)
     common = [(result, other_results[key]) for key, result in first_results.items() if key in other_results]
     if not common:
         raise MetricsError(
@@ -83,7 +84,7 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
         )
     ratios: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}  # ratios by drive, with its repeats
     for first_result, other_result in common:
-        group = ", ".join(part for part in first_result.group_key if part)
+        group = first_result.job.group.text
         other_figures = figures_of(other_result.score)
         for name, value in figures_of(first_result.score).items():
             if name in other_figures and name.kind in COMPARED:
@@ -95,13 +96,14 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
     )
 
 
-def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
-    """Return the results of each suite by pairing key, which has no configuration if each suite has only one."""
-    has_one = all(len({result.job.configuration for result in suite.results}) == 1 for suite in suites)
-    return [
-        {result.job.pairing + ("" if has_one else f" {result.job.configuration}"): result for result in suite.results}
-        for suite in suites
+def _by_pair_key(*suites: Summary) -> list[dict[PairKey, ScoredJob]]:
+    """Return the results of each suite by the key that pairs them."""
+    found = [
+        {PairKey(result.job.pairing, result.job.configuration): result for result in suite.results} for suite in suites
     ]
+    if have_one_configuration(found):
+        return [{without_configuration(key): result for key, result in results.items()} for results in found]
+    return found
 
 
 def _compared(
@@ -124,7 +126,7 @@ def _compared(
             direction = Outcome.WORSE if logs.mean() > 0.0 else Outcome.BETTER
             outcome = Outcome.NO_DIFFERENCE if corrected >= SIGNIFICANCE else direction
         yield FigureComparison(
-            runs=group,
+            group=group,
             baseline=baseline,
             kind=name.kind,
             figure=name.name,

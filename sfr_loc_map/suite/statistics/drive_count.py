@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import VerdictState
@@ -16,11 +18,10 @@ from sfr_loc_map.suite.statistics.group_verdicts import samples_by_drive
 from sfr_loc_map.suite.statistics.summary import ScoredJob, by_group
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriveCount:
+class DriveCount(Struct, frozen=True, kw_only=True, rename={"group": "runs"}):
     """The number of drives needed to prove a requirement. A field is None if unknown or if no number suffices."""
 
-    runs: str  #: Runs of the suite; empty without a suite.
+    group: str  #: Group of the suite, the key `runs` of the JSON; empty without a suite.
     limit: str  #: Name of the limit; empty without a suite.
     prob: float
     confidence: float
@@ -43,7 +44,7 @@ def count_without_runs(terms: Terms) -> DriveCount:
     test = sequential_test(terms)
     plan = test.fixed_plan()
     return DriveCount(
-        runs="",
+        group="",
         limit="",
         prob=terms.prob,
         confidence=terms.confidence,
@@ -76,7 +77,7 @@ def drive_counts(results: Sequence[ScoredJob], limits: Limits | None) -> Iterato
             has_failed = sample.sizes > limit.limit
             yield replace(
                 count_without_runs(terms),
-                runs=", ".join(part for part in key if part),
+                group=key.text,
                 limit=f"{limited_name(limit.limited.figure, None, limit.condition, BOUND)}, {interpretation}",
                 drives=len(sample.errors),
                 failures=int(has_failed.sum()),

@@ -26,6 +26,7 @@ from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.intervals import Interval
 from sfr_loc_map.metrics.score_json import MAX_NUMBER, to_plain
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
+from sfr_loc_map.suite.statistics.pairing import PairKey, have_one_configuration, without_configuration
 
 WINDOWS = (1, 4)  #: Lengths of the mean, nights: 1 detects large changes immediately, 4 detects small changes later.
 FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and drives.
@@ -75,20 +76,15 @@ def _figure(value: object) -> float:
     return float(value)
 
 
-def _data_of(key: str) -> str:
-    """Return the key of a drive without its configuration."""
-    return key.partition(" ")[0]
-
-
 @dataclass(frozen=True, slots=True)
 class Night:
-    """One suite of a history. Labels, paths and figures are by drive; a drive without a result has no figures."""
+    """One suite of a history. Labels, paths and figures are by job; a job without a result has no figures."""
 
     name: str
     commit: str | None
-    labels: Mapping[str, str]
-    paths: Mapping[str, str]
-    figures: Mapping[str, Mapping[FigureName, float]]
+    labels: Mapping[PairKey, str]
+    paths: Mapping[PairKey, str]  #: Paths of the sources.
+    figures: Mapping[PairKey, Mapping[FigureName, float]]
 
     @classmethod
     def read(cls, folder: Path) -> Night:
@@ -96,22 +92,23 @@ class Night:
         path = folder / "suite.json"
         with refusing(f"no figures in '{path}'", f"make it with sfr suite report '{folder}'"):
             content = json.loads(path.read_text(encoding="utf-8"))
-            drives = [*content["drives"], *content["failures"]]
-            keys = [f"{drive['pairing']} {drive['configuration']}" for drive in drives]
-            figures = [
-                {FigureName(ComparedKind(kind), name): _figure(value) for kind, name, value in drive["figures"]}
-                for drive in content["drives"]
-            ]
-            labels = {key: drive["label"] for key, drive in zip(keys, drives, strict=True)}
-            paths = {key: drive.get("path") or drive["source"] for key, drive in zip(keys, drives, strict=True)}
+            results = {PairKey(item["pairing"], item["configuration"]): item for item in content["drives"]}
+            failures = {PairKey(item["pairing"], item["configuration"]): item for item in content["failures"]}
+            jobs = results | failures
+            labels = {key: item["label"] for key, item in jobs.items()}
+            paths = {key: item.get("path") or item["source"] for key, item in jobs.items()}
+            figures = {
+                key: {FigureName(ComparedKind(kind), name): _figure(value) for kind, name, value in item["figures"]}
+                for key, item in results.items()
+            }
             commit = content["git"]["commit"]
-        return cls(str(folder), commit, labels, paths, dict(zip(keys, figures, strict=False)))
+        return cls(str(folder), commit, labels, paths, figures)
 
     def without_configurations(self) -> Night:
-        """Return the night with drives that are identified by their data only, not by their configuration."""
-        labels = {_data_of(key): label for key, label in self.labels.items()}
-        paths = {_data_of(key): path for key, path in self.paths.items()}
-        figures = {_data_of(key): of_drive for key, of_drive in self.figures.items()}
+        """Return the night with jobs that are identified by their work and data only, not by their configuration."""
+        labels = {without_configuration(key): label for key, label in self.labels.items()}
+        paths = {without_configuration(key): path for key, path in self.paths.items()}
+        figures = {without_configuration(key): of_job for key, of_job in self.figures.items()}
         return Night(self.name, self.commit, labels, paths, figures)
 
 
@@ -183,7 +180,7 @@ def find_changes(nights: Sequence[Night]) -> History:
     """
     if len(nights) < 2:
         raise MetricsError(f"a history requires at least two suites, found {len(nights)}: give several folders")
-    if all(len({key.partition(" ")[2] for key in night.labels}) < 2 for night in nights):  # names may change
+    if have_one_configuration(night.labels for night in nights):
         nights = [night.without_configurations() for night in nights]
     keys = list(dict.fromkeys(key for night in nights for key in night.labels))
     if not keys:

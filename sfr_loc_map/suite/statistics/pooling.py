@@ -26,9 +26,9 @@ AXES = ("x", "y", "z")  #: Pooled parts of the position error.
 class DriveScore(NamedTuple):
     """The score of a result with its drive."""
 
-    drive_key: str  #: Hash that repeats and copies of one drive share (`Job.drive_key`).
+    drive_key: str  #: `Job.drive_key`.
     score: Score
-    source: str = ""  #: Hash of the source, which differs between copies of one drive.
+    source_sha256: str = ""  #: Hash of the source, which differs between copies of one drive.
 
 
 class DriveRows(NamedTuple):
@@ -53,7 +53,7 @@ def pool(results: Sequence[DriveScore], condition: str) -> Iterator[Figure]:
             rows = [axis_row(result.score, kind.name, condition, axis) for axis in axes]
             known = [row for row in rows if row is not None and row.mean is not None and (row.n or 0) > 0]
             if len(known) == len(axes):
-                repeats = by_source.setdefault((result.drive_key, result.source), [])
+                repeats = by_source.setdefault((result.drive_key, result.source_sha256), [])
                 repeats.append(DriveRows(result.drive_key, known))
         has_figure = any(result.score.rows(kind.name, condition=condition) for result in results)
         if has_figure:

@@ -1,6 +1,6 @@
-"""Summary of a suite's results: counts, groups of drives with pooled errors and verdicts, failures.
+"""Summary of a suite's results: counts of jobs, groups with pooled errors and verdicts, failures.
 
-Drives with the same task, configuration and faults form a group.
+The results with the same task, configuration and faults form a group.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ from sfr_loc_map.metrics.row_part import RowPart, Scope
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.table import Figure
-from sfr_loc_map.suite.running.job import Job, WorkerRecord
+from sfr_loc_map.suite.running.job import GroupKey, Job
+from sfr_loc_map.suite.running.job_outcome import JobFailure, JobState, WorkerRecord
 from sfr_loc_map.suite.running.specification import Refusal
-from sfr_loc_map.suite.running.store import JobFailure, Store
+from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.running.variants import error_sources_of
 from sfr_loc_map.suite.statistics.budget import Budget, DriveErrors, budget_of
 from sfr_loc_map.suite.statistics.figures import figures_of
@@ -34,22 +35,12 @@ from sfr_loc_map.suite.statistics.pooling import AXES, DriveScore, axis_row, poo
 SCHEMA = "sfr-suite/1"
 
 
-def group_key_of(job: Job) -> tuple[str, str, str]:
-    """Return the key of a job's group: task, configuration, faults or variant of a budget."""
-    return job.kind.value, job.configuration, job.alteration
-
-
 @dataclass(frozen=True, slots=True)
 class ScoredJob:
     """A job with its score."""
 
     job: Job
     score: Score
-
-    @property
-    def group_key(self) -> tuple[str, str, str]:
-        """Key of the group: task, configuration, faults or variant of a budget."""
-        return group_key_of(self.job)
 
     @property
     def of_drive(self) -> DriveScore:
@@ -78,7 +69,7 @@ class ScoredJob:
 
 
 class Group(Struct, frozen=True, kw_only=True, rename={"results": "drives"}):
-    """A group of drives with the same task, configuration and faults: counts, pooled errors, verdicts."""
+    """The results with the same task, configuration and faults: counts, pooled errors, verdicts."""
 
     task: str
     configuration: str
@@ -90,9 +81,23 @@ class Group(Struct, frozen=True, kw_only=True, rename={"results": "drives"}):
     verdicts: tuple[GroupVerdict, ...]
 
     @property
-    def key(self) -> tuple[str, str, str]:
-        """Task, configuration, faults: the group key of the drives."""
-        return self.task, self.configuration, self.faults
+    def key(self) -> GroupKey:
+        """What the jobs of the group have in common."""
+        return GroupKey(self.task, self.configuration, self.faults)
+
+
+class JobCounts(Struct, frozen=True, kw_only=True, rename={"jobs": "tasks"}):
+    """Numbers of jobs by their state."""
+
+    jobs: int  #: Number of planned jobs; the key `tasks` of the JSON.
+    done: int
+    failed: int
+    waiting: int
+
+    @property
+    def text(self) -> str:
+        """The numbers in words."""
+        return f"{self.done} of {self.jobs} jobs done, {self.failed} failed, {self.waiting} waiting"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,10 +116,10 @@ class Summary:
     budgets: tuple[Budget, ...] = ()  #: Error budgets, by configuration and condition.
 
     @property
-    def counts(self) -> dict[str, int]:
+    def counts(self) -> JobCounts:
         """Number of all, done, failed and waiting jobs."""
         done, failed = len(self.results), len(self.failures)
-        return {"tasks": self.jobs, "done": done, "failed": failed, "waiting": self.waiting}
+        return JobCounts(jobs=self.jobs, done=done, failed=failed, waiting=self.waiting)
 
     @property
     def verdict(self) -> VerdictState | None:
@@ -160,7 +165,7 @@ class Summary:
             }
             for result in self.results
         ]
-        head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": self.counts}
+        head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": to_plain(self.counts)}
         return {**head, **self.run, **parts, "drives": results}
 
 
@@ -185,15 +190,15 @@ def read_scored_job(job: Job, store: Store, limits: Limits | None) -> ScoredJob:
 class SequentialDecision:
     """Checks during a suite whether all limits are decided by sequential tests; reads and judges each result once."""
 
-    def __init__(self, store: Store) -> None:
-        """Read the existing results."""
-        self._store, self._limits = store, store.limits
-        done = [job for job in store.jobs if store.state(job.key) == "done"]
-        self._scored = {job.key: read_scored_job(job, store, self._limits) for job in done}
+    def __init__(self, store: Store, jobs: Sequence[Job], limits: Limits | None) -> None:
+        """Read the existing results of the jobs of a suite."""
+        self._store, self._jobs, self._limits = store, jobs, limits
+        done = [job for job in jobs if store.state(job) is JobState.DONE]
+        self._scored = {job.key: read_scored_job(job, store, limits) for job in done}
 
     def add(self, job: Job) -> None:
         """Read the result of an ended job."""
-        if self._store.state(job.key) == "done":
+        if self._store.state(job) is JobState.DONE:
             self._scored[job.key] = read_scored_job(job, self._store, self._limits)
         else:
             self._scored.pop(job.key, None)
@@ -201,23 +206,25 @@ class SequentialDecision:
     @property
     def is_made(self) -> bool:
         """Whether no more drives are required."""
-        jobs = self._store.jobs
-        results = [self._scored[job.key] for job in jobs if job.key in self._scored]
-        unfinished = [job for job in jobs if job.key not in self._scored]
+        results = [self._scored[job.key] for job in self._jobs if job.key in self._scored]
+        unfinished = [job for job in self._jobs if job.key not in self._scored]
         return are_decided([*groups_of(results, self._limits, unfinished)])
 
 
 def summarise(store: Store) -> Summary:
     """Return the summary of the results in a suite's folder."""
     jobs, limits = store.jobs, store.limits
-    states = {job.key: store.state(job.key) for job in jobs}
-    results = [read_scored_job(job, store, limits) for job in jobs if states[job.key] == "done"]
+    in_state: dict[JobState, list[Job]] = {state: [] for state in JobState}
+    for job in jobs:
+        in_state[store.state(job)].append(job)
+    results = [read_scored_job(job, store, limits) for job in in_state[JobState.DONE]]
+    unfinished = [*in_state[JobState.FAILED], *in_state[JobState.WAITING]]
     return Summary(
         jobs=len(jobs),
-        waiting=sum(state == "waiting" for state in states.values()),
-        groups=tuple(groups_of(results, limits, [job for job in jobs if states[job.key] != "done"])),
+        waiting=len(in_state[JobState.WAITING]),
+        groups=tuple(groups_of(results, limits, unfinished)),
         results=tuple(results),
-        failures=tuple(store.failure(job.key) for job in jobs if states[job.key] == "failed"),
+        failures=tuple(store.failure(job.key) for job in in_state[JobState.FAILED]),
         refusals=store.refusals,
         code=jobs[0].code if jobs else "",
         workers=store.workers(),
@@ -250,11 +257,11 @@ def _drive_errors(score: Score, condition: str) -> DriveErrors | None:
     return DriveErrors(rows[0].n or 0, np.array([row.mean for row in rows]), np.array([row.sigma for row in rows]))
 
 
-def by_group(results: Sequence[ScoredJob]) -> dict[tuple[str, str, str], list[ScoredJob]]:
+def by_group(results: Sequence[ScoredJob]) -> dict[GroupKey, list[ScoredJob]]:
     """Return the results of each group by its key, in the order of their first occurrence."""
-    members: dict[tuple[str, str, str], list[ScoredJob]] = {}
+    members: dict[GroupKey, list[ScoredJob]] = {}
     for result in results:
-        members.setdefault(result.group_key, []).append(result)
+        members.setdefault(result.job.group, []).append(result)
     return members
 
 
@@ -266,18 +273,17 @@ def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: S
     """
     suite_subjects = {subject for result in results for subject in tasks_of(result.score)}
     for key, unsorted in by_group(results).items():
-        task, configuration, faults = key
         in_group = sorted(unsorted, key=lambda item: (item.job.drive_key, item.job.key))
-        next_drive = min((job.drive_key for job in unfinished if group_key_of(job) == key), default=None)
+        next_drive = min((job.drive_key for job in unfinished if job.group == key), default=None)
         scores = [result.score for result in in_group]
         trajectories = [score.association for score in scores if score.association is not None]
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
         of_drives = [result.of_drive for result in in_group]
         pooled = tuple(row for condition in conditions for row in pool(of_drives, condition))
         yield Group(
-            task=task,
-            configuration=configuration,
-            faults=faults,
+            task=key.task,
+            configuration=key.configuration,
+            faults=key.faults,
             results=len(scores),
             lost=sum(item.lost for item in trajectories),
             matched=sum(item.matched for item in trajectories),

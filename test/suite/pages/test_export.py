@@ -15,9 +15,8 @@ from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit, write_parquet
-from sfr_loc_map.suite.running.job import FailureCause
+from sfr_loc_map.suite.running.job_outcome import FailureCause, JobFailure
 from sfr_loc_map.suite.running.specification import Refusal
-from sfr_loc_map.suite.running.store import JobFailure
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, groups_of
 
 

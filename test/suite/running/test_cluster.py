@@ -11,7 +11,7 @@ pytest.importorskip("distributed", reason="needs the extra [suite]")
 from helpers.made_suites import JOB
 from sfr_loc_map.suite.running import cluster
 from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
-from sfr_loc_map.suite.running.job import FailureCause
+from sfr_loc_map.suite.running.job_outcome import FailureCause
 from sfr_loc_map.suite.running.specification import SuiteSettings
 
 TRIES = 2

@@ -9,7 +9,6 @@ import pytest
 
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.suite.running import digests
-from sfr_loc_map.suite.running.job import JobSource, SourceKind
 
 
 def test_methods_and_data_that_differ_have_other_digests(tmp_path: Path) -> None:
@@ -56,11 +55,10 @@ def test_a_method_has_another_digest_after_a_change_of_the_code_beside_its_file(
 def test_calls_are_data_of_their_estimate(tmp_path: Path) -> None:
     for name in ("drive.csv", "truth.csv", "drive.stats.csv"):
         (tmp_path / name).write_text(name)
-    paths = {"path": str(tmp_path / "drive.csv"), "truth": str(tmp_path / "truth.csv")}
-    source = JobSource(name="drive", kind=SourceKind.ESTIMATE, sha256="", **paths)
-    before = digests.data_hash(source)
+    paths = (tmp_path / "drive.csv", tmp_path / "truth.csv")
+    before = digests.estimate_hash(*paths)
     (tmp_path / "drive.stats.csv").write_text("with a finding")
-    assert digests.data_hash(source) != before
+    assert digests.estimate_hash(*paths) != before
 
 
 def test_a_worker_with_other_code_lacks_something() -> None:

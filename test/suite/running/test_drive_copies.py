@@ -64,4 +64,4 @@ def test_copies_name_one_drive_whatever_their_order() -> None:
     assert first.drive_key == second.drive_key != other.drive_key
     assert first.key != second.key, "each is run"
     simulated = [source(SourceKind.SIMULATED, sha256) for sha256 in "cab"]
-    assert [item.drive for item in with_drives(simulated, traces)] == ["c", "a", "b"]
+    assert [item.drive for item in with_drives(simulated, [DriveTrace()] * 3)] == ["c", "a", "b"]

@@ -9,9 +9,11 @@ import pytest
 import yaml
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.suite.running.job import FailureCause, Job, JobKind, JobOutcome, SourceKind
-from sfr_loc_map.suite.running.plan import Refusal, SourceFacts, make_plan
-from sfr_loc_map.suite.running.specification import load_specification
+from sfr_loc_map.suite.running.job import Job, JobKind, SourceKind
+from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome
+from sfr_loc_map.suite.running.plan import make_plan
+from sfr_loc_map.suite.running.source_kinds import SourceFacts
+from sfr_loc_map.suite.running.specification import Refusal, load_specification
 from sfr_loc_map.suite.running.store import Store
 
 

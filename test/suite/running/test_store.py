@@ -13,15 +13,16 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.suite.running.job import OF_SUITE, FailureCause, Job, JobOutcome, SourceKind
+from sfr_loc_map.suite.running.job import Job, SourceKind
+from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome
 from sfr_loc_map.suite.running.store import Store
 
 CRASHED = JobOutcome(cause=FailureCause.DIED, message="its worker process was killed or crashed")
 
 
 def result_of(job: Job) -> JobOutcome:
-    configuration = {f"{OF_SUITE}{name}": value for name, value in job.description.items()}
-    return JobOutcome(result=to_json(Score(figures=(), provenance=Provenance(version="", configuration=configuration))))
+    provenance = Provenance(version="", configuration=job.description.to_provenance())
+    return JobOutcome(result=to_json(Score(figures=(), provenance=provenance)))
 
 
 def test_a_source_that_was_run_and_is_in_no_job_is_reported(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from sfr_loc_map.metrics.records import Association, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.metrics.table import figure_row
-from sfr_loc_map.suite.running.job import FailureCause, Job, JobOutcome
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome
 from sfr_loc_map.suite.running.plan import make_plan
 from sfr_loc_map.suite.running.specification import load_specification
 from sfr_loc_map.suite.running.store import Store

@@ -11,7 +11,8 @@ from helpers.made_suites import JOB
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.suite.running.job import Job, JobOutcome
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.job_outcome import JobOutcome
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.statistics.summary import SequentialDecision
 
@@ -32,7 +33,7 @@ def test_a_sequential_decision_reads_each_result_once(tmp_path: Path, monkeypatc
 
     save(jobs[0])
     monkeypatch.setattr(Store, "score", counted)
-    decision = SequentialDecision(store)
+    decision = SequentialDecision(store, jobs, None)
     for job in jobs[1:]:
         save(job)
         decision.add(job)

@@ -13,7 +13,7 @@ from typing import ClassVar
 import pytest
 
 from sfr_loc_map.errors import InputError, MissingExtraError
-from sfr_loc_map.suite.running.sources import expand, fetch
+from sfr_loc_map.suite.running.source_cache import expand, fetch
 
 fsspec = pytest.importorskip("fsspec", reason="needs the extra [suite]")
 CONTENT = b"a" * 1000

@@ -1,4 +1,4 @@
-"""Sources that must be rendered or fetched first: simulated sources, and remote sources (any that fsspec reads)."""
+"""Sources that are made in the cache of a suite: rendered simulations, and remote sources (any that fsspec reads)."""
 
 from __future__ import annotations
 
@@ -13,17 +13,15 @@ from sfr_loc_map.config import build
 from sfr_loc_map.errors import InputError, MissingExtraError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.suite.running.job import JobSource, SourceKind, digest
+from sfr_loc_map.suite.running.job import JobSource, digest
 
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
 
-def local_path(source: JobSource, cache: Path) -> Path:
-    """Return the local path of a source. A simulation is rendered once for all jobs."""
-    if source.kind is not SourceKind.SIMULATED:
-        return Path(source.path)
-    from sfr_loc_map.simulation.simulate import simulate
+def rendered(source: JobSource, cache: Path) -> Path:
+    """Return the path of a simulated source, which is rendered once for all jobs."""
+    from sfr_loc_map.simulation.simulate import simulate  # slow import
 
     config = build(SimulationConfig, source.settings)
     return _made_once(cache / f"simulated-{source.sha256}", lambda out: simulate(config, out, workers=1))

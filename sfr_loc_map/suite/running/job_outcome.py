@@ -1,0 +1,77 @@
+"""What became of a job: its state, its outcome on a worker, its failure, and the record of the worker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from sfr_loc_map.suite.running.job import Job, JobDescription
+
+
+class JobState(StrEnum):
+    """State of a job, which follows from its files (`Store.state`)."""
+
+    DONE = "done"
+    FAILED = "failed"
+    WAITING = "waiting"
+
+
+class FailureCause(StrEnum):
+    """Cause of the failure of a job."""
+
+    BAD_INPUT = "bad input"
+    FAULT = "fault of the program"
+    DIED = "its process ended"
+    MEMORY = "over the memory limit"
+    TIME = "over the time limit"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobOutcome:
+    """Outcome of a job on a worker."""
+
+    result: str | None = None  #: The score as JSON; None if the job failed.
+    cause: FailureCause | None = None  #: Cause of the failure.
+    message: str = ""  #: The error, or the limit.
+    worker: str = ""  #: Address of the worker.
+
+
+@dataclass(frozen=True, slots=True)
+class JobFailure:
+    """A failed job with the cause."""
+
+    key: str
+    label: str
+    source: str  #: Path of the source.
+    cause: FailureCause
+    message: str
+    configuration: str = ""
+    pairing: str = ""  #: Hash that the same job in other suites shares.
+    description: JobDescription | None = None  #: None in files of other versions.
+
+    @classmethod
+    def of(cls, job: Job, cause: FailureCause, message: str) -> JobFailure:
+        """Return the failure of a job."""
+        return cls(
+            key=job.key,
+            label=job.label,
+            source=job.source.path,
+            cause=cause,
+            message=message,
+            configuration=job.configuration,
+            pairing=job.pairing,
+            description=job.description,
+        )
+
+
+@dataclass(slots=True, kw_only=True)
+class WorkerRecord:
+    """Record of a worker in suite.json."""
+
+    worker: str  #: Address of the worker.
+    host: str = ""
+    version: str = ""  #: Version of sfr_loc_map.
+    python: str = ""
+    code: str = ""  #: Fingerprint of the code of the worker.
+    done: int = 0  #: Number of jobs with a result.
+    set_aside: str = ""  #: Difference of its code, because of which the worker gets no jobs; empty if there is none.

@@ -1,0 +1,202 @@
+"""The kinds of sources: which entries of a suite's file they read, and how a plan and a job access the data.
+
+A further kind is a member of `SourceKind` (job.py) and a class here with its row in `SOURCE_KINDS`.
+"""
+
+from __future__ import annotations
+
+import glob
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from sfr_loc_map.config import build, flatten, load_yaml
+from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.suite.running.digests import estimate_hash, files_hash
+from sfr_loc_map.suite.running.drive_copies import DriveTrace, trace_of_estimate, trace_of_source
+from sfr_loc_map.suite.running.job import JobKind, JobSource, SourceKind, digest, kinds_for
+from sfr_loc_map.suite.running.source_cache import expand, fetch, rendered
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceFacts:
+    """Facts of a file for a plan: hash of the content, numbers of localisation and mapping pairs."""
+
+    sha256: str
+    pairs: int
+    nav_pairs: int
+    trace: DriveTrace = field(default_factory=DriveTrace)  #: Features that copies of the drive share.
+
+
+class ReadySource(NamedTuple):
+    """A source that is on this host and was inspected."""
+
+    source: JobSource
+    possible: tuple[JobKind, ...]  #: Kinds of jobs for which the source has data.
+    trace: DriveTrace = DriveTrace()  #: Features that copies of the drive share.
+
+
+class KindOfSource(ABC):
+    """One kind of source."""
+
+    @abstractmethod
+    def accepts(self, entry: object) -> bool:
+        """Return whether an entry of `sources` in the suite's file is of this kind."""
+
+    @abstractmethod
+    def sources(self, entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
+        """Yield the sources of an accepted entry; paths are relative to `folder`, errors name `origin`."""
+
+    @abstractmethod
+    def ready(self, source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
+        """Return a source on this host with its hashes; `facts_of` inspects a file."""
+
+    def local_path(self, source: JobSource, cache: Path) -> Path:
+        """Return the path at which a job reads the source."""
+        return Path(source.path)
+
+
+class FileSource(KindOfSource):
+    """A recording on this host: a path or a glob."""
+
+    def accepts(self, entry: object) -> bool:
+        """Return whether the entry is a text."""
+        return isinstance(entry, str) and entry != ""
+
+    def sources(self, entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
+        """Yield a source for each match."""
+        paths = sorted(glob.glob(str(folder / str(entry)), recursive=True))
+        if not paths:
+            raise InputError(f"source '{entry}': no match in '{folder}'; give an existing path or glob")
+        for path in paths:
+            yield JobSource(name=_last_part(path), kind=SourceKind.FILE, path=path, sha256="")
+
+    def ready(self, source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
+        """Inspect the file."""
+        facts = facts_of(Path(source.path))
+        possible = kinds_for(has_drive=facts.pairs > 0, has_panorama=facts.nav_pairs > 0)
+        return ReadySource(replace(source, sha256=facts.sha256), possible, facts.trace)
+
+
+class RemoteSource(FileSource):
+    """A recording that fsspec reads: a URL, which may be a glob. The plan copies the recording to a file."""
+
+    def accepts(self, entry: object) -> bool:
+        """Return whether the entry is a URL."""
+        return isinstance(entry, str) and "://" in entry
+
+    def sources(self, entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
+        """Yield a source for each match on the server."""
+        urls = expand(str(entry))
+        if not urls:
+            raise InputError(f"source '{entry}': no match; give an existing URL or glob")
+        for url in urls:
+            yield JobSource(name=_last_part(url), kind=SourceKind.REMOTE, path=url, sha256="")
+
+    def ready(self, source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
+        """Fetch and inspect the file."""
+        path = fetch(source.path, cache).absolute()
+        return super().ready(replace(source, kind=SourceKind.FILE, path=str(path)), facts_of, cache)
+
+
+class EstimateSource(KindOfSource):
+    """An estimate with its ground truth, for a score."""
+
+    def accepts(self, entry: object) -> bool:
+        """Return whether the entry has the keys of an estimate."""
+        return isinstance(entry, Mapping) and set(entry) == {"estimate", "truth"}
+
+    def sources(self, entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
+        """Yield the source."""
+        assert isinstance(entry, Mapping)
+        path, truth = (str(folder / str(entry[name])) for name in ("estimate", "truth"))
+        yield JobSource(name=_last_part(path), kind=SourceKind.ESTIMATE, path=path, truth=truth, sha256="")
+
+    def ready(self, source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
+        """Hash the files."""
+        estimate, truth = Path(source.path), Path(source.truth)
+        hashed = replace(source, sha256=estimate_hash(estimate, truth), truth_sha256=files_hash(truth))
+        return ReadySource(hashed, (JobKind.SCORE,), trace_of_estimate(estimate, truth))
+
+
+class SimulatedSource(KindOfSource):
+    """A drive or a panorama that is rendered from the settings of a scenario, one for each seed."""
+
+    def accepts(self, entry: object) -> bool:
+        """Return whether the entry names a scenario."""
+        return isinstance(entry, Mapping) and "simulate" in entry
+
+    def sources(self, entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
+        """Yield a source for each seed."""
+        assert isinstance(entry, Mapping)
+        seeds, changes = entry.get("seeds", [0]), entry.get("set", {})
+        is_whole = isinstance(seeds, list) and all(type(seed) is int for seed in seeds)
+        if set(entry) - {"simulate", "seeds", "set"} or not is_whole or not seeds or not isinstance(changes, Mapping):
+            raise ConfigError(f"{origin}: 'simulate' takes 'seeds', a list of whole numbers, and 'set', a mapping")
+        scenario = folder / str(entry["simulate"])
+        settings = scenario_settings(scenario) | dict(changes)
+        for seed in seeds:
+            yield simulated_source(scenario, settings, seed, f"{scenario}: 'set'")
+
+    def ready(self, source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
+        """Return the source unchanged, because its settings identify the data."""
+        config = build(SimulationConfig, source.settings)
+        possible = kinds_for(has_drive=config.drive.enabled, has_panorama=config.panorama.enabled)
+        return ReadySource(source, possible)
+
+    def local_path(self, source: JobSource, cache: Path) -> Path:
+        """Return the path of the rendered source."""
+        return rendered(source, cache)
+
+
+SOURCE_KINDS: Mapping[SourceKind, KindOfSource] = {
+    SourceKind.REMOTE: RemoteSource(),
+    SourceKind.FILE: FileSource(),
+    SourceKind.ESTIMATE: EstimateSource(),
+    SourceKind.SIMULATED: SimulatedSource(),
+}
+"""The kinds of sources. The first kind that accepts an entry reads it, so that URLs precede paths."""
+
+
+def read_sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
+    """Yield the sources of an entry of a suite's file; raise ConfigError if no kind accepts the entry."""
+    kind = next((kind for kind in SOURCE_KINDS.values() if kind.accepts(entry)), None)
+    if kind is None:
+        raise ConfigError(
+            f"{origin}: needs a path or URL, 'simulate: SCENARIO', or 'estimate: EST' with 'truth: TRUTH'"
+        )
+    yield from kind.sources(entry, folder, origin)
+
+
+def inspect_file(path: Path) -> SourceFacts:
+    """Return the facts of a file for a plan; raise InputError if the file cannot be read."""
+    from sfr_loc_map.io.registry import open_source  # slow import, not needed by a resumed suite
+
+    source = open_source(path)
+    pairs, nav_pairs = (0 if part is None else len(part) for part in (source.loc, source.nav))
+    return SourceFacts(sha256=files_hash(path), pairs=pairs, nav_pairs=nav_pairs, trace=trace_of_source(source))
+
+
+def scenario_settings(scenario: Path) -> dict[str, object]:
+    """Return all settings of a scenario by dotted name. The seed is 0, because each drive has its own seed."""
+    return flatten(build(SimulationConfig, load_yaml(scenario) | {"seed": 0}, origin=str(scenario)))
+
+
+def simulated_source(scenario: Path, settings: Mapping[str, object], seed: int, origin: str) -> JobSource:
+    """Return the drive of one seed of a scenario; raise ConfigError if the settings are invalid."""
+    complete = flatten(build(SimulationConfig, {**settings, "seed": seed}, origin=origin))
+    return JobSource(
+        name=f"{scenario.stem}-{seed}",
+        kind=SourceKind.SIMULATED,
+        path=str(scenario),
+        settings=complete,
+        sha256=digest(complete),
+        seed=seed,
+    )
+
+
+def _last_part(path: str) -> str:
+    return path.rstrip("/").rpartition("/")[2]

@@ -1,0 +1,64 @@
+"""Names of sources. Each source of a suite has its own name; the variants of an error budget share one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from sfr_loc_map.suite.running.job import JobSource
+
+NAMED_PARTS = 3  #: Number of parts of a path in the name of a source whose file name is not unique.
+
+
+def with_unique_names(sources: Sequence[JobSource]) -> list[JobSource]:
+    """Return the sources with unique names.
+
+    Simulations with equal names and different settings are named by the folder of their scenario, then by the settings
+    that differ. Other sources with equal names are named by the ends of their paths.
+    """
+    named = _with_simulations_renamed(sources, _name_with_folder)
+    named = _with_simulations_renamed(named, _name_with_settings)
+    return _with_files_renamed(named)
+
+
+def _with_simulations_renamed(
+    sources: Sequence[JobSource], name_of: Callable[[JobSource, Sequence[JobSource]], str]
+) -> list[JobSource]:
+    """Return the sources; simulations that share a name, but not the settings, are named by `name_of`."""
+    of_name: dict[str, list[JobSource]] = {}
+    for source in sources:
+        if source.settings:
+            of_name.setdefault(source.name, []).append(source)
+    renamed = []
+    for source in sources:
+        equal = of_name.get(source.name, []) if source.settings else []
+        is_shared = len({other.sha256 for other in equal}) > 1
+        renamed.append(replace(source, name=name_of(source, equal)) if is_shared else source)
+    return renamed
+
+
+def _name_with_folder(source: JobSource, equal: Sequence[JobSource]) -> str:
+    has_one_scenario = len({other.path for other in equal}) == 1
+    return source.name if has_one_scenario else f"{Path(source.path).parent.name}/{source.name}"
+
+
+def _name_with_settings(source: JobSource, equal: Sequence[JobSource]) -> str:
+    settings = source.settings  # each simulation has all settings of a scenario
+    differing = [name for name in settings if len({str(other.settings[name]) for other in equal}) > 1]
+    return f"{source.name} ({', '.join(f'{name}={settings[name]}' for name in differing)})"
+
+
+def _with_files_renamed(sources: Sequence[JobSource]) -> list[JobSource]:
+    """Return the sources; files of equal name are named by the end of their path, or by the path if ends are equal."""
+    counts = Counter(source.name for source in sources)
+    renamed = []
+    for source in sources:
+        if source.settings or counts[source.name] == 1:
+            renamed.append(source)
+            continue
+        end = "/".join(Path(source.path).parts[-NAMED_PARTS:])
+        is_shared = any(other.path != source.path and other.path.endswith(f"/{end}") for other in sources)
+        renamed.append(replace(source, name=source.path if is_shared else end))
+    return renamed
