@@ -1,1 +1,16 @@
-"""Benchmarks of several methods, or of single faults, which run sequentially without Dask."""
+"""Benchmarks that process one drive or panorama after the other without Dask, so that times can be compared.
+
+    cli/bench.py
+      method_benchmark.py     several methods on the pairs of one source: MethodBenchmark
+        trials.py             LocaliserTrial, MapperTrial: open a method, call it with a pair, evaluate its results
+        passes.py             one method over all pairs: PassResult with results, times and memory
+        figure_rows.py        figures of a pass as rows, their medians over the passes, and ratios of two methods
+      fault_benchmark.py      our localiser with one fault at a time: FaultBenchmark
+      provenance.py           version, host, clock and time
+
+`content()` of both results is the JSON (`sfr-bench/1`), from which `report/benchmark_tables.py` makes the tables. A
+pass is one method over all pairs of the source; the key of the passes in the JSON is `runs`.
+
+A further figure is a row of `figures` in trials.py, or of `costs` in passes.py, and a column in
+`report/benchmark_tables.py`. A further fault is an entry of `FAULTS` (fault_benchmark.py).
+"""

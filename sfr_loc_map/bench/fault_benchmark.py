@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from itertools import groupby
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.bench.method_benchmark import SCHEMA, provenance
+from sfr_loc_map.bench.provenance import SCHEMA, provenance
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import FaultyLoc
@@ -43,6 +43,7 @@ FAULTS = (
 
 A rotation of 0.06 deg is about half a pixel at 512 px and 60 deg field of view.
 """
+NO_FAULT = "none"  #: Name of the drive without a fault.
 LIMIT = 5.0  #: An error above this many stated 3 sigma is silent, because 15 sigma cannot be random (chosen).
 VALID = (TrackingState.INITIALISING, TrackingState.TRACKING)  #: States in which pose and covariance are valid.
 
@@ -78,7 +79,7 @@ class StatedErrors:
 
 @dataclass(frozen=True, slots=True)
 class FaultEntry:
-    """Figures of one drive; position and heading errors are mean + 3 sigma over the pairs that are not lost."""
+    """Figures of the drive with one fault; position and heading errors are mean + 3 sigma, without lost pairs."""
 
     pairs: int
     position_m: float | None
@@ -93,6 +94,38 @@ class FaultEntry:
         figures = asdict(self)
         stated = figures.pop("stated")
         return {**figures, "tracking": stated.pop("valid"), **stated, "honesty": self.stated.honesty.value}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaultBenchmark:
+    """Figures of our localiser on a drive with each fault."""
+
+    condition: str  #: Condition of the sub-trajectories.
+    seed: int  #: Seed that selects the affected pairs.
+    faults: Sequence[str]  #: All requested faults, after `NO_FAULT`.
+    entries: Mapping[str, FaultEntry]  #: By fault.
+    missing: Mapping[str, str]  #: Reasons of faults without figures.
+    provenance: Mapping[str, Any]
+
+    @property
+    def silent(self) -> list[str]:
+        """The faults with silent errors."""
+        return [fault for fault, entry in self.entries.items() if entry.stated.honesty is Honesty.SILENT]
+
+    def content(self) -> dict[str, Any]:
+        """Return the content of the JSON file."""
+        content: dict[str, Any] = {
+            "schema": SCHEMA,
+            "kind": "faults",
+            "condition": self.condition,
+            "seed": self.seed,
+            "limit": LIMIT,
+            "provenance": dict(self.provenance),
+            "entries": {fault: entry.content() for fault, entry in self.entries.items()},
+            "missing": dict(self.missing),
+        }
+        done = len(self.entries) + len(self.missing)
+        return content | ({"interrupted": f"{done} of {len(self.faults)} drives"} if done < len(self.faults) else {})
 
 
 def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> StatedErrors:
@@ -158,28 +191,25 @@ def benchmark_faults(
     scoring: TrajectoryScoreConfig,
     seed: int = 0,
     progress: Callable[[], None] = lambda: None,
-) -> dict[str, Any]:
-    """Return the JSON content of the localiser's figures on a drive with ground truth, for `none` and each fault.
+) -> FaultBenchmark:
+    """Localise a drive with ground truth without a fault and with each fault, and return the figures.
 
-    Several faults may be joined by `+`. After an interrupt, the content has the finished faults.
+    Several faults may be joined by `+`. After an interrupt, the finished faults are reported.
     """
     truth = sequence.ground_truth
     assert truth is not None
-    head = {"schema": SCHEMA, "kind": "faults", "condition": scoring.conditions[0], "seed": seed, "limit": LIMIT}
-    head["provenance"] = provenance()
-    parsed = {"none": [], **{text: [parse_fault(part) for part in text.split("+")] for text in faults}}
+    begun = provenance()
+    injected = {NO_FAULT: [], **{text: [parse_fault(part) for part in text.split("+")] for text in faults}}
     entries: dict[str, FaultEntry] = {}
-    missing: dict[str, str] = {}  # reasons of faults without figures
+    missing: dict[str, str] = {}
     try:
-        for name, injected in parsed.items():
-            drive = FaultyLoc(sequence, injected, seed)
+        for name, parsed in injected.items():
+            drive = FaultyLoc(sequence, parsed, seed)
             made = [estimate for estimate, _ in localise(drive, config, start_pose(sequence, "truth"))]
             try:
-                if not made:
-                    raise InputError("no pair is left")
                 entries[name] = fault_figures(made, truth, scoring)
             except SfrError as error:
-                if not injected:
+                if name == NO_FAULT:
                     raise
                 missing[name] = str(error)
             progress()
@@ -188,14 +218,20 @@ def benchmark_faults(
             raise
     finally:
         hold()
-    done = len(entries) + len(missing)
-    interrupted = {"interrupted": f"{done} of {len(parsed)} runs"} if done < len(parsed) else {}
-    content = {name: entry.content() for name, entry in entries.items()}
-    return head | {"entries": content, "missing": missing, **interrupted}
+    return FaultBenchmark(
+        condition=scoring.conditions[0],
+        seed=seed,
+        faults=list(injected),
+        entries=entries,
+        missing=missing,
+        provenance=begun,
+    )
 
 
 def fault_figures(estimates: Sequence[PoseEstimate], truth: Trajectory, scoring: TrajectoryScoreConfig) -> FaultEntry:
-    """Return the figures of one drive."""
+    """Return the figures of the drive with one fault; raise InputError without any pair."""
+    if not estimates:
+        raise InputError("no pair is left")
     lost = [estimate.state is TrackingState.LOST for estimate in estimates]
     known = [estimate for estimate, gone in zip(estimates, lost, strict=True) if not gone]
     figures = score_trajectory(Estimates.of(trajectory_of(known)), truth, scoring).figures if known else ()

@@ -69,7 +69,8 @@ def localise(
     lenient: LenientOption = False,
 ) -> None:
     """Compare our localiser with a plain OpenCV localiser, ORB-SLAM3 (pyorbslam3) if installed, and other methods."""
-    from sfr_loc_map.bench.method_benchmark import compare_localisers, methods_to_compare
+    from sfr_loc_map.bench.method_benchmark import compare_methods, methods_to_compare
+    from sfr_loc_map.bench.trials import LocaliserTrial
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.runs.offline import start_pose
 
@@ -81,22 +82,18 @@ def localise(
     opened, config = open_as(source, remap, config)
     parameters, sequence = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
     check_conditions(sequence.ground_truth, scoring.conditions, lenient=lenient)
-    methods, missing = methods_to_compare(Task.LOCALISATION, peer_python, vocabulary, method or ())
-    start = start_pose(sequence, "identity" if sequence.ground_truth is None else "truth").T_ds_rb
+    methods, missing = methods_to_compare(Task.LOCALISATION, parameters, peer_python, vocabulary, method or ())
+    trial = LocaliserTrial(
+        sequence=sequence,
+        T_ds_rb=start_pose(sequence, "identity" if sequence.ground_truth is None else "truth").T_ds_rb,
+        scoring=scoring,
+        rate_hz=rate,
+        hidden=opened.truth_paths(),
+    )
     with progress_bar("calls") as bar:
-        advance = counting(bar, "calls measured", len(sequence) * len(methods) * repeat)
-        result = compare_localisers(
-            sequence,
-            start,
-            methods,
-            parameters,
-            scoring,
-            repeat=repeat,
-            rate_hz=rate,
-            hidden=opened.truth_paths(),
-            progress=advance,
-        )
-    _present({"source": str(source), **result, "missing": missing}, json_path)
+        advance = counting(bar, "calls measured", len(trial) * len(methods) * repeat)
+        result = compare_methods(trial, methods, repeat=repeat, progress=advance)
+    _present({"source": str(source), **result.content(), "missing": missing}, json_path)
 
 
 @app.command(name="map", epilog=examples("sfr bench map data/ --json bench.json"))
@@ -111,20 +108,20 @@ def map_(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Compare our mapper with OpenCV's semi-global matching, Pandora if installed, and other methods."""
-    from sfr_loc_map.bench.method_benchmark import compare_mappers, methods_to_compare
+    from sfr_loc_map.bench.method_benchmark import compare_methods, methods_to_compare
+    from sfr_loc_map.bench.trials import MapperTrial
     from sfr_loc_map.io.sequence import panorama_of
 
     propose("sfr map SRC -o C.ply --stats S.csv --method NAME", why="runs one method, with files to score")
     check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
     opened, config = open_as(source, remap, config)
     parameters, sequence = read_config(MappingConfig, config, "mapping"), panorama_of(opened)
-    methods, missing = methods_to_compare(Task.MAPPING, peer_python, added=method or ())
+    methods, missing = methods_to_compare(Task.MAPPING, parameters, peer_python, added=method or ())
+    trial = MapperTrial.of(sequence, parameters, opened.truth_paths())
     with progress_bar("calls") as bar:
-        advance = counting(bar, "calls measured", len(sequence) * len(methods) * repeat)
-        result = compare_mappers(
-            sequence, methods, parameters, repeat=repeat, hidden=opened.truth_paths(), progress=advance
-        )
-    _present({"source": str(source), **result, "missing": missing}, json_path)
+        advance = counting(bar, "calls measured", len(trial) * len(methods) * repeat)
+        result = compare_methods(trial, methods, repeat=repeat, progress=advance)
+    _present({"source": str(source), **result.content(), "missing": missing}, json_path)
 
 
 @app.command(epilog=examples("sfr bench faults data/ --fault torn+noisy --json faults.json"))
@@ -149,7 +146,7 @@ def faults(
     remap: RemapOption = None,
 ) -> None:
     """Localise data with injected faults and compare the errors with the reported sigmas; exit 1 for silent errors."""
-    from sfr_loc_map.bench.fault_benchmark import FAULTS, Honesty, benchmark_faults
+    from sfr_loc_map.bench.fault_benchmark import FAULTS, benchmark_faults
     from sfr_loc_map.io.sequence import drive_of
 
     propose("sfr simulate DST --from SRC --fault KIND:amount=A", why="writes the data with a single fault")
@@ -164,11 +161,11 @@ def faults(
     with progress_bar("faults") as bar:
         advance = counting(bar, "drives localised", len(wanted) + 1)
         result = benchmark_faults(drive, wanted, localiser, scoring, seed, advance)
-    _present({"source": str(source)} | result, json_path)
-    if silent := [name for name, item in result["entries"].items() if item["honesty"] == Honesty.SILENT]:
+    _present({"source": str(source), **result.content()}, json_path)
+    if result.silent:
         raise FailedVerdictError(
             "with these faults the state remained 'tracking' although an error exceeded 5 times the reported 3 sigma: "
-            f"{', '.join(silent)}"
+            f"{', '.join(result.silent)}"
         )
 
 

@@ -11,25 +11,17 @@ import pytest
 
 from helpers import ROOT
 from helpers.cli_result import Sfr
-from helpers.made_scene import LOC_RIG, loc_pair, write_folder
+from helpers.made_scene import loc_pair, write_folder
 from helpers.score_rows import number
-from sfr_loc_map.bench.method_benchmark import (
-    LIMITS,
-    PassInput,
-    PassResult,
-    compare_localisers,
-    localiser_figures,
-    rover_trajectory,
-    run_pass,
-)
+from sfr_loc_map.bench import method_benchmark
+from sfr_loc_map.bench.figure_rows import FigureRow, medians, nested, ratios
+from sfr_loc_map.bench.method_benchmark import compare_methods
+from sfr_loc_map.bench.passes import PassResult, run_pass
+from sfr_loc_map.bench.trials import LocaliserTrial, rover_trajectory
 from sfr_loc_map.errors import MethodError
-from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
-from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.records import MethodKind
@@ -74,16 +66,9 @@ def made_method(
     return Method(name, Task.LOCALISATION, MethodKind.PEER, str(path), background=background)
 
 
-def called(localiser: IsolatedLocaliser, pair: StereoPair, number: int, since_start_s: float) -> tuple[Any, MethodCall]:
-    _, call = localiser.localise(pair, since_start_s)
-    return call.statistics, call
-
-
-def given(count: int, rate_scale: float = 1.0, call: Any = called) -> PassInput:
-    def start(method: Method) -> IsolatedLocaliser:
-        return IsolatedLocaliser(method, LOC_RIG, Transform.identity(), LIMITS, hidden=())
-
-    return PassInput(lambda: map(loc_pair, range(count)), start, call, rate_scale)
+def trial_of(sequence: Any, rate_hz: float | None = None) -> LocaliserTrial:
+    start = start_pose(sequence, "truth").T_ds_rb
+    return LocaliserTrial(sequence=sequence, T_ds_rb=start, scoring=SCORING, rate_hz=rate_hz, hidden=())
 
 
 @pytest.mark.slow
@@ -131,24 +116,23 @@ def test_a_lost_frame_has_the_last_known_pose_in_the_frame_of_the_rover(drive: P
     poses = [Transform.identity(), moved, None, *[moved] * 9]
     found = rover_trajectory(poses, sequence, start)
     np.testing.assert_allclose(found.positions[1:3], truth.positions[[1, 1]], atol=1e-9)
-    figures = localiser_figures(PassResult("", None, [], poses), sequence, start, SCORING)
-    assert figures["lost"] == 1
+    rows = {row.keys: row.value for row in trial_of(sequence).figures(poses)}
+    assert rows["lost",] == 1
+    assert rows["accuracy", "frames=3", "count"] > 0
 
 
-def test_images_arrive_at_the_rate_and_output_of_a_method_is_ignored(tmp_path: Path) -> None:
-    times = []
-
-    def timed(*arguments: Any) -> tuple[Any, MethodCall]:
-        times.append(time.monotonic())
-        return called(*arguments)
-
-    run = run_pass(made_method(tmp_path, background=True), given(5, 0.5, timed))
-    assert times[-1] - times[0] > 0.7  # four steps of 0.1 s at half the rate
-    assert run.version == "7"
-    for index, report in enumerate(run.results):
+def test_images_arrive_at_the_rate_and_output_of_a_method_is_ignored(drive: Path, tmp_path: Path) -> None:
+    sequence = open_source(drive).loc
+    assert sequence is not None
+    assert trial_of(sequence).recorded_rate_hz == pytest.approx(10.0)
+    begin_s = time.monotonic()
+    passed = run_pass(made_method(tmp_path, background=True), trial_of(sequence, rate_hz=5.0))
+    assert time.monotonic() - begin_s > 2.1, "eleven steps of 0.2 s"
+    assert passed.version == "7"
+    for index, call in enumerate(passed.calls):
         pair, since = loc_pair(index), pytest.approx(0.2 * index)
         own = {"left": int(pair.left.sum()), "right": int(pair.right.sum()), "since_start_s": since}
-        assert {name: report[name] for name in own} == own
+        assert {name: call.statistics[name] for name in own} == own
 
 
 @pytest.mark.parametrize(
@@ -166,10 +150,39 @@ def test_a_method_that_fails_is_named_and_the_others_go_on(
         replace(made_method(tmp_path, "good"), name=OURS_IN_TABLES),
         made_method(tmp_path, start=start, prepare=prepare),
     )
-    first, config = start_pose(sequence, "truth").T_ds_rb, LocalisationConfig()
-    result = compare_localisers(sequence, first, [ours, bad], config, SCORING, repeat=2, hidden=())
+    result = compare_methods(trial_of(sequence), [ours, bad], repeat=2).content()
     assert words in result["failed"].pop("made")
     assert not result["failed"]
     assert [entry["calls"] for entry in result["entries"].values()] == [12]
     with pytest.raises(MethodError, match=words):
-        compare_localisers(sequence, first, [replace(bad, name=OURS_IN_TABLES)], config, SCORING, hidden=())
+        compare_methods(trial_of(sequence), [replace(bad, name=OURS_IN_TABLES)])
+
+
+def test_an_interrupt_counts_the_finished_passes_without_those_of_failed_methods(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trial = trial_of(open_source(drive).loc)
+    ours, bad = (replace(made_method(tmp_path), name=name) for name in (OURS_IN_TABLES, "bad"))
+    poses = [Transform.identity()] * 12
+    outcomes = [PassResult("", None, [], poses), MethodError("crashed"), KeyboardInterrupt()]
+
+    def next_outcome(*_: object) -> PassResult:
+        outcome = outcomes.pop(0)
+        if isinstance(outcome, BaseException):
+            raise outcome
+        return outcome
+
+    monkeypatch.setattr(method_benchmark, "run_pass", next_outcome)
+    monkeypatch.setattr(method_benchmark, "hold", lambda: None)
+    content = compare_methods(trial, [ours, bad], repeat=3).content()
+    assert content["interrupted"] == "1 of 6 passes"
+    assert content["failed"] == {"bad": "crashed"}
+
+
+def test_rows_become_medians_ratios_and_json() -> None:
+    first = [FigureRow(("lost",), 1), FigureRow(("time_s", "p50"), 0.1), FigureRow(("memory_bytes", "peak"), None)]
+    other = [FigureRow(("lost",), 2), FigureRow(("time_s", "p50"), 0.3), FigureRow(("memory_bytes", "peak"), 5)]
+    ours = medians([first, other])
+    assert nested(ours) == {"lost": 1.5, "time_s": {"p50": 0.2}, "memory_bytes": {"peak": 5.0}}
+    theirs = [FigureRow(("lost",), 1), FigureRow(("time_s", "p50"), 0.0), FigureRow(("memory_bytes", "peak"), -2.0)]
+    assert nested(ratios(ours, theirs)) == {"time_s": {"p50": None}, "memory_bytes": {"peak": 2.5}}

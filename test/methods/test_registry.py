@@ -14,6 +14,7 @@ from sfr_loc_map.bench.method_benchmark import methods_to_compare
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
+from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord
@@ -64,7 +65,9 @@ def test_a_peer_is_found_in_its_interpreter(tmp_path: Path, monkeypatch: pytest.
     (tmp_path / "pyorbslam3-9.1.dist-info" / "METADATA").write_text("Name: pyorbslam3\nVersion: 9.1\n")
     (tmp_path / "words.txt").write_text("words")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    *_, peer = methods_to_compare(Task.LOCALISATION, Path(sys.executable), tmp_path / "words.txt")[0]
+    *_, peer = methods_to_compare(
+        Task.LOCALISATION, LocalisationConfig(), Path(sys.executable), tmp_path / "words.txt"
+    )[0]
     with IsolatedLocaliser(peer, LOC_RIG, true_pose(0), rate_hz=10.0, hidden=()) as slam:
         estimate, call = slam.localise(loc_pair(0), 1.1)
     assert not call.finding
