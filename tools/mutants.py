@@ -71,7 +71,7 @@ ANSWERS, STORE = "nodes/replay/answer_book.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
 OTHER_FRAMES = "metrics/other_frames.py"
 FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_errors.py", "metrics/shortfall_kinds.py"
-DRIVES = "suite/running/drive_copies.py"
+DRIVES, JOB = "suite/running/drive_copies.py", "suite/running/job.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
     Mutation(FORMULAS, "np.arange(0, frames, spacing)", "np.arange(1, frames, spacing)"),
@@ -335,11 +335,11 @@ MUTATIONS = (
     Mutation("suite/statistics/pooling.py", "size > worst[drive_key][0]", "size < worst[drive_key][0]"),
     Mutation("suite/statistics/group_verdicts.py", "items_under_test(scores)) > 1", "items_under_test(scores)) > 2"),
     # a suite must not hide drives that were run, and its plan must match its files
-    Mutation(STORE, "if planned.get(description.work, ", "if not planned.get(description.work, "),
-    Mutation(STORE, "(description.source, self._place(description.path))", "object()"),
-    Mutation(STORE, "path)), description.source_sha256", "path)), object()"),
+    Mutation(STORE, "if planned.get(left.work, ", "if not planned.get(left.work, "),
+    Mutation(JOB, "(self.source, Path(self.path).name if is_fetched else self.path)", "object()"),
+    Mutation(JOB, "else self.path), self.source_sha256", "else self.path), object()"),
     Mutation(STORE, ', *sorted(self.failures.glob("*.json"))', ""),
-    Mutation("suite/running/job.py", "fault_seed, self.repeat)", "fault_seed)"),
+    Mutation(JOB, "fault_seed, self.repeat)", "fault_seed)"),
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
     Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),
     # edited scores

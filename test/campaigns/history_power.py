@@ -115,7 +115,7 @@ def main(arguments: list[str]) -> int:
         for name, values in history.items():
             scale = SCALES[ComparedKind.ACCURACY if name in ERRORS else ComparedKind(name)]
             for found in changes_of(scale.apply(values), scale, FALSE_ALARM_RATE / len(history)):
-                if name in changed and found.seen >= night and not any(item[0] < found.seen for item in first):
+                if name in changed and found.detected >= night and not any(item[0] < found.detected for item in first):
                     true = {"three drives 5 times worse": 3, "one drive 10 times worse": 1}.get(
                         kind, 15 if name == ComparedKind.FAILED else DRIVES
                     )
@@ -123,8 +123,8 @@ def main(arguments: list[str]) -> int:
                     right = (
                         len(named & set(range(true))) >= 0.8 * true and len(named - set(range(true))) <= 1 + 0.1 * true
                     )
-                    first.append((found.seen, found.night == night, right))
-                elif not found.is_return and (name not in changed or found.seen < night):
+                    first.append((found.detected, found.night == night, right))
+                elif not found.is_return and (name not in changed or found.detected < night):
                     wrong["none" if apply is None else "changed"] += 1
                     by_figure[str(name)] += 1
         if first:

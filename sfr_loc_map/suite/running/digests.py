@@ -122,11 +122,14 @@ def files_hash(*places: Path) -> str:
 
 
 def about_here(expected: Mapping[str, str]) -> dict[str, str]:
-    """Return host, version and code of this worker, and the differences from the expected code."""
+    """Return host, version and code of this worker, and the differences from the expected code (`lacks`).
+
+    Clients of other versions read the same keys.
+    """
     found = code_facts()
-    said = {"sfr_loc_map": f"other code: sfr_loc_map {__version__},"}
-    lacks = [
-        f"{said.get(name, name)} {found.get(name)} in place of {value}"
+    named = {"sfr_loc_map": f"other code: sfr_loc_map {__version__},"}
+    differences = [
+        f"{named.get(name, name)} {found.get(name)} in place of {value}"
         for name, value in expected.items()
         if found.get(name) != value
     ]
@@ -135,5 +138,5 @@ def about_here(expected: Mapping[str, str]) -> dict[str, str]:
         "version": __version__,
         "python": platform.python_version(),
         "code": code_fingerprint(),
-        "lacks": "; ".join(lacks),
+        "lacks": "; ".join(differences),
     }

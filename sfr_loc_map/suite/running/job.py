@@ -18,6 +18,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -117,6 +118,15 @@ class JobDescription:
         """The work on the source, which other code or another configuration does not change."""
         fault_seed = self.fault_seed if self.faults else 0  # has no effect without faults
         return (self.task, self.faults, fault_seed, self.repeat)
+
+    def source_identities(self, cache: Path) -> tuple[object, object]:
+        """Return name with path, and data of the source. Two sources are the same if either is the same.
+
+        Names alone may be equal, and the name of a simulation depends on the other simulations. A source that was
+        fetched to the cache has a folder for each version, so that only the name of its file counts.
+        """
+        is_fetched = cache.absolute() in Path(self.path).parents
+        return (self.source, Path(self.path).name if is_fetched else self.path), self.source_sha256
 
     def to_provenance(self) -> dict[str, object]:
         """Return the description as entries of the configuration in a provenance."""

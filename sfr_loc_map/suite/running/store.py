@@ -145,37 +145,28 @@ class Store:
         """Return the sources that have a result or a failure in the folder, but no job of the same work in the plan.
 
         Otherwise a suite would be complete after its bad drive was removed. Results and failures of work that is
-        planned with other code, configuration or data are superseded. Sources are identified by name and path, or by
-        data: names may be equal, and the name of a simulation depends on the other simulations.
+        planned with other code, configuration or data are superseded.
         """
         keys = {job.key for job in self.jobs}
         planned: dict[object, set[object]] = {}
-        for described in (job.description for job in self.jobs):
-            planned.setdefault(described.work, set()).update(self._identities(described))
+        for description in (job.description for job in self.jobs):
+            planned.setdefault(description.work, set()).update(description.source_identities(self.cache))
         found = []
         for path in (*sorted(self.results.glob("*.json")), *sorted(self.failures.glob("*.json"))):
             if path.stem in keys:
                 continue
-            description = self._description_in(path)
-            if planned.get(description.work, set()).isdisjoint(self._identities(description)):
-                found.append(_left_over(description.source, path))
+            left = self._description_in(path)
+            if planned.get(left.work, set()).isdisjoint(left.source_identities(self.cache)):
+                found.append(_left_over(left.source, path))
         return tuple(found)
 
     def _description_in(self, path: Path) -> JobDescription:
         """Return the description of the job of a result or of a failure; a failure without one has only its source."""
         if path.parent == self.failures:
-            failure = self.failure(path.stem)
+            failure = _record(JobFailure, _read(path), path)
             return failure.description or JobDescription(source=failure.source)
         content = _record(dict, _read(path), path)
         return _description(content.get("provenance", {}).get("configuration", {}), path)
-
-    def _identities(self, description: JobDescription) -> tuple[object, object]:
-        """Return name with path, and data of the source of a described job. Either identifies the source."""
-        return (description.source, self._place(description.path)), description.source_sha256
-
-    def _place(self, path: str) -> str:
-        """Return the path of a source; for a fetched source the name, because its folder depends on the version."""
-        return Path(path).name if self.cache.absolute() in Path(path).parents else path
 
     def workers(self) -> tuple[WorkerRecord, ...]:
         """Return the workers of all runs."""
@@ -204,9 +195,9 @@ class Store:
             raise InputError(f"'{path}' is the result of '{description.source}', not of '{job.label}': {ADVICE}")
         return score
 
-    def failure(self, key: str) -> JobFailure:
+    def failure(self, job: Job) -> JobFailure:
         """Return the failure of a job."""
-        path = self.failures / f"{key}.json"
+        path = self.failures / f"{job.key}.json"
         return _record(JobFailure, _read(path), path)
 
     def save(self, job: Job, outcome: JobOutcome) -> None:

@@ -120,7 +120,7 @@ class _Points:
 
     def _ratio_at(self, point: Point, jobs: Sequence[Job]) -> float | None:
         if refused := [job for job in jobs if self._store.state(job) is JobState.FAILED]:
-            self.left_out[point] = one_line(self._store.failure(refused[0].key).message)
+            self.left_out[point] = one_line(self._store.failure(refused[0]).message)
             return None
         return _worst_ratio(self._specification, self._store, jobs)
 
@@ -166,7 +166,7 @@ def _is_open(store: Store, job: Job) -> bool:
     """Return whether a job must be run: it was not run yet, or failed for a reason other than invalid input."""
     state = store.state(job)
     if state is JobState.FAILED:
-        return store.failure(job.key).cause is not FailureCause.BAD_INPUT
+        return store.failure(job).cause is not FailureCause.BAD_INPUT
     return state is JobState.WAITING
 
 
@@ -174,7 +174,7 @@ def _check_host(store: Store, jobs: Sequence[Job]) -> None:
     """Raise an InputError if a job failed for a reason other than its scenario."""
     for job in jobs:
         if _is_open(store, job):
-            failure = store.failure(job.key)
+            failure = store.failure(job)
             raise InputError(
                 f"{failure.label}: {failure.cause}: {one_line(failure.message)}; repeat the command to continue "
                 "the search"

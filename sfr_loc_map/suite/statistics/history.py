@@ -5,6 +5,8 @@ is divided by its mean over the reference nights (paired ratio). The mean over a
 small change that is common to all drives is detected. Each ratio has a prediction interval of Student's t from the
 scatter of the reference nights. A change is reported if the interval excludes 1. The level of the intervals is divided
 by the number of ratios of a night (Bonferroni), so that without a change at most one night in 365 raises an alarm.
+
+In this module a drive is a job: a source with its task, faults, configuration and repeat, which each night runs again.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import json
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +81,7 @@ def _figure(value: object) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Night:
-    """One suite of a history. Labels, paths and figures are by job; a job without a result has no figures."""
+    """One suite of a history. Labels, paths and figures are by drive; a drive without a result has no figures."""
 
     name: str
     commit: str | None
@@ -105,10 +108,10 @@ class Night:
         return cls(str(folder), commit, labels, paths, figures)
 
     def without_configurations(self) -> Night:
-        """Return the night with jobs that are identified by their work and data only, not by their configuration."""
+        """Return the night with drives that are identified by their work and data only, not by their configuration."""
         labels = {without_configuration(key): label for key, label in self.labels.items()}
         paths = {without_configuration(key): path for key, path in self.paths.items()}
-        figures = {without_configuration(key): of_job for key, of_job in self.figures.items()}
+        figures = {without_configuration(key): of_drive for key, of_drive in self.figures.items()}
         return Night(self.name, self.commit, labels, paths, figures)
 
 
@@ -185,49 +188,67 @@ def find_changes(nights: Sequence[Night]) -> History:
     keys = list(dict.fromkeys(key for night in nights for key in night.labels))
     if not keys:
         raise InputError(f"none of the {len(nights)} suites has a result: give folders of finished suites")
+    tables = _figure_tables(nights, keys)
+    last_night = {key: night for night in nights for key in night.labels}
+    changes: list[tuple[int, Change]] = []
+    series = {}
+    for name, table in tables.items():
+        scale = SCALES[name.kind]
+        has_figure = np.isfinite(table).any(axis=1)
+        drives = [key for key, has in zip(keys, has_figure, strict=True) if has]
+        x = scale.apply(table[has_figure])
+        series[name.name] = tuple(scale.undo(mean) if np.isfinite(mean) else None for mean in _mean(x).tolist())
+        for found in changes_of(x, scale, FALSE_ALARM_RATE / len(tables)):
+            changed = [drives[index] for index in found.drives]
+            labels = [last_night[key].labels[key] for key in changed]
+            paths = [last_night[key].paths[key] for key in changed]
+            changes.append((found.night, _described_change(found, name, nights, labels, paths)))
+    return History(
+        nights=tuple(night.name for night in nights),
+        commits=tuple(night.commit for night in nights),
+        false_alarm_rate=FALSE_ALARM_RATE,
+        changes=tuple(change for _, change in sorted(changes, key=itemgetter(0))),
+        figures=series,
+    )
+
+
+def _figure_tables(nights: Sequence[Night], keys: Sequence[PairKey]) -> dict[FigureName, FloatArray]:
+    """Return the values `(drive, night)` of each figure, NaN if missing, and whether a drive has no result."""
     names = sorted({name for night in nights for figures in night.figures.values() for name in figures})
     tables = {
         name: np.array([[night.figures.get(key, {}).get(name, np.nan) for night in nights] for key in keys])
         for name in names
     }
-    there = np.array([[key in night.figures for night in nights] for key in keys])
-    since = np.maximum.accumulate(np.array([[key in night.labels for night in nights] for key in keys]), axis=1)
-    tables[WITHOUT_RESULT] = np.where(since, 1.0 - there, np.nan)  # an omitted drive has no result, either
-    last = {key: night for night in nights for key in night.labels}
-    changes, series = [], {}
-    for name, table in tables.items():
-        scale = SCALES[name.kind]
-        having = np.isfinite(table).any(axis=1)
-        x, drives = scale.apply(table[having]), [key for key, has in zip(keys, having, strict=True) if has]
-        series[name.name] = tuple(scale.undo(mean) if np.isfinite(mean) else None for mean in _mean(x).tolist())
-        for found in changes_of(x, scale, FALSE_ALARM_RATE / len(tables)):
-            changed = [drives[index] for index in found.drives]
-            before, after = scale.undo(found.before), scale.undo(found.after)
-            worse = abs(found.after) > abs(found.before) if name.kind is ComparedKind.NEES else after > before
-            pair = nights[found.night - 1], nights[found.night]
-            low, high = scale.undo(found.after - found.half_width), scale.undo(found.after + found.half_width)
-            change = Change(
-                night=pair[1].name,
-                before_night=pair[0].name,
-                commits=(pair[0].commit, pair[1].commit),
-                kind=name.kind,
-                figure=name.name,
-                outcome=Outcome.WORSE if worse else Outcome.BETTER,
-                drives=tuple(last[key].labels[key] for key in changed),
-                paths=tuple(dict.fromkeys(last[key].paths[key] for key in changed)),
-                of=found.of,
-                before=before,
-                after=after,
-                ratio=after / before if before > 0.0 else None,
-                ci95=(low / before, high / before) if before > 0.0 else None,
-            )
-            changes.append((found.night, change))
-    return History(
-        nights=tuple(night.name for night in nights),
-        commits=tuple(night.commit for night in nights),
-        false_alarm_rate=FALSE_ALARM_RATE,
-        changes=tuple(change for _, change in sorted(changes, key=lambda item: item[0])),
-        figures=series,
+    has_result = np.array([[key in night.figures for night in nights] for key in keys])
+    is_planned = np.array([[key in night.labels for night in nights] for key in keys])
+    since_planned = np.maximum.accumulate(is_planned, axis=1)
+    tables[WITHOUT_RESULT] = np.where(since_planned, 1.0 - has_result, np.nan)  # an omitted drive has no result, either
+    return tables
+
+
+def _described_change(
+    found: FoundChange, name: FigureName, nights: Sequence[Night], labels: Sequence[str], paths: Sequence[str]
+) -> Change:
+    """Return a change of a figure in its unit, with the labels and paths of the changed drives."""
+    scale = SCALES[name.kind]
+    before, after = scale.undo(found.before), scale.undo(found.after)
+    low, high = scale.undo(found.after - found.half_width), scale.undo(found.after + found.half_width)
+    is_worse = abs(found.after) > abs(found.before) if name.kind is ComparedKind.NEES else after > before
+    last, first = nights[found.night - 1], nights[found.night]
+    return Change(
+        night=first.name,
+        before_night=last.name,
+        commits=(last.commit, first.commit),
+        kind=name.kind,
+        figure=name.name,
+        outcome=Outcome.WORSE if is_worse else Outcome.BETTER,
+        drives=tuple(labels),
+        paths=tuple(dict.fromkeys(paths)),
+        of=found.of,
+        before=before,
+        after=after,
+        ratio=after / before if before > 0.0 else None,
+        ci95=(low / before, high / before) if before > 0.0 else None,
     )
 
 
@@ -248,7 +269,7 @@ class FoundChange(Shift):
     """A change of values `(drive, night)` with its nights."""
 
     night: int  #: First night after the change.
-    seen: int  #: Night at which the change was detected.
+    detected: int  #: Night at which the change was detected.
     is_return: bool = False  #: Whether the figure returned to its level before the previous change.
 
 
@@ -270,7 +291,7 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
             reference = x[:, max(start, changed_at - REFERENCE) : changed_at]
             if compare_nights(reference, after, scale, false_alarm_rate / len(WINDOWS)) is None:
                 now = float(_mean(x[list(last.drives), night]))
-                found.append(replace(last, night=night, seen=night, before=last.after, after=now, is_return=True))
+                found.append(replace(last, night=night, detected=night, before=last.after, after=now, is_return=True))
                 changed_at = None
             continue
         for window in WINDOWS:
@@ -282,7 +303,7 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
             if change is not None:
                 size = _change_size(reference[list(change.drives)], x[list(change.drives), first : night + 1])
                 changed_at = first + int(np.argmax(size))
-                found.append(FoundChange(**asdict(change), night=changed_at, seen=night))
+                found.append(FoundChange(**asdict(change), night=changed_at, detected=night))
                 break
     return found
 

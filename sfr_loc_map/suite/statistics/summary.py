@@ -224,7 +224,7 @@ def summarise(store: Store) -> Summary:
         waiting=len(in_state[JobState.WAITING]),
         groups=tuple(groups_of(results, limits, unfinished)),
         results=tuple(results),
-        failures=tuple(store.failure(job.key) for job in in_state[JobState.FAILED]),
+        failures=tuple(store.failure(job) for job in in_state[JobState.FAILED]),
         refusals=store.refusals,
         code=jobs[0].code if jobs else "",
         workers=store.workers(),
