@@ -42,6 +42,8 @@ from sfr_loc_map.suite.running.configurations import METHOD_KEYS, chosen_method
 from sfr_loc_map.suite.running.job import Job, JobKind
 from sfr_loc_map.suite.running.source_kinds import SOURCE_KINDS
 
+REPLAY_FOLDER = "replay"  #: Folder of the output of a replay.
+
 
 def run_job(job: Job, scratch: Path, cache: Path) -> Score:
     """Return the score of a job. The score has no verdicts on limits, because the summary judges the score again.
@@ -93,27 +95,16 @@ def _score(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
 
 
 def _replay(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
-    if job.faults:
-        convert(_source_with_faults(job, path), scratch / "faulty")
-        path = scratch / "faulty"
     if any(name.rpartition(".")[2] in METHOD_KEYS for name in job.parameters):
         raise ConfigError(
             "a replay always runs the suite's own nodes: omit 'method' in the configuration, or omit replay in 'tasks'"
         )
-    out = scratch / "replay"
-    command = [sys.executable, "-P", "-m", "sfr_loc_map", "replay", str(path), "--out", str(out), "--start", job.start]
-    if job.parameters:
-        nested = {part: to_plain(values) for part in ("localisation", "mapping") if (values := _section(job, part))}
-        (scratch / "config.yaml").write_text(yaml.safe_dump(nested), encoding="utf-8")
-        command += ["--config", str(scratch / "config.yaml")]
-    command += ["--spacing", str(job.scoring.spacing), "--rebase", job.scoring.rebase]
-    if job.scoring.partial:
-        command += ["--partial"]
-    for condition in job.scoring.conditions:
-        command += ["--condition", condition]
+    if job.faults:
+        convert(_source_with_faults(job, path), scratch / "faulty")
+        path = scratch / "faulty"
     # the command line belongs to a higher layer, so it is run as a process
     done = subprocess.run(
-        command,
+        [sys.executable, "-P", "-m", "sfr_loc_map", "replay", str(path), *_replay_options(job, scratch)],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
@@ -121,10 +112,26 @@ def _replay(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
         env=child_environment(),
         preexec_fn=partial(end_with_parent, signal.SIGTERM),
     )
-    report = out / "report.json"
+    report = scratch / REPLAY_FOLDER / "report.json"
     if not report.exists():
         raise InputError(f"replay of '{job.source.path}' wrote no report: {done.stderr.strip()[-300:]}")
     return from_json(report.read_text(encoding="utf-8"), str(report))
+
+
+def _replay_options(job: Job, scratch: Path) -> list[str]:
+    """Return the options of `sfr replay` for a job; the parameters are written to a file."""
+    options = ["--out", str(scratch / REPLAY_FOLDER), "--start", job.start]
+    if job.parameters:
+        nested = {part: to_plain(values) for part in ("localisation", "mapping") if (values := _section(job, part))}
+        config = scratch / "config.yaml"
+        config.write_text(yaml.safe_dump(nested), encoding="utf-8")
+        options += ["--config", str(config)]
+    options += ["--spacing", str(job.scoring.spacing), "--rebase", job.scoring.rebase]
+    if job.scoring.partial:
+        options.append("--partial")
+    for condition in job.scoring.conditions:
+        options += ["--condition", condition]
+    return options
 
 
 RUN_OF_KIND: Mapping[JobKind, Callable[[Job, Path, Path, Path], Score]] = {
