@@ -89,9 +89,9 @@ def methods_to_compare(
             missing[name] = reason
         else:
             present.append(found)
-    named = [method.name for method in present]
-    others = [find_method(spec, task) for spec in dict.fromkeys(added)]
-    return [*present, *(method for method in others if method.name not in named)], missing
+    names = [method.name for method in present]
+    found_added = [find_method(spec, task) for spec in dict.fromkeys(added)]
+    return [*present, *(method for method in found_added if method.name not in names)], missing
 
 
 def compare_methods(

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.statistics.summary import Summary
 
-app = command_group("Suites of runs over many sources, configurations and faults. An interrupted suite is resumable.")
+app = command_group("Suites of many sources, configurations and faults. An interrupted suite is resumable.")
 
 JunitOption = Annotated[Path | None, Option(metavar="F.xml", help="Write verdicts and failures as JUnit XML.")]
 MlflowOption = Annotated[str | None, Option(metavar="URI", help="Log the suite as an MLflow run (extra mlflow).")]
