@@ -95,12 +95,12 @@ class NotStartedAgainError(MethodFailureError):
 class MethodCall:
     """Resource use, result and findings of one call of a method under test."""
 
-    usage: CallUsage = field(default_factory=lambda: CallUsage(math.nan))  # NaN if the call did not return
-    finding: str = ""  # misbehaviour, `KIND: text`; empty if there is none
-    reason: str = ""  # why the pose is degraded or lost
+    usage: CallUsage = field(default_factory=lambda: CallUsage(math.nan))  #: NaN if the call did not return.
+    finding: str = ""  #: Misbehaviour, `KIND: text`; empty if there is none.
+    reason: str = ""  #: Why the pose is degraded or lost.
     statistics: Mapping[str, float] = field(default_factory=dict)
-    covariance: FloatArray | None = None  # `(6, 6)` covariance of the pose
-    step: FloatArray | None = None  # `(48,)` uncertainty of the step
+    covariance: FloatArray | None = None  #: `(6, 6)` covariance of the pose.
+    step: FloatArray | None = None  #: `(48,)` uncertainty of the step.
 
 
 def _ending(code: int) -> str:

@@ -44,17 +44,17 @@ class MethodLimits:
 class Method:
     """A localiser or mapper that runs in its own process."""
 
-    name: str  # name as selected by the user
+    name: str  #: Name as selected by the user.
     task: Task
     kind: MethodKind
-    adapter: str  # file of `adapters/`, or an absolute path
-    target: str = ""  # loaded by the adapter: `package.module:Class` or the path of a library
-    config: str = ""  # text of the configuration
-    background: bool = False  # works between calls; a benchmark then sends pairs at the rate of the recording
-    sha256: str | None = None  # hash of the loaded file; None if the method is not a single file
-    about: str = ""
-    python: Path = field(default_factory=lambda: Path(sys.executable))  # interpreter that has the method
-    vocabulary: str = ""  # vocabulary file, if required
+    adapter: str  #: File of `adapters/`, or an absolute path.
+    target: str = ""  #: Loaded by the adapter: `package.module:Class` or the path of a library.
+    config: str = ""  #: Text of the configuration.
+    background: bool = False  #: Whether the method works between calls; a benchmark then sends pairs at their rate.
+    sha256: str | None = None  #: Hash of the loaded file; None if the method is not a single file.
+    about: str = ""  #: Description in the list of methods.
+    python: Path = field(default_factory=lambda: Path(sys.executable))  #: Interpreter that has the method.
+    vocabulary: str = ""  #: Vocabulary file; empty if not required.
 
     def record(self, version: str | None, isolation: str | None = None) -> MethodRecord:
         """Return the record of the method in the score."""
@@ -112,9 +112,10 @@ _PEERS = (
         install="pip install 'pandora[sgm]' opencv-python-headless",
     ),
 )
+#: Registered methods by task and name.
 BUILT_IN = {task: {item.name: item for item in _BUILT_IN if item.task == task} for task in Task}
+#: Third-party methods by task and name.
 PEERS = {task: {item.name: item for item in _PEERS if item.method.task == task} for task in Task}
-"""Registered methods by task and name."""
 
 
 def config_text(path: Path | None) -> str:
