@@ -35,7 +35,7 @@ LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)
 """Limits of a method in a comparison; some dense matchers take minutes per pair."""
 DEFAULT_RATE_HZ = 10.0  #: Rate of the pairs if the stamps of a source do not define a rate.
 
-Item = TypeVar("Item", StereoPair, PosedStereoPair)
+Item = TypeVar("Item")
 Opened = TypeVar("Opened", bound=IsolatedMethod)
 Result = TypeVar("Result")
 

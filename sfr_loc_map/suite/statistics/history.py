@@ -194,7 +194,7 @@ def find_changes(nights: Sequence[Night]) -> History:
     series = {}
     for name, table in tables.items():
         scale = SCALES[name.kind]
-        has_figure = np.isfinite(table).any(axis=1)
+        has_figure = np.asarray(np.isfinite(table).any(axis=1))
         drives = [key for key, has in zip(keys, has_figure, strict=True) if has]
         x = scale.apply(table[has_figure])
         series[name.name] = tuple(scale.undo(mean) if np.isfinite(mean) else None for mean in _mean(x).tolist())

@@ -18,7 +18,7 @@ def test_methods_and_data_that_differ_have_other_digests(tmp_path: Path) -> None
     for text in ("left", "LEFT", "left"):
         (drive / "left.png").write_text(text)
         code.write_text(f"class Mine: pass  # {text}")
-        found.append((digests.files_hash(str(drive)), digests.method_hash(f"{code}:Mine", Task.LOCALISATION, "")))
+        found.append((digests.files_hash(drive), digests.method_hash(f"{code}:Mine", Task.LOCALISATION, "")))
     assert found[0] == found[2]
     assert found[0][0] != found[1][0]
     assert found[0][1] != found[1][1]

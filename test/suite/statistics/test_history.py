@@ -22,6 +22,7 @@ from sfr_loc_map.suite.statistics.history import (
     compare_nights,
     find_changes,
 )
+from sfr_loc_map.suite.statistics.pairing import PairKey
 
 DRIVES = [f"drive {number}" for number in range(45)]
 NAMES = {
@@ -50,10 +51,12 @@ def found(tables: dict[ComparedKind, np.ndarray], gone: tuple[int, int] | None =
     for night in range(tables[ComparedKind.ACCURACY].shape[1]):
         there = DRIVES[gone[0] :] if gone and night >= gone[1] else DRIVES
         figures = {
-            key: {FigureName(kind, NAMES[kind]): float(x[DRIVES.index(key), night]) for kind, x in tables.items()}
+            PairKey(key, ""): {
+                FigureName(kind, NAMES[kind]): float(x[DRIVES.index(key), night]) for kind, x in tables.items()
+            }
             for key in there
         }
-        labels = dict(zip(DRIVES, DRIVES, strict=True))
+        labels = {PairKey(key, ""): key for key in DRIVES}
         made.append(Night(f"night {night}", f"commit{night}", labels, labels, figures))
     return find_changes(made)
 
@@ -166,7 +169,7 @@ def test_a_night_with_other_configurations_loses_no_drive(names: list[str]) -> N
     value = {FigureName(ComparedKind.ACCURACY, NAMES[ComparedKind.ACCURACY]): 0.01}
     made = []
     for night in range(20):
-        labels = {f"{key} {name}": key for key in keys for name in (names if night > 12 else ["default"])}
+        labels = {PairKey(key, name): key for key in keys for name in (names if night > 12 else ["default"])}
         made.append(Night(f"night {night}", None, labels, labels, dict.fromkeys(labels, value)))
     assert not find_changes(made).changes
 
