@@ -392,7 +392,6 @@ def test_a_decided_suite_runs_no_further_drive(sfr: Sfr, decided: tuple[Path, Pa
     assert stamps_of(out) == before
     assert "decided by the existing results" in again.err
     assert json.loads(again.out)["verdict"] == "pass"
-    assert sfr("suite", "run", suite, "--out", out, "--dry-run").out.startswith("0 of 12 jobs to run")
 
 
 @pytest.mark.slow
