@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from sfr_loc_map.errors import SfrError
+from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.files import is_bag
@@ -69,29 +71,40 @@ def _facts_of_pairs(source: Source) -> dict[str, Any]:
     """Return the facts of an opened source by their names on the screen and in JSON."""
     facts: dict[str, Any] = {"format": source.format}
     if source.loc is not None:
-        stamps = np.asarray(source.loc.stamps_ns, np.int64)
-        gaps_s = np.diff(stamps) / NS_PER_S
-        period_s = float(np.median(gaps_s)) if len(gaps_s) else None
-        facts["drive"] = f"{len(stamps)} pairs, {_camera(source.loc.rig)}"
-        facts["duration_s"] = float(gaps_s.sum())
-        facts["rate_hz"] = None if not period_s else 1.0 / period_s
-        facts["gaps"] = 0 if period_s is None else int((gaps_s > GAP * period_s).sum())
-        facts["longest_gap_s"] = float(gaps_s.max()) if len(gaps_s) else None
+        stamps_ns = np.asarray(source.loc.stamps_ns, np.int64)
+        facts["drive"] = f"{len(stamps_ns)} pairs, {_camera(source.loc.rig)}"
+        facts |= _facts_of_stamps(stamps_ns)
         if source.calibration:
             facts["calibration"] = source.calibration
-        mounted = source.loc.rig.T_rb_sb
-        facts["extrinsics"] = "not known" if mounted is None else f"LOCSB at {mounted.translation.round(4).tolist()} m"
-        truth = source.loc.ground_truth
-        facts["truth"] = "none"
-        if truth is not None and len(truth):
-            length_m = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum()
-            kind = "poses" if truth.has_attitude else "positions"
-            facts["truth"] = f"{len(truth)} {kind}, {length_m:.3f} m long, {getattr(truth, 'read_from', '')}".rstrip(
-                ", "
-            )
+        T_rb_sb = source.loc.rig.T_rb_sb
+        facts["extrinsics"] = "not known" if T_rb_sb is None else f"LOCSB at {T_rb_sb.translation.round(4).tolist()} m"
+        facts["truth"] = _truth(source.loc.ground_truth)
     if source.nav is not None:
         facts["mapping"] = f"{len(source.nav)} pairs, {_camera(source.nav.rig)}"
     return facts
+
+
+def _facts_of_stamps(stamps_ns: IntArray) -> dict[str, Any]:
+    """Return duration, rate and gaps of stamps; None where fewer than two stamps define nothing."""
+    steps_s = np.diff(stamps_ns) / NS_PER_S
+    if not len(steps_s):
+        return {"duration_s": 0.0, "rate_hz": None, "gaps": 0, "longest_gap_s": None}
+    period_s = float(np.median(steps_s))
+    return {
+        "duration_s": float(steps_s.sum()),
+        "rate_hz": 1.0 / period_s if period_s else None,
+        "gaps": int((steps_s > GAP * period_s).sum()),
+        "longest_gap_s": float(steps_s.max()),
+    }
+
+
+def _truth(truth: Trajectory | None) -> str:
+    if truth is None or not len(truth):
+        return "none"
+    length_m = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum()
+    kind = "poses" if truth.has_attitude else "positions"
+    origin = getattr(truth, "read_from", "")
+    return f"{len(truth)} {kind}, {length_m:.3f} m long{f', {origin}' if origin else ''}"
 
 
 def _camera(rig: StereoRig) -> str:

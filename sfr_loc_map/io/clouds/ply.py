@@ -57,38 +57,45 @@ class _Property:
         return [(f"{self.name} length", self.length_kind), (self.name, self.kind, (length,))]
 
 
+@dataclass(frozen=True, slots=True)
+class _Element:
+    """An element of a PLY file: a list of records with equal properties."""
+
+    name: str
+    count: int
+    properties: list[_Property]
+
+
 def read_ply(data: bytes) -> CloudFields:
     """Return the scalar properties of the vertices of a PLY file; other elements and lists are skipped."""
     end = _PLY_END.search(data)
     if not data.startswith(b"ply") or end is None:
         raise ValueError("it has no PLY header, which begins with 'ply' and ends with 'end_header'")
-    body = end.end()
     lines = data[: end.start()].decode("ascii", "replace").splitlines()
     header = [words for line in lines if (words := line.split())]
     order = next((" ".join(words[1:2]) for words in header if words[0] == "format"), "")
     if order not in PLY_ORDERS:
         raise ValueError(f"its PLY format is '{order[:40]}': one of {', '.join(PLY_ORDERS)} is required")
     comments = [line.removeprefix("comment ") for line in lines if line.startswith("comment ")]
-    position = body
+    position = end.end()
     elements = _ply_elements(header, PLY_ORDERS[order])
+    read = _ply_text if order == "ascii" else _ply_records
     for element in elements:
-        name, count, properties = element
-        read = _ply_text if order == "ascii" else _ply_records
-        columns, position = read(data, position, count, properties)
-        if name == "vertex":
+        columns, position = read(data, position, element.count, element.properties)
+        if element.name == "vertex":
             notes = ignored_after(data[position:]) if element is elements[-1] else ()
             return CloudFields(columns, comments, notes=notes)
     raise ValueError("it has no element 'vertex'")
 
 
-def _ply_elements(header: list[list[str]], order: str) -> list[tuple[str, int, list[_Property]]]:
-    """Return name, count and properties of each element."""
-    elements: list[tuple[str, int, list[_Property]]] = []
+def _ply_elements(header: list[list[str]], order: str) -> list[_Element]:
+    """Return the elements that a header declares."""
+    elements: list[_Element] = []
     for words in header:
         if words[0] == "element":
             if len(words) != 3:
                 raise ValueError(f"its line '{' '.join(words)[:40]}' is not of the form 'element NAME COUNT'")
-            elements.append((words[1], parse_count(words[2]), []))
+            elements.append(_Element(words[1], parse_count(words[2]), []))
         elif words[0] == "property" and elements:
             if len(words) != (5 if words[1:2] == ["list"] else 3):
                 raise ValueError(f"its line '{' '.join(words)[:40]}' is not of the form 'property TYPE NAME'")
@@ -97,22 +104,22 @@ def _ply_elements(header: list[list[str]], order: str) -> list[tuple[str, int, l
                 raise ValueError(f"it has a property of type '{' '.join(words[1:-1])}', which is not supported")
             types = [order + PLY_TYPES[kind] for kind in kinds]
             name = words[-1].lower()
-            elements[-1][2].append(_Property(name, types[-1], types[0] if len(types) > 1 else ""))
-    for element, _, properties in elements:
-        check_names_differ([item.name for item in properties], f"its element {element}")
+            elements[-1].properties.append(_Property(name, types[-1], types[0] if len(types) > 1 else ""))
+    for element in elements:
+        check_names_differ([item.name for item in element.properties], f"its element {element.name}")
     return elements
 
 
 def _ply_records(data: bytes, position: int, count: int, properties: list[_Property]) -> tuple[Columns, int]:
     """Return the scalar properties of an element, and the offset of the element's end."""
     lists = [item for item in properties if item.length_kind]
-    lengths = [_first_lengths(data, position, properties)] if lists and count else [{}]
-    dtype = np.dtype([field for item in properties for field in item.one(lengths[0].get(item.name, 0))])
+    lengths = _first_lengths(data, position, properties) if lists and count else {}
+    dtype = np.dtype([field for item in properties for field in item.one(lengths.get(item.name, 0))])
     end = position + count * dtype.itemsize
     scalars = [item.name for item in properties if not item.length_kind]
     if end <= len(data):
         records = np.frombuffer(data, dtype, count, position) if count else np.zeros(0, dtype)
-        are_equal = all((records[f"{item.name} length"] == lengths[0].get(item.name, 0)).all() for item in lists)
+        are_equal = all((records[f"{item.name} length"] == lengths.get(item.name, 0)).all() for item in lists)
         if are_equal:
             return {name: records[name] for name in scalars}, end
     elif not lists:
