@@ -27,7 +27,7 @@ class FindingsReport:
         return sum(finding.is_blocking for finding in self.findings)
 
     def propose(self, after: list[str], why: str) -> None:
-        """Propose the first fix that is a command; without one, this command if a finding blocks, else `after`."""
+        """Propose the first fix that is a command; otherwise this command if a finding is blocking, or else `after`."""
         command = next((item.command for item in self.findings if item.command), "")
         if command:
             propose(command, why="writes the sfr.yaml of the source")
