@@ -141,8 +141,8 @@ def unobserved_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatA
 
         M = diag(s t, s t, climb_ratio s t, tilt_ratio w t, tilt_ratio w t, w t)^2
 
-    Speed and turn rate are the last ones, because the rover may have continued, but at least the configured ones. Each
-    angle is at most `MAX_ANGLE_RAD`.
+    Speed and turn rate are those of the last motion, because the rover may have continued, but at least the configured
+    values. Each angle is at most `MAX_ANGLE_RAD`.
     """
     metres = max(model.bounds.unseen_speed_m_s, speed.m_s) * seconds
     heading = max(model.bounds.unseen_turn_rad_s, speed.rad_s) * seconds
