@@ -53,6 +53,7 @@ OF_METHODS = (
     "test/methods/child/test_loop.py",
     "test/methods/test_method_process.py",
     "test/methods/test_misbehaviour.py",
+    "test/methods/test_work_between_calls.py",
 )
 """Tests of the calls and measurements of methods."""
 LIBRARIES = ("hypothesis", "msgspec", "numba", "numpy", "scipy.spatial.transform", "scipy.stats", "yaml")
@@ -411,6 +412,7 @@ MUTATIONS = (
     Mutation("metrics/raw_values.py", "EXACT = 1e-9", "EXACT = 1e-5"),
     Mutation("metrics/raw_values.py", "SIGMAS = 5.0", "SIGMAS = 50.0"),
     Mutation("metrics/raw_values.py", "max(times) != row.max", "max(times) < row.max"),
+    Mutation("metrics/raw_values.py", "is_stated = score.external is not None", "is_stated = False"),
     Mutation("metrics/raw_values.py", "sizes.max() > row.max + rounding", "sizes.max() < row.max - rounding"),
     Mutation(
         "metrics/raw_values.py", "> row.n * (row.rmse + rounding) ** 2", "> 1e9 * row.n * (row.rmse + rounding) ** 2"
@@ -475,12 +477,18 @@ MUTATIONS = (
         "seconds = time.perf_counter() - begin",
         "seconds = 0.5 * (time.perf_counter() - begin)",
     ),
+    Mutation("methods/child/supervisor.py", "(41, 54, 46, 307)", "(54, 46, 307)"),
+    Mutation("methods/child/supervisor.py", "(29, 64, 68, 240)", "(64, 68, 240)"),
+    Mutation("methods/process_tree.py", "SOCKET_BYTES if self._is_supervisor else 0", "0"),
     Mutation("methods/child/loop.py", "np.array(images[: len(", "np.asarray(images[: len("),
     Mutation("methods/child/loop.py", 'return {"fault": "raised", "text": raised}', "pass"),
     Mutation("methods/child/loop.py", 'order["call"] == "set" else', 'order["call"] != "set" else'),
     Mutation("methods/child/loop.py", 'images[: len(order["pairs"])]', "images[:1]"),
     Mutation("methods/method_process.py", "abs(measured_s - stated_s) > max(", "measured_s - stated_s > max("),
     Mutation("methods/method_process.py", "seconds = self._clock.end()", 'seconds = reply["seconds"]'),
+    Mutation("methods/method_process.py", "return min(between_s, time.monotonic() - self._answered_s)", "return 0.0"),
+    Mutation("methods/method_process.py", "if now_s >= look_s:", "if False:"),
+    Mutation("methods/method_process.py", "if now_s > end_s:", "if now_s > end_s and not self._unread:"),
     # geometry
     Mutation("geometry/rotation.py", "aw * bx + ax * bw + ay * bz - az * by", "aw * bx + ax * bw - ay * bz + az * by"),
     Mutation("geometry/rotation.py", "np.abs(quat[..., 3])", "quat[..., 3]"),

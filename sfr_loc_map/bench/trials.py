@@ -118,7 +118,8 @@ class LocaliserTrial(Trial[StereoPair, IsolatedLocaliser, Transform | None]):
         """Start a localiser. The rover's frame is the left camera, so that all methods estimate the same pose."""
         rig = replace(self.sequence.rig, T_rb_sb=self.sequence.rig.T_sb_left.inverse())
         rate_hz = self.rate_hz or self.recorded_rate_hz
-        return IsolatedLocaliser(method, rig, Transform.identity(), LIMITS, rate_hz=rate_hz, hidden=self.hidden)
+        start, is_paced = Transform.identity(), method.background
+        return IsolatedLocaliser(method, rig, start, LIMITS, rate_hz=rate_hz, keeps_rate=is_paced, hidden=self.hidden)
 
     def call(
         self, opened: IsolatedLocaliser, item: StereoPair, index: int, since_start_s: float
@@ -192,7 +193,10 @@ class MapperTrial(Trial[PosedStereoPair, IsolatedMapper, PointCloud]):
 
     def open(self, method: Method) -> IsolatedMapper:
         """Start a mapper."""
-        return IsolatedMapper(method, self.sequence.rig, LIMITS, disparities=self.disparities, hidden=self.hidden)
+        rig, is_paced = self.sequence.rig, method.background
+        return IsolatedMapper(
+            method, rig, LIMITS, disparities=self.disparities, keeps_rate=is_paced, hidden=self.hidden
+        )
 
     def call(
         self, opened: IsolatedMapper, item: PosedStereoPair, index: int, since_start_s: float

@@ -8,7 +8,7 @@ A method under test (in the documentation also: a candidate) is called through t
           method_process.py                        images in shared memory, JSON lines, time, memory, leaks
             isolation.py                           which files the process may read and write
     ---- process boundary -------------------------------------------------------------------------------------
-            child/supervisor.py                    restricts its child by Landlock, kills what remains
+            child/supervisor.py                    restricts its child (Landlock, seccomp), kills what remains
               child/loop.py                        reads an order, calls the method, writes the reply
                 adapters/*.py                      one module for each interface of methods
                   the method

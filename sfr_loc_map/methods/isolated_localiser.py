@@ -36,17 +36,21 @@ class IsolatedLocaliser(IsolatedMethod):
         limits: MethodLimits | None = None,
         *,
         rate_hz: float = 0.0,
+        keeps_rate: bool = False,
         hidden: Sequence[Path],
     ) -> None:
-        """Start the localiser, which cannot read `hidden`, at a pose; pairs arrive at `rate_hz`."""
-        super().__init__(method, rig, limits, T_ds_rb=T_ds_rb, rate_hz=rate_hz, hidden=hidden)
+        """Start the localiser, which cannot read `hidden`, at a pose.
+
+        The pairs were recorded at `rate_hz`. `keeps_rate` states that they also arrive at this rate.
+        """
+        super().__init__(method, rig, limits, T_ds_rb=T_ds_rb, rate_hz=rate_hz, keeps_rate=keeps_rate, hidden=hidden)
 
     def localise(self, pair: StereoPair, since_start_s: float = 0.0) -> tuple[PoseEstimate, MethodCall]:
         """Localise one pair; return the estimate and the call. If the result is invalid, the state is lost."""
         call = MethodCall()
         about = OrderedPair(stamp_ns=pair.stamp_ns, index=0, T_lm_navsb=None)
         try:
-            call, answer = self._running_process().call("pair", [pair], [about], since_start_s)
+            call, answer, _ = self._running_process().call("pair", [pair], [about], since_start_s)
             check_stamp(pair, answer)
             T_ds_rb = _pose(answer.get("T_ds_rb"))
             covariance = _covariance(answer.get("covariance"))

@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.arrays import FloatImage
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import MAX_CLOUD_BYTES, read_bytes
+from sfr_loc_map.inputs import MAX_CLOUD_BYTES
 from sfr_loc_map.io.clouds.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.mapping.maps import FusedMap, PairMap
@@ -40,10 +40,17 @@ class IsolatedMapper(IsolatedMethod):
         limits: MethodLimits | None = None,
         *,
         disparities: int = 0,
+        keeps_rate: bool = False,
         hidden: Sequence[Path],
     ) -> None:
-        """Start the mapper, which cannot read `hidden`; matchers search this number of disparities."""
-        super().__init__(method, rig, limits, T_ds_rb=Transform.identity(), disparities=disparities, hidden=hidden)
+        """Start the mapper, which cannot read `hidden`; matchers search this number of disparities.
+
+        `keeps_rate` states that the pairs arrive at the rate of the recording.
+        """
+        start = Transform.identity()
+        super().__init__(
+            method, rig, limits, T_ds_rb=start, disparities=disparities, keeps_rate=keeps_rate, hidden=hidden
+        )
         self.maps_sets: bool = self._running_process().maps_sets  # all pairs of a map in a single call
         self._is_complete = True  # whether all pairs so far were mapped
 
@@ -55,8 +62,8 @@ class IsolatedMapper(IsolatedMethod):
         T_lm_left = tuple(item.T_lm_navsb @ self._rig.T_sb_left for item in pairs)
         about = [_ordered(item.pair, item.T_lm_navsb, number) for number, item in enumerate(pairs)]
         try:
-            call, answer = self._called("set", [item.pair for item in pairs], about)
-            cloud = replace(self._cloud(len(pairs)), fused=answer.get("fused", True))
+            call, answer, arrays = self._called("set", [item.pair for item in pairs], about)
+            cloud = replace(self._cloud(arrays, len(pairs)), fused=answer.get("fused", True))
             warnings = tuple(answer.get("warnings", ()))
         except MethodFailureError as error:
             call = self._failed(error)
@@ -72,10 +79,10 @@ class IsolatedMapper(IsolatedMethod):
         warnings: tuple[str, ...] = ()
         kind, number = ("set", 0) if self.maps_sets else ("pair", index)
         try:
-            call, answer = self._called(kind, [pair], [_ordered(pair, T_lm_navsb, number)])
-            disparity = self._disparity(pair)
-            if self._file("cloud").exists():
-                found = self._cloud(MAX_PAIRS)
+            call, answer, arrays = self._called(kind, [pair], [_ordered(pair, T_lm_navsb, number)])
+            disparity = self._disparity(arrays, pair)
+            if "cloud" in arrays:
+                found = self._cloud(arrays, MAX_PAIRS)
                 cloud = replace(found, pair=np.full(len(found), index, np.uint8))
             elif disparity is not None:
                 disparity = np.where(disparity > 0.0, disparity, F(np.nan))
@@ -107,8 +114,8 @@ class IsolatedMapper(IsolatedMethod):
         cloud = PointCloud.concatenate([item.cloud for item in maps])
         if self._process is not None and self._process.fuses and self._is_complete:
             try:
-                call, answer = self._called("fuse", [last], [_ordered(last, None, 0)])
-                cloud = replace(self._cloud(len(maps)), fused=True)
+                call, answer, arrays = self._called("fuse", [last], [_ordered(last, None, 0)])
+                cloud = replace(self._cloud(arrays, len(maps)), fused=True)
                 warnings = tuple(answer.get("warnings", ()))
             except MethodFailureError as error:
                 call = self._failed(error)
@@ -119,30 +126,29 @@ class IsolatedMapper(IsolatedMethod):
 
     def _called(
         self, kind: str, pairs: Sequence[StereoPair], about: Sequence[OrderedPair]
-    ) -> tuple[MethodCall, Answer]:
-        """Return the call and its answer; the arrays of the previous call are removed."""
+    ) -> tuple[MethodCall, Answer, dict[str, bytes]]:
+        """Return the call, its answer and the files of its arrays; the files of the previous call are removed."""
         process = self._running_process()
-        for what in ("cloud", "disparity"):
-            self._file(what).unlink(missing_ok=True)
-        call, answer = process.call(kind, pairs, about)
+        limits = {"cloud": MAX_CLOUD_BYTES, "disparity": 8 * pairs[-1].left.size + 2 * MAX_HEADER}
+        for what in limits:
+            Path(f"{process.output}.{what}.npy").unlink(missing_ok=True)
+        call, answer, arrays = process.call(kind, pairs, about, arrays=limits)
         check_stamp(pairs[-1], answer)
-        return call, answer
+        return call, answer, arrays
 
-    def _file(self, what: str) -> Path:
-        assert self._process is not None
-        return Path(f"{self._process.output}.{what}.npy")
-
-    def _array(self, what: str, limit: int, fields: Collection[str] = ()) -> NDArray[Any]:
-        """Return an array of the last answer, with checks, because the method can write anything to this folder."""
+    def _array(self, arrays: Mapping[str, bytes], what: str, fields: Collection[str] = ()) -> NDArray[Any]:
+        """Return an array of an answer, with checks, because the method can write anything to its folder."""
         try:
-            return parse_npy(read_bytes(self._file(what), limit), fields)
-        except (OSError, ValueError) as error:
+            if what not in arrays:
+                raise ValueError("there is no file")
+            return parse_npy(arrays[what], fields)
+        except ValueError as error:
             raise MethodFailureError(FindingKind.INVALID_RESULT, f"the {what} cannot be read: {error}") from error
 
-    def _disparity(self, pair: StereoPair) -> FloatImage | None:
-        if not self._file("disparity").exists():
+    def _disparity(self, arrays: Mapping[str, bytes], pair: StereoPair) -> FloatImage | None:
+        if "disparity" not in arrays:
             return None
-        found: FloatImage = self._array("disparity", 8 * pair.left.size + 2 * MAX_HEADER)
+        found: FloatImage = self._array(arrays, "disparity")
         if found.shape != pair.left.shape:
             text = f"the disparity image is {found.shape}, the left image {pair.left.shape}"
             raise MethodFailureError(FindingKind.INVALID_RESULT, text)
@@ -150,9 +156,9 @@ class IsolatedMapper(IsolatedMethod):
             raise MethodFailureError(FindingKind.NOT_FINITE, "a disparity is infinite")
         return found
 
-    def _cloud(self, pairs: int) -> PointCloud:
-        """Return the points of the last answer; `pairs` is the number of mapped pairs."""
-        records = self._array("cloud", MAX_CLOUD_BYTES, tuple(FIELD_TYPES))
+    def _cloud(self, arrays: Mapping[str, bytes], pairs: int) -> PointCloud:
+        """Return the points of an answer; `pairs` is the number of mapped pairs."""
+        records = self._array(arrays, "cloud", tuple(FIELD_TYPES))
         try:
             cloud = PointCloud.from_structured(records, fused=False)
         except GeometryError as error:

@@ -27,12 +27,13 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         T_ds_rb: Transform,
         rate_hz: float = 0.0,
         disparities: int = 0,
+        keeps_rate: bool = False,
         hidden: Sequence[Path],
     ) -> None:
-        """Start the process, which cannot read the hidden paths."""
+        """Start the process, which cannot read the hidden paths; `keeps_rate` as for `MethodProcess`."""
         self._method, self._rig, self._hidden = method, rig, hidden
         self._limits = limits or MethodLimits()
-        self._rate_hz, self._disparities = rate_hz, disparities
+        self._rate_hz, self._disparities, self._keeps_rate = rate_hz, disparities, keeps_rate
         self._starts = 0
         self._last_pose = T_ds_rb
         self._process: MethodProcess | None = None
@@ -73,6 +74,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
                 T_ds_rb=self._last_pose,
                 rate_hz=self._rate_hz,
                 disparities=self._disparities,
+                keeps_rate=self._keeps_rate,
                 hidden=self._hidden,
             )
         return self._process

@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import NoReturn, TypeVar
 
 import msgspec
@@ -27,7 +28,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.host_clock import CallClock
-from sfr_loc_map.inputs import Task
+from sfr_loc_map.inputs import Task, read_bytes
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.memory_mark import peak_of, reset_peak
 from sfr_loc_map.methods.child.loop import Answer, Camera, Hello, Order, OrderedPair, Pose, Reply, Setup
@@ -53,6 +54,9 @@ the images and the transfer of the result, and a busy host delays single calls."
 MISSTATED_CALL_S = 0.01
 """Allowed difference per call, s. A transfer takes 5 ms, which adds up to 1 s in 200 calls."""
 LONGEST_ANSWER = 16_000_000  #: Bytes.
+BETWEEN_S = 0.002
+"""Processor time between two calls that is not added to the second call, s. The process of an idle method needs less to
+end a call."""
 
 T = TypeVar("T")
 
@@ -131,10 +135,14 @@ class MethodProcess:
         T_ds_rb: Transform,
         rate_hz: float = 0.0,
         disparities: int = 0,
+        keeps_rate: bool = False,
         hidden: Sequence[Path],
     ) -> None:
-        """Start the process without access to `hidden`, and wait for its warm-up; `T_ds_rb` is the initial pose."""
-        self._limits = limits
+        """Start the process without access to `hidden`, and wait for its warm-up; `T_ds_rb` is the initial pose.
+
+        `keeps_rate` states that pairs are sent at `rate_hz`, so that the method may work between its calls.
+        """
+        self._limits, self._keeps_rate = limits, keeps_rate
         shared = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
         self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
         # open in this process, so that the kernel grants no lease of the log
@@ -146,12 +154,13 @@ class MethodProcess:
         self._unread = b""  # bytes of the standard output
         self._method_pid = 0
         self._tree: ProcessTree | None = None
-        self._ended = TreeUsage()  # usage at the end of the last call
         self._peak_bytes = 0  # largest sampled memory of the current call
         self._resident: deque[int] = deque(maxlen=LEAK_CALLS)
         self._measured_s = self._stated_s = 0.0  # summed over the calls since the last finding
         self._stated_calls = 0
         self._clock = CallClock()
+        self._answered_s: float | None = None  # end of the last call, by the monotonic clock
+        self._answered_cpu_s = 0.0  # processor time of all processes at that time
         setup = Setup(
             task=method.task.value,
             target=method.target,
@@ -188,7 +197,8 @@ class MethodProcess:
         self.fuses, self.maps_sets = hello["fuses"], hello["maps_sets"]
         idle_bytes = reset_peak(self._method_pid)
         self.idle_bytes = None if idle_bytes is None else idle_bytes + self._file_bytes()
-        self._ended = self._tree.usage()
+        self._tree.usage()
+        self._answered_cpu_s = self._tree.cpu_s()
 
     def _start(self, method: Method, hidden: Sequence[Path]) -> subprocess.Popen[bytes]:
         """Start the supervisor, which starts `loop.py` with the adapter of the method."""
@@ -199,7 +209,7 @@ class MethodProcess:
         supervisor = [python, "-ES", str(CHILD / "supervisor.py"), rules]
         loop = [python, str(CHILD / "loop.py"), str(ADAPTERS / method.adapter)]
         with open(self._log.name, "ab") as log:
-            return subprocess.Popen(
+            process = subprocess.Popen(
                 supervisor + loop,
                 env=environment_of(method, work),
                 cwd=work,
@@ -209,32 +219,47 @@ class MethodProcess:
                 bufsize=0,
                 start_new_session=True,
             )
+        assert process.stdin is not None
+        os.set_blocking(process.stdin.fileno(), False)  # a method that does not read must not delay the timeout
+        return process
 
     def call(
-        self, kind: str, pairs: Sequence[StereoPair], about: Sequence[OrderedPair], since_start_s: float = 0.0
-    ) -> tuple[MethodCall, Answer]:
-        """Share the pairs, send an order, and return the call and the answer of the adapter.
+        self,
+        kind: str,
+        pairs: Sequence[StereoPair],
+        about: Sequence[OrderedPair],
+        since_start_s: float = 0.0,
+        arrays: Mapping[str, int] = MappingProxyType({}),
+    ) -> tuple[MethodCall, Answer, dict[str, bytes]]:
+        """Share the pairs, send an order, and return the call, the answer of the adapter, and the files of its arrays.
 
-        The call begins before the images are shared, because the method could already work on them. MethodFailureError
-        describes the failure if there is no valid result.
+        The call begins before the images are shared, because the method could already work on them. The call ends when
+        the answer and the files are read; `arrays` has the largest sizes of the files by suffix, bytes. Work of the
+        method between two calls is added to the second call. MethodFailureError describes the failure if there is no
+        valid result.
         """
         assert self._tree is not None
         order = Order(call=kind, pairs=list(about), since_start_s=since_start_s, output=self.output)
         begun = self._tree.usage()
         self._peak_bytes = 0
         reset_peak(self._method_pid)
+        between_s = max(self._tree.cpu_s() - self._answered_cpu_s, 0.0)
+        worked_s = self._worked_s(between_s)
         self._clock.begin()
         self._log.truncate(0)  # the log then holds only this call, for the message after a crash
         for images, pair in zip(self._images, pairs, strict=False):
             images[0], images[1] = pair.left, pair.right
         reply = self._exchange(order, Reply, self._limits.call_timeout_s)
+        contents = {suffix: self._content(suffix, limit) for suffix, limit in arrays.items()}
         seconds = self._clock.end()
-        now, last = self._look(), self._ended
-        self._ended = now
+        self._answered_s, self._answered_cpu_s = time.monotonic(), self._tree.cpu_s()
+        now = self._look()
         if "fault" in reply:
             raise MethodFailureError(FindingKind(reply["fault"]), reply.get("text", ""))
         if "result" not in reply or "seconds" not in reply:
             raise MethodFailureError(FindingKind.INVALID_RESULT, "the adapter returned no result")
+        if problems := [content for content in contents.values() if isinstance(content, MethodFailureError)]:
+            raise problems[0]
         answer, stated_s = reply["result"], reply["seconds"]
         # the peak covers only the method itself; the sampled sum includes its child processes
         peak = peak_of(self._method_pid)
@@ -243,13 +268,37 @@ class MethodProcess:
         taken = {
             "stated_s": stated_s,
             "cpu_s": round(now.cpu_s - begun.cpu_s, 2),
-            "cpu_between_s": round(max(begun.cpu_s - last.cpu_s, 0.0), 2),
+            "cpu_between_s": round(between_s, 2),
             "threads": now.threads,
             "processes": now.processes,
         }
         statistics = {**answer.get("statistics", {}), **taken}
         finding = self._leak(now.rss_bytes) or self._misstatement(seconds, stated_s)
-        return MethodCall(CallUsage(seconds, peak, above), finding, statistics=statistics), answer
+        usage = CallUsage(seconds + worked_s, peak, above)
+        found = {suffix: content for suffix, content in contents.items() if isinstance(content, bytes)}
+        return MethodCall(usage, finding, statistics=statistics), answer, found
+
+    def _worked_s(self, between_s: float) -> float:
+        """Return the time that the method worked since the last call, s.
+
+        This time is at most the processor time of all processes, `between_s`, and at most the time that passed. Before
+        the first call the method has no images. A method that receives pairs at their rate may work between its calls.
+        """
+        if self._answered_s is None or self._keeps_rate or between_s <= BETWEEN_S:
+            return 0.0
+        return min(between_s, time.monotonic() - self._answered_s)
+
+    def _content(self, suffix: str, limit: int) -> bytes | MethodFailureError | None:
+        """Return the content of an array's file, or why the file cannot be read; None without a file.
+
+        The method can write anything to this folder, at any time.
+        """
+        try:
+            return read_bytes(Path(f"{self.output}.{suffix}.npy"), limit)
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            return MethodFailureError(FindingKind.INVALID_RESULT, f"the {suffix} cannot be read: {error}")
 
     def _leak(self, resident_bytes: int) -> str:
         self._resident.append(resident_bytes)
@@ -270,36 +319,59 @@ class MethodProcess:
         return f"{FindingKind.MISSTATED}: {text}"
 
     def _exchange(self, message: Setup | Order, kind: type[T], timeout_s: float) -> T:
-        assert self._process.stdin is not None
-        try:
-            self._process.stdin.write(json.dumps(message).encode() + b"\n")
-        except OSError:
-            self._crashed()
-        line = self._line(timeout_s)
+        line = self._line(timeout_s, json.dumps(message).encode() + b"\n")
         try:
             return msgspec.convert(json.loads(line), kind)
         except (ValueError, RecursionError) as error:
             self._end(FindingKind.INVALID_RESULT, f"invalid answer of the adapter ({error}): {line[:80]!r}", error)
 
-    def _line(self, timeout_s: float) -> bytes:
+    def _line(self, timeout_s: float, request: bytes = b"") -> bytes:
+        """Send a request, and return the next line of the output.
+
+        Memory and timeout are checked by the clock, whatever the method reads or writes meanwhile.
+        """
+        assert self._process.stdin is not None
         assert self._process.stdout is not None
-        place, end = self._process.stdout.fileno(), time.monotonic() + timeout_s
-        answers = select.poll()
-        answers.register(place, select.POLLIN)
-        while b"\n" not in self._unread:
-            if not answers.poll(1000 * POLL_S):
+        orders, answers = self._process.stdin.fileno(), self._process.stdout.fileno()
+        streams = select.poll()
+        streams.register(answers, select.POLLIN)
+        if request:
+            streams.register(orders, select.POLLOUT)
+        now_s = time.monotonic()
+        end_s, look_s = now_s + timeout_s, now_s + POLL_S
+        while request or b"\n" not in self._unread:
+            now_s = time.monotonic()
+            if now_s >= look_s:
                 self._look()
-                if time.monotonic() > end:
-                    self._end(FindingKind.HANGING, f"has not answered for {timeout_s:g} s")
-                continue
-            data = os.read(place, 65536)
-            if not data:
-                self._crashed()
-            self._unread += data
-            if len(self._unread) > LONGEST_ANSWER:
-                self._end(FindingKind.INVALID_RESULT, f"answered more than {LONGEST_ANSWER // MB} MB")
+                look_s = time.monotonic() + POLL_S
+            if now_s > end_s:
+                self._end(FindingKind.HANGING, f"has not answered for {timeout_s:g} s")
+            ready = dict(streams.poll(1000 * max(look_s - now_s, 0.0)))
+            if orders in ready:
+                request = self._sent(orders, request)
+                if not request:
+                    streams.unregister(orders)
+            if answers in ready:
+                self._receive(answers)
         line, _, self._unread = self._unread.partition(b"\n")
         return line
+
+    def _sent(self, orders: int, request: bytes) -> bytes:
+        """Write as much of a request as the pipe accepts; return the rest."""
+        try:
+            return request[os.write(orders, request) :]
+        except BlockingIOError:
+            return request
+        except OSError:
+            self._crashed()
+
+    def _receive(self, answers: int) -> None:
+        data = os.read(answers, 65536)
+        if not data:
+            self._crashed()
+        self._unread += data
+        if len(self._unread) > LONGEST_ANSWER:
+            self._end(FindingKind.INVALID_RESULT, f"answered more than {LONGEST_ANSWER // MB} MB")
 
     def _look(self) -> TreeUsage:
         """Return the resource use of the processes; end them if they exceed the memory limit."""

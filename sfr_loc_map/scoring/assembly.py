@@ -117,6 +117,6 @@ def _process_warnings(method: MethodRecord, run: Run) -> Iterator[str]:
         outside_s = usage.cpu_outside_s or 0.0
         if outside_s > max(OUTSIDE_SHARE * usage.cpu_s, OUTSIDE_S):
             yield (
-                f"the method works outside its calls: {outside_s:.3g} s of {usage.cpu_s:.3g} s of processor time "
-                "are not in the times of the calls"
+                f"the method works outside its calls: {outside_s:.3g} s of {usage.cpu_s:.3g} s of processor time are "
+                "not of a call"
             )

@@ -4,12 +4,12 @@ import os
 from pathlib import Path
 
 from sfr_loc_map.methods.method_process import MB
-from sfr_loc_map.methods.process_tree import bytes_of_files, bytes_of_unnamed_files
+from sfr_loc_map.methods.process_tree import bytes_of_files, bytes_of_open_files
 
 
 def test_memory_in_files_without_a_name_counts_once(tmp_path: Path) -> None:
     """A file of `memfd_create` that is open twice, and a deleted file; a file with a name counts in its folder."""
-    before = bytes_of_unnamed_files([os.getpid()])
+    before = bytes_of_open_files([os.getpid()])
     memory, named = os.memfd_create("state"), tmp_path / "scratch"
     again = os.dup(memory)
     with named.open("wb") as stream:
@@ -17,12 +17,12 @@ def test_memory_in_files_without_a_name_counts_once(tmp_path: Path) -> None:
         stream.write(bytes(2 * MB))
         stream.flush()
         os.fsync(stream.fileno())
-        assert 0 <= bytes_of_unnamed_files([os.getpid()]) - before - 3 * MB < MB
+        assert 0 <= bytes_of_open_files([os.getpid()]) - before - 3 * MB < MB
         named.unlink()
-        assert 0 <= bytes_of_unnamed_files([os.getpid()]) - before - 5 * MB < MB
+        assert 0 <= bytes_of_open_files([os.getpid()]) - before - 5 * MB < MB
     os.close(memory)
     os.close(again)
-    assert bytes_of_unnamed_files([os.getpid()]) == before
+    assert bytes_of_open_files([os.getpid()]) == before
 
 
 def test_images_count_only_beyond_their_size(tmp_path: Path) -> None:

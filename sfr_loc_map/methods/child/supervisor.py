@@ -1,9 +1,9 @@
-"""Runs a command without access to other files and TCP: `python supervisor.py RULES COMMAND...`; requires only Linux.
+"""Runs a command without access to other files and to sockets: `python supervisor.py RULES COMMAND...`.
 
 RULES are JSON: folders that may be listed (`names`), paths that may be read (`read`), and paths that may be read and
-written (`write`). Missing paths are ignored. The command runs in a child process in a Landlock domain (Linux 5.13),
-which requires no privileges. The first line on standard output is JSON: the process id of the command, and the
-restrictions in force.
+written (`write`). Missing paths are ignored. The command runs in a child process in a Landlock domain (Linux 5.13) and
+under a filter of system calls (x86-64 and AArch64). Both require no privileges. The first line on standard output is
+JSON: the process id of the command, and the restrictions in force. This program requires only Linux.
 
 This process remains as the supervisor, and adopts orphaned descendants of the command. When the command has ended, the
 supervisor kills all descendants and exits with the status of the command. See docs/decisions/0010-isolation.md.
@@ -14,6 +14,7 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import platform
 import resource
 import signal
 import struct
@@ -29,6 +30,20 @@ READ = EXECUTE | READ_FILE | READ_DIR
 TCP, TCP_ABI = 3, 4  # rights to bind and connect, and the first ABI version with them
 SCOPES, SCOPES_ABI = 3, 6  # signals and abstract sockets, and the first ABI version with them
 LARGEST_FILE = 4_000_000_000  #: Bytes. Limits the disk use of a command that writes endlessly.
+CALLS = {
+    # seccomp; socket, setsockopt, sendmsg, sendmmsg; shmget, semget, msgget, mq_open; add_key, request_key, keyctl
+    "x86_64": (0xC000003E, 317, (41, 54, 46, 307), (29, 64, 68, 240), (248, 249, 250)),
+    "aarch64": (0xC00000B7, 277, (198, 208, 211, 269), (194, 190, 186, 180), (217, 218, 219)),
+}
+"""Number of the architecture, and numbers of system calls.
+
+A new socket could reach other processes, which could pass open files. A larger buffer (`setsockopt`) holds memory that
+no process has, and a message can hold open files (`sendmsg`). Memory of System V, message queues and keys outlive their
+process."""
+IO_URING_SETUP = 425  #: System call that makes sockets without the others, on every architecture.
+SET_FILTER, ALLOW_SPECULATION = 1, 4  #: The flag keeps the speed of the processor on kernels before 5.16.
+LOAD, JUMP_IF_EQUAL, JUMP_IF_GREATER_EQUAL, RETURN = 0x20, 0x15, 0x35, 0x06  #: Instructions of the filter.
+ALLOWED, REFUSED, FIRST_OF_X32 = 0x7FFF0000, 0x00050001, 0x40000000  #: REFUSED is "operation not permitted".
 LIBC = ctypes.CDLL(None, use_errno=True)
 
 
@@ -62,6 +77,26 @@ def restrict(names: list[str], read: list[str], write: list[str]) -> list[str]:
     _checked(LIBC.syscall(RESTRICT_SELF, ruleset, 0), "Landlock")
     os.close(ruleset)
     return ["files", "TCP"] if abi >= TCP_ABI else ["files"]
+
+
+def refuse_calls() -> list[str]:
+    """Refuse the system calls of `CALLS`; return the restrictions, which are empty if this is not possible.
+
+    A program of another architecture, for example of 32 bits, gets no system call at all.
+    """
+    if platform.machine() not in CALLS:
+        return []
+    architecture, seccomp, *groups = CALLS[platform.machine()]
+    refused = [number for group in groups for number in group] + [IO_URING_SETUP]
+    lines = [(LOAD, 0, 0, 4), (JUMP_IF_EQUAL, 0, len(refused) + 3, architecture)]
+    lines += [(LOAD, 0, 0, 0), (JUMP_IF_GREATER_EQUAL, len(refused) + 1, 0, FIRST_OF_X32)]
+    lines += [(JUMP_IF_EQUAL, len(refused) - place, 0, number) for place, number in enumerate(refused)]
+    lines += [(RETURN, 0, 0, ALLOWED), (RETURN, 0, 0, REFUSED)]
+    text = ctypes.create_string_buffer(b"".join(struct.pack("=HBBI", *line) for line in lines))
+    program = struct.pack("@HP", len(lines), ctypes.addressof(text))
+    LIBC.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
+    is_refused = LIBC.syscall(seccomp, SET_FILTER, ALLOW_SPECULATION, program) == 0
+    return ["sockets", "IPC"] if is_refused else []
 
 
 def supervise(command: int) -> None:
@@ -100,9 +135,10 @@ def main() -> None:
     text, *words = sys.argv[1:]
     rules = json.loads(text)
     try:
-        isolation = ", ".join(restrict(rules["names"], rules["read"], rules["write"]))
+        restrictions = restrict(rules["names"], rules["read"], rules["write"])
     except OSError as error:
-        isolation = f"not files ({error})"
+        restrictions = [f"not files ({error})"]
+    isolation = ", ".join([*restrictions, *refuse_calls()])
     print(json.dumps({"process": os.getpid(), "isolation": isolation}), flush=True)
     os.execv(words[0], words)
 
