@@ -242,7 +242,8 @@ def _of_parts(row: Figure, parts: Sequence[Figure]) -> Iterator[str]:
 def _of_calls(score: Score) -> Iterator[str]:
     """Yield the contradictions between time and memory of calls and the data of the plots."""
     for kind, plots in () if score.details is None else score.details.calls.items():
-        row = score.figure(kind, part=None)
+        is_stated = score.external is not None and kind == score.external.task  # its other row has latencies
+        row = score.figure(kind, part=RowPart(place=Place.STATED) if is_stated else None)
         if row is not None:
             yield from _of_times(row, plots)
         yield from _of_memory(score, kind, plots)

@@ -9,13 +9,15 @@ from msgspec.structs import replace
 
 from helpers.cli_result import Sfr
 from helpers.made_scores import calls, cloud, drive
-from sfr_loc_map.metrics.calls import score_calls
+from sfr_loc_map.metrics.calls import score_calls, with_external
 from sfr_loc_map.metrics.cloud_error import score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import Details
+from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.raw_values import raw_contradiction
+from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
@@ -93,6 +95,24 @@ def test_counts_and_fractions_of_completeness_agree() -> None:
                 replace(row, value=0.25) if (row.figure, row.part) == (name, part) else row for row in score.figures
             ]
             assert (raw_contradiction(replace(score, figures=tuple(rows))) or "").startswith(name)
+
+
+def test_the_calls_of_an_external_node_are_compared_with_its_statements_and_not_with_its_latencies() -> None:
+    score = scored(300, 48)
+    node = ExternalScore(
+        task="localisation",
+        topic="odometry",
+        frames="world -> camera",
+        answers=AnswerCounts(pairs=300, answered=300),
+        latency_s=Statistics(n=300, mean=1.5, rmse=1.5, max=2.0),
+    )
+    external = with_external(score_calls(calls(300, 2)), node)
+    others = [row for row in score.figures if row.subject not in ("calls", "memory")]
+    score = replace(score, figures=(*others, *external.figures), external=node)
+    assert raw_contradiction(score) is None
+    problem = raw_contradiction(edited(score, "localisation", "max", 0.9, "stated"))
+    assert problem is not None
+    assert "localisation" in problem
 
 
 def test_the_errors_of_each_limited_figure_of_a_drive_are_kept() -> None:
