@@ -20,7 +20,7 @@ from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import calls_result, drive_result, expected_calls
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LiveRun:
     """The state of a run in progress, which its node knows besides the received data."""
 
@@ -41,7 +41,7 @@ class LiveRun:
 ENDED = LiveRun()  #: A run that has ended without losses, of which all data of plots are kept.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Received:
     """The received data of a run in progress, with the results that are not computed again for each score."""
 

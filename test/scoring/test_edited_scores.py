@@ -121,7 +121,7 @@ def edited(score: dict[str, Any], place: str, value: Any) -> dict[str, Any]:
         ("verdict", "pass", "verdict is 'pass', but the figures give 'fail'"),
         ("rules.limits.0.limit", 1.0, "limit of the verdict on position_mean_plus_3sigma_m is 0.001"),
         ("rules.limits.0.name", "position_mean_m", "name of the verdict on position_mean_plus_3sigma_m is"),
-        ("rules.limits.0.name", "position_mode_m", "'position_mode_m' is not a limit of the part 'trajectory'"),
+        ("rules.limits.0.name", "position_mode_m", "'position_mode_m' is not a limit of the section 'trajectory'"),
         ("rules.limits.0.condition", "distance=-5", "'distance=-5' is not a condition"),
         ("rules.limits", None, "it has 1 verdicts, but its figures and limits give 0"),
         ("figures.0.mean_plus_3sigma", 0.0005, "|mean| + 3 sigma is"),
