@@ -12,7 +12,8 @@ export function showFigures(run) {
   const warnings = run.report?.warnings ?? [];
   const first = tables.filter((table) => FIRST.includes(table.name));
   const withNotes = first.flatMap((table) => [tableOf(table, { withHelp: true }), noteOf(table.note)]);
-  byId("figure-table").replaceChildren(...(first.length ? withNotes : [noteOf("not enough data")]));
+  const empty = noteOf(run.report ? "not enough data" : "The monitor has not reported yet.");
+  byId("figure-table").replaceChildren(...(first.length ? withNotes : [empty]));
   byId("warnings").replaceChildren(...warnings.map((text) => element("li", { text })));
   showFolded(tables.filter((table) => !FIRST.includes(table.name)));
   byId("all").hidden = !tables.length;

@@ -65,16 +65,18 @@ function noPosePill(run) {
 function nodesPill(run) {
   const nodes = run.live?.nodes ?? [];
   const stale = nodes.filter((node) => node.stale);
+  const silent = stale.filter((node) => node.age_s !== null); // others have not reported yet
   const failed = nodes.filter((node) => node.level === "error" && !node.stale);
   const warned = nodes.filter((node) => node.level === "warning");
   const names = (some) => some.map(shortName).join(", ");
   if (!nodes.length) return { ...WAITING, text: run.ended ? "no node" : "no node yet" };
   if (run.ended) return { ...ENDED, text: `${count(nodes)} ended` };
   if (failed.length) return { ...STATES.lost, text: `${names(failed)}: error`, title: failed[0].message };
-  if (stale.length) {
-    const areGone = stale.every((node) => node.in_graph === false);
-    return { ...UNKNOWN, text: `${names(stale)}: ${areGone ? "gone" : "silent"}` };
+  if (silent.length) {
+    const areGone = silent.every((node) => node.in_graph === false);
+    return { ...UNKNOWN, text: `${names(silent)}: ${areGone ? "gone" : "silent"}` };
   }
+  if (stale.length) return { ...WAITING, text: `${names(stale)}: not heard yet` };
   if (warned.length) return { ...STATES.degraded, text: `${names(warned)}: warning`, title: warned[0].message };
   return { ...WORKING, text: count(nodes) };
 }
