@@ -21,8 +21,9 @@ CAUCHY_SCALE = 4.9
 is measured. With half or twice the value the errors of rendered pairs are 7 to 14 % larger
 (measurements/mapper_trials.md)."""
 EDGE_FACTOR = 10.0
-"""Second differences above this multiple of the median are edges, not the shape of the ground. Chosen by hand: normally
-distributed second differences do not reach it."""
+"""Second differences above this multiple of the median are edges, not the shape of the ground. Normally distributed
+second differences do not reach it. With half or twice the value, the errors of three pairs change by about 1 %,
+and the ratio of squared error to variance by up to 26 % (measurements/mapper_trials.md)."""
 LOCAL_MAGNITUDE_WINDOW = 9
 """Side of the window over which the second differences of the roughness are averaged, in units of their spacing, which
 is 4 cells. The mean of the roots of 81 independent values has a relative standard deviation of 5 %."""

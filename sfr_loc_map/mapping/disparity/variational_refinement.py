@@ -69,7 +69,8 @@ TEMPLATE_SIGMAS = 4.0
 right image shows another surface there. The optimum is flat (measurements/mapper_trials.md)."""
 MIN_WEIGHT = F(0.1)
 """Lower bound of the mean weight that divides the squared residuals of a cell. It limits the inflation of the variance
-where nearly all residuals around a cell are outliers. Chosen by hand."""
+where nearly all residuals around a cell are outliers. With half or twice the value, the MAE of three pairs changes by
+less than 0.1 % (measurements/mapper_trials.md)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
