@@ -232,6 +232,7 @@ NODE_SECTIONS = {
     "sync": NodeSection("input", (_LOCALISER, _MAPPER)),
 }
 """Sections that contain node parameters."""
+SIMILAR = 0.8  #: Smallest similarity of the misspelt name of a section (`difflib`); parameters differ more from all.
 ROS_PARAMETERS = "ros__parameters"  #: Name of the parameters of a node in a ROS parameter file.
 _SECTION_OF_PREFIX = {known.prefix: name for name, known in NODE_SECTIONS.items() if known.prefix}
 
@@ -288,8 +289,10 @@ def _sections_of_file(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
             sections[section] = value or {}
         else:
             raise ConfigError(f"{path}: '{section}' is {value!r:.40}: names with values are required")
-    if "" in sections and sections.keys() - {"", "localisation", "mapping"}:
-        wrong = next(iter(sections[""])).partition(".")[0]
+    unknown = [key.partition(".")[0] for key in sections.get("", {})]
+    misspelt = [name for name in unknown if difflib.get_close_matches(name, SECTIONS, n=1, cutoff=SIMILAR)]
+    if misspelt or (unknown and sections.keys() - {"", "localisation", "mapping"}):
+        wrong = (misspelt or unknown)[0]
         raise ConfigError(f"{path}: unknown section '{wrong}'{suggestion(wrong, SECTIONS)}")
     return sections
 

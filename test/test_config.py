@@ -147,3 +147,17 @@ def test_parameters_of_nodes_are_read_from_a_ros_parameter_file(
 ) -> None:
     (tmp_path / "nodes.yaml").write_text(text)
     assert read_sections(tmp_path / "nodes.yaml") == sections
+
+
+@pytest.mark.parametrize("name", ["thruth", "callibration", "topic"])
+def test_a_misspelt_section_is_refused_also_if_it_is_the_only_one(tmp_path: Path, name: str) -> None:
+    (tmp_path / "sfr.yaml").write_text(f"{name}: {{file: x}}\n")
+    with pytest.raises(ConfigError, match=f"sfr.yaml: unknown section '{name}' \\(did you mean"):
+        read_sections(tmp_path / "sfr.yaml")
+
+
+def test_parameters_without_a_section_are_kept(tmp_path: Path) -> None:
+    names = {info.name for config_type in (LocalisationConfig, MappingConfig) for info in parameters(config_type)}
+    names = {name for name in names if not name.startswith("calibration.")}  # also the name of a section
+    (tmp_path / "plain.yaml").write_text("".join(f"{name}: 1\n" for name in sorted(names)))
+    assert read_sections(tmp_path / "plain.yaml") == {"": dict.fromkeys(sorted(names), 1)}
