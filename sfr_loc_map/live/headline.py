@@ -10,7 +10,8 @@ from sfr_loc_map.live.run_end import Aborted
 from sfr_loc_map.report.limit_bars import LimitBar
 from sfr_loc_map.report.summary import Banner
 
-NO_FIGURES = Banner.without_verdict("waiting", "No figures yet: waiting for metrics/report of the monitor.")
+NO_FIGURES_YET = Banner.without_verdict("waiting", "No figures yet: waiting for metrics/report of the monitor.")
+NO_FIGURES = Banner.without_verdict("no figures", "The monitor reported no figures.")  # after the end
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +35,16 @@ def headline(
     aborted: Aborted | None,
 ) -> Headline:
     """Return the headline of a run. The states take precedence in the order aborted, ended, stale, up to date."""
-    shown = overall or NO_FIGURES
+    shown = overall or (NO_FIGURES_YET if aborted is None and ended_s is None else NO_FIGURES)
     judged = [shown.text]
     if bars and bars[0].margin:
         judged.append(f"{'Worst' if bars[0].state == 'fail' else 'Least margin'}: {bars[0].text}.")
     age = "" if overall is None or age_s is None else f"{age_s:.0f} s old"
     if aborted is not None:
-        how = f"{aborted.by} at {clock_time(aborted.at_s)}."
-        return Headline("■", "fail", "aborted", "", " ".join([how, f"Verdict until then: {shown.state}.", *judged]))
+        how = [f"{aborted.by} at {clock_time(aborted.at_s)}."]
+        if overall is not None:
+            how.append(f"Verdict until then: {overall.state}.")
+        return Headline("■", "fail", "aborted", "", " ".join([*how, *judged]))
     if ended_s is not None:
         return Headline(shown.icon, shown.style, f"{shown.state}, ended at {clock_time(ended_s)}", "", " ".join(judged))
     if stale_reasons:

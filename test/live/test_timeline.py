@@ -123,6 +123,16 @@ def test_a_node_in_error_that_becomes_silent_has_two_events() -> None:
     assert [event["to"] for event in state.events_to_plain()] == [1.0, 10.0]
 
 
+def test_a_run_that_ends_without_a_report_no_longer_waits_for_one() -> None:
+    state = LiveState()
+    assert state.live_to_plain(1.0)["headline"]["word"] == "waiting"
+    state.end(RunEnd(aborted="the nodes did not start"), 2.0)
+    ended = state.live_to_plain(3.0)["headline"]
+    assert ended["word"] == "aborted"
+    assert ended["text"].startswith("the nodes did not start at ")
+    assert ended["text"].endswith(". The monitor reported no figures.")
+
+
 def test_events_are_bounded() -> None:
     line = Timeline()
     for number in range(3 * MAX_EVENTS):

@@ -57,9 +57,10 @@ function localisationPill(run) {
 }
 
 function noPosePill(run) {
+  if (run.ended) return { ...ENDED, text: "no pose" };
   const compiling = run.live?.nodes.find((node) => node.values.activity === "compiling");
   if (compiling) return { ...WAITING, text: `${shortName(compiling)} ${compiling.message}` };
-  return { ...WAITING, text: run.ended ? "no pose" : "no pose yet" };
+  return { ...WAITING, text: "no pose yet" };
 }
 
 function nodesPill(run) {
