@@ -1,15 +1,17 @@
 """What all tests share."""
 
+import functools
 import os
 import signal
-import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
 import pytest
+import typer.main
 
-from helpers.cli_result import Result, Sfr
+from helpers.cli_result import Sfr, run_sfr
 from sfr_loc_map.signals import END_SIGNALS
 
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # before any message class is imported
@@ -19,6 +21,9 @@ hypothesis.settings.register_profile(
     "busy_host", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
 )
 hypothesis.settings.load_profile("busy_host")
+
+# `sfr` is called thousands of times in one process: typer would make its 26 commands again for each call.
+typer.main.get_command = functools.cache(typer.main.get_command)
 
 # A shell that runs the tests in its background has them, and what they start, ignore Ctrl-C.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -59,20 +64,11 @@ def _signals_as_before() -> Iterator[None]:
 
 
 @pytest.fixture
-def sfr(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Sfr:
-    """`sfr(...)` as from the shell, without the cost of a process for each."""
-    from sfr_loc_map.cli.main import main
-
+def sfr(monkeypatch: pytest.MonkeyPatch) -> Sfr:
+    """`sfr(...)` runs a command line in this process. It prints no hints, for tests of what a command itself prints."""
     monkeypatch.delenv("SFR_DEBUG", raising=False)
-    monkeypatch.setenv("SFR_HINTS", "0")  # for tests of what a command says itself
-
-    def run(*arguments: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["sfr", *map(str, arguments)])
-        capsys.readouterr()
-        code = main()
-        return Result(code, *capsys.readouterr())
-
-    return run
+    monkeypatch.setenv("SFR_HINTS", "0")
+    return run_sfr
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +84,7 @@ def scheduler() -> Iterator[str]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files that have slow tests: at the end all processes of `make test` have short ones left."""
-    slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    """Begin with the files that have most slow tests or tests of ROS, so that `make test` ends with short files."""
+    markers = ("slow", "ros")
+    counts = Counter(item.path for item in items if any(item.get_closest_marker(name) for name in markers))
+    items.sort(key=lambda item: -counts[item.path])

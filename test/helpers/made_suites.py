@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from helpers.cli_result import Result
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
@@ -48,12 +46,6 @@ def results(folder: Path) -> dict[str, object]:
 def stamps_of(folder: Path) -> dict[Path, int]:
     """Return the time of the last change of each result of a suite, ns."""
     return {path: path.stat().st_mtime_ns for path in (folder / "results").iterdir()}
-
-
-def sfr_process(*arguments: object) -> Result:
-    """Return the result of a command in its own process, for fixtures that several tests share."""
-    done = subprocess.run([*SFR, *map(str, arguments)], capture_output=True, text=True, check=False)
-    return Result(done.returncode, done.stdout, done.stderr)
 
 
 def straight(count: int, sigma_m: float, seed: int, step_m: float = 0.1) -> Trajectory:

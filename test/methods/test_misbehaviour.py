@@ -61,7 +61,7 @@ def test_shared_memory_of_other_methods_is_shut_off(drive: Path, tmp_path: Path,
         assert {float(row["opened"]) for row in csv.DictReader(stream)} == {0.0}
 
 
-def test_a_crashing_class_fails_a_suite_and_a_benchmark(tmp_path: Path, sfr: Sfr) -> None:
+def test_a_crashing_class_fails_a_suite_and_a_benchmark(tmp_path: Path, sfr: Sfr, scheduler: str) -> None:
     """Its limits are met; ours beside it passes."""
     source = write_folder(tmp_path / "source", 20, 0)
     (tmp_path / "candidate.py").write_text(ABORTING)
@@ -76,7 +76,8 @@ def test_a_crashing_class_fails_a_suite_and_a_benchmark(tmp_path: Path, sfr: Sfr
         },
     }
     (tmp_path / "suite.yaml").write_text(yaml.safe_dump(suite))
-    ran = sfr("suite", "run", tmp_path / "suite.yaml", "--out", tmp_path / "out", "--workers", 1, "--json", "-")
+    words = ("--out", tmp_path / "out", "--scheduler", scheduler, "--json", "-")
+    ran = sfr("suite", "run", tmp_path / "suite.yaml", *words)
     summary = json.loads(ran.out)
     found = {
         group["configuration"]: [item["name"] for item in group["verdicts"] if item["verdict"] == "fail"]

@@ -7,8 +7,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,8 +16,9 @@ import numpy as np
 import pytest
 import yaml
 
-from helpers.cli_result import Result, Sfr
-from helpers.made_suites import SFR, made_suite, results, sfr_process, stamps_of
+from helpers.cli_result import Result, Sfr, run_sfr
+from helpers.made_suites import SFR, made_suite, results, stamps_of
+from helpers.processes import wait_until
 from helpers.score_rows import row
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
@@ -38,9 +37,11 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def serial(suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def serial(suite: Path, tmp_path_factory: pytest.TempPathFactory, scheduler: str) -> Path:
+    """Run the suite on one worker; return the folder of the results."""
     out = tmp_path_factory.mktemp("serial") / "out"
-    subprocess.run([*SFR, "suite", "run", str(suite), "--out", str(out), "--workers", "1"], check=True)
+    ran = run_sfr("suite", "run", suite, "--out", out, "--scheduler", scheduler)
+    assert ran.code == 0, ran.err
     return out
 
 
@@ -97,21 +98,21 @@ def test_the_last_printed_line_states_verdict_and_number_of_results(sfr: Sfr, se
 
 
 @pytest.mark.slow
-def test_a_suite_that_is_stopped_twice_continues_to_the_same_results(suite: Path, serial: Path, tmp_path: Path) -> None:
-    out, command = (tmp_path / "out", [sys.executable, "-m", "sfr_loc_map"])
-    command += ["suite", "run", str(suite), "--out", str(out), "--workers", "2"]
+def test_a_suite_that_is_stopped_twice_continues_to_the_same_results(
+    sfr: Sfr, suite: Path, serial: Path, tmp_path: Path, scheduler: str
+) -> None:
+    out = tmp_path / "out"
+    command = [*SFR, "suite", "run", str(suite), "--out", str(out), "--workers", "1"]
     for number, (how, code) in enumerate([(signal.SIGINT, 130), (signal.SIGKILL, -9)], 1):
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        end = time.monotonic() + 60
-        while len(list((out / "results").glob("*.json"))) < number and time.monotonic() < end:
-            time.sleep(0.02)
+        wait_until(lambda n=number: len(list((out / "results").glob("*.json"))) >= n, "another result")
         os.kill(process.pid, how)
         assert process.wait(60) == code
     kept = {path: path.stat().st_mtime_ns for path in (out / "results").glob("*.json")}
     assert 2 <= len(kept) <= DRIVES
     (out / "plan.json").unlink()
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    done = sfr("suite", "run", suite, "--out", out, "--scheduler", scheduler)
+    assert done.code == 0, done.err
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in kept.items())
     assert results(out) == results(serial)
     assert json.loads((out / "suite.json").read_text())["counts"]["done"] == DRIVES
@@ -150,14 +151,15 @@ class FailedRun(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def failed_run(tmp_path_factory: pytest.TempPathFactory) -> FailedRun:
+def failed_run(tmp_path_factory: pytest.TempPathFactory, scheduler: str) -> FailedRun:
     """Run a suite with a good estimate, an estimate that is no trajectory, and a source that does not exist."""
     folder = tmp_path_factory.mktemp("failed")
     suite = made_suite(folder / "made of it", 2)
     (suite.parent / "drive0.csv").write_text("stamp_ns\nnonsense\n")
     content = yaml.safe_load(suite.read_text())
     suite.write_text(yaml.safe_dump(content | {"sources": [*content["sources"], "gone"]}))
-    return FailedRun(suite, folder / "out", sfr_process("suite", "run", suite, "--out", folder / "out"))
+    ran = run_sfr("suite", "run", suite, "--out", folder / "out", "--scheduler", scheduler)
+    return FailedRun(suite, folder / "out", ran)
 
 
 @pytest.mark.slow
@@ -209,13 +211,13 @@ def test_the_calls_beside_an_estimate_are_judged_as_by_score(sfr: Sfr, tmp_path:
 
 
 @pytest.fixture(scope="module")
-def run_with_bad_drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def run_with_bad_drive(tmp_path_factory: pytest.TempPathFactory, scheduler: str) -> tuple[Path, Path]:
     """Run a suite of three drives, of which one misses the limit; return its file and folder."""
     folder = tmp_path_factory.mktemp("bad_drive")
     suite = made_suite(folder / "made", 3, limits=LIMITS)
     made_suite(folder / "bad", 3, sigma_m=0.2)
     (folder / "bad/drive2.csv").replace(folder / "made/drive2.csv")
-    ran = sfr_process("suite", "run", suite, "--out", folder / "out", "--workers", 1)
+    ran = run_sfr("suite", "run", suite, "--out", folder / "out", "--scheduler", scheduler)
     assert ran.code == 1, ran.err
     return suite, folder / "out"
 
@@ -280,9 +282,11 @@ def test_the_report_warns_without_the_suite_file(sfr: Sfr, missed: tuple[Path, P
     assert "was not compared with this file" in sfr("suite", "report", out).err
 
 
-def test_a_suite_whose_bad_drive_was_replaced_by_another_is_incomplete(sfr: Sfr, tmp_path: Path) -> None:
+def test_a_suite_whose_bad_drive_was_replaced_by_another_is_incomplete(
+    sfr: Sfr, tmp_path: Path, scheduler: str
+) -> None:
     """Both drives are as long as each other, and their files have the same names in different folders."""
-    out, words = tmp_path / "out", ("--workers", 1, "--json", "-")
+    out, words = tmp_path / "out", ("--scheduler", scheduler, "--json", "-")
     bad, good = (made_suite(tmp_path / name, 1, sigma, limits=LIMITS) for name, sigma in (("bad", 0.2), ("good", 1e-3)))
     assert sfr("suite", "run", bad, "--out", out, *words).code == 1
     swapped = sfr("suite", "run", good, "--out", out, *words)
@@ -294,7 +298,7 @@ def test_a_suite_whose_bad_drive_was_replaced_by_another_is_incomplete(sfr: Sfr,
     ("kind", "reason"), [("between", "of the frames are in no judged error"), ("copy", "are those of the ground truth")]
 )
 def test_an_incomplete_score_of_a_drive_makes_the_suite_incomplete(
-    sfr: Sfr, tmp_path: Path, kind: str, reason: str
+    sfr: Sfr, tmp_path: Path, scheduler: str, kind: str, reason: str
 ) -> None:
     """Wrong frames between the starts of the sub-trajectories, and copied true poses."""
     suite = made_suite(tmp_path / "made", 2, limits=LIMITS)
@@ -304,7 +308,7 @@ def test_an_incomplete_score_of_a_drive_makes_the_suite_incomplete(
     wrong = drive.positions + is_between * np.array([0.0, 0.0, 3.0])
     chosen = wrong if kind == "between" else truth.positions
     save_trajectory(path, Trajectory(drive.stamps_ns, chosen, drive.quats_xyzw))
-    ran = sfr("suite", "run", suite, "--out", tmp_path / "out", "--workers", 1, "--json", "-")
+    ran = sfr("suite", "run", suite, "--out", tmp_path / "out", "--scheduler", scheduler, "--json", "-")
     found = json.loads(ran.out)
     assert (ran.code, found["verdict"]) == (3, "incomplete"), ran.err
     assert [reason in drive.get("incomplete", "") for drive in found["drives"]] == [True, False], found["drives"]
@@ -360,13 +364,13 @@ def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(
 
 
 @pytest.fixture(scope="module")
-def decided(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Result]:
+def decided(tmp_path_factory: pytest.TempPathFactory, scheduler: str) -> tuple[Path, Path, Result]:
     """Run a suite of 12 drives that stops when its sequential test has decided; return file, folder and result."""
     folder = tmp_path_factory.mktemp("decided")
     share = {"limit": 1.0, "prob": 0.75, "confidence": 0.75, "power": 0.75, "good": 0.05, "interpretation": "ensemble"}
     limits = {"trajectory": [{"condition": "distance=1", "position_bound_m": share}]}
     suite = made_suite(folder / "suite", 12, limits=limits, stop_when_decided=True)
-    ran = sfr_process("suite", "run", suite, "--out", folder / "out", "--workers", 1, "--json", "-")
+    ran = run_sfr("suite", "run", suite, "--out", folder / "out", "--scheduler", scheduler, "--json", "-")
     return suite, folder / "out", ran
 
 
@@ -416,11 +420,11 @@ BUDGET = {
 
 
 @pytest.mark.slow
-def test_an_error_budget_states_the_shares_of_its_sources(sfr: Sfr, tmp_path: Path) -> None:
+def test_an_error_budget_states_the_shares_of_its_sources(sfr: Sfr, tmp_path: Path, scheduler: str) -> None:
     (tmp_path / "scenario.yaml").write_text("{}\n")
     suite = tmp_path / "budget.yaml"
     suite.write_text(yaml.safe_dump(BUDGET))
-    found = sfr("suite", "run", suite, "--out", tmp_path / "out", "--workers", "1", "--json", "-")
+    found = sfr("suite", "run", suite, "--out", tmp_path / "out", "--scheduler", scheduler, "--json", "-")
     assert found.code == 0, found.err
     summary = json.loads(found.out)
     assert summary["counts"]["done"] == 2 * 4

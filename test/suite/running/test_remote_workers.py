@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 import sfr_loc_map
+from helpers.cli_result import run_sfr
 from helpers.made_suites import SFR, made_suite, results
 from helpers.processes import wait_until
 
@@ -33,10 +34,12 @@ def address() -> Iterator[str]:
 
 @pytest.mark.slow
 @pytest.mark.timeout(180)
-def test_other_code_gets_no_task_and_the_results_are_those_of_one_process(address: str, tmp_path: Path) -> None:
+def test_other_code_gets_no_task_and_the_results_are_those_of_one_worker(
+    address: str, scheduler: str, tmp_path: Path
+) -> None:
     suite = made_suite(tmp_path / "drives", DRIVES)
     serial, out, said = tmp_path / "serial", tmp_path / "out", tmp_path / "said"
-    subprocess.run([*SFR, "suite", "run", str(suite), "--out", str(serial), "--workers", "1"], check=True)
+    assert run_sfr("suite", "run", suite, "--out", serial, "--scheduler", scheduler).code == 0
     shutil.copytree(Path(sfr_loc_map.__file__).parent, tmp_path / "code" / "sfr_loc_map")
     with (tmp_path / "code" / "sfr_loc_map" / "metrics" / "formulas.py").open("a") as stream:
         stream.write("\nOTHER = True\n")

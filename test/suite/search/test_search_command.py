@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import pytest
 import yaml
 
-from helpers.cli_result import Sfr
-from helpers.made_suites import sfr_process, stamps_of
+from helpers.cli_result import Sfr, run_sfr
+from helpers.made_suites import stamps_of
 
 pytest.importorskip("optuna")
 SMALL_DRIVE = {
@@ -47,11 +47,11 @@ def written(folder: Path, content: dict[str, object]) -> Path:
 
 
 @pytest.fixture(scope="module")
-def searched(tmp_path_factory: pytest.TempPathFactory) -> Searched:
+def searched(tmp_path_factory: pytest.TempPathFactory, scheduler: str) -> Searched:
     """Run a search that finds a miss of the limit."""
     folder = tmp_path_factory.mktemp("search")
     file, out = written(folder, SEARCH), folder / "out"
-    done = sfr_process("suite", "search", file, "--out", out, "--workers", 2, "--json", "-")
+    done = run_sfr("suite", "search", file, "--out", out, "--scheduler", scheduler, "--json", "-")
     assert done.code == 1, done.err
     return Searched(file, out, json.loads(done.out))
 
@@ -74,8 +74,11 @@ def test_a_repeated_search_has_the_same_result_and_runs_no_job(sfr: Sfr, searche
 
 
 @pytest.mark.slow
-def test_the_case_of_a_search_has_the_same_ratio_as_a_suite(sfr: Sfr, searched: Searched, tmp_path: Path) -> None:
-    case = sfr("suite", "run", searched.out / "case.yaml", "--out", tmp_path / "out", "--workers", 1, "--json", "-")
+def test_the_case_of_a_search_has_the_same_ratio_as_a_suite(
+    sfr: Sfr, searched: Searched, tmp_path: Path, scheduler: str
+) -> None:
+    words = ("--out", tmp_path / "out", "--scheduler", scheduler, "--json", "-")
+    case = sfr("suite", "run", searched.out / "case.yaml", *words)
     assert case.code == 0, case.err
     groups = json.loads(case.out)["groups"]
     value = next(row["mean_plus_3sigma"] for row in groups[-1]["figures"] if row["figure"] == "position")
