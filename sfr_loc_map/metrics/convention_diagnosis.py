@@ -200,11 +200,22 @@ def disagreements(truth: PoseArrays, estimate: PoseArrays) -> FloatArray:
     """Return the disagreement of each sub-trajectory."""
     starts, ends = _eighths(len(truth[0]))
     errors = pose_reading(formulas.Poses(*truth, *estimate), starts, ends)
-    until_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(truth[0], axis=0), axis=1)))
-    lengths_m = until_m[ends] - until_m[starts]
-    lengths_m = np.maximum(lengths_m, max(0.1 * float(lengths_m.mean()), 1e-9))  # the rover may be stationary
+    return _relative_errors(errors, _path_lengths(truth[0][None], starts, ends)[0])
+
+
+def _relative_errors(errors: formulas.SubTrajectoryErrors, lengths_m: FloatArray) -> FloatArray:
+    """Return position errors over path lengths `(M,)`, combined with the attitude errors."""
     of_path = np.linalg.norm(errors.position_m, axis=1) / lengths_m
     return np.asarray(np.hypot(of_path, np.radians(errors.attitude_deg)))
+
+
+def _path_lengths(positions: FloatArray, starts: IntArray, ends: IntArray) -> FloatArray:
+    """Return the path lengths `(K, M)` of the sub-trajectories of K paths `(K, N, 3)`, at least a tenth of the mean."""
+    steps_m = np.linalg.norm(np.diff(positions, axis=1), axis=2)
+    until_m = np.concatenate((np.zeros((len(positions), 1)), np.cumsum(steps_m, axis=1)), axis=1)
+    lengths_m = until_m[:, ends] - until_m[:, starts]
+    shortest_m = np.maximum(0.1 * lengths_m.mean(axis=1, keepdims=True), 1e-9)  # the rover may be stationary
+    return np.maximum(lengths_m, shortest_m)
 
 
 def _eighths(count: int) -> tuple[IntArray, IntArray]:
@@ -458,17 +469,14 @@ def _of_stamps(compared: ComparedPoses) -> Iterator[Tried]:
     reach_ns = max(20 * step_ns, 2 * NS_PER_S)
     while reach_ns >= max(step_ns // 500, 1000):
         grid = np.linspace(best.offset_ns - reach_ns, best.offset_ns + reach_ns, OFFSET_STEPS + 1)
-        for offset_ns in grid.astype(np.int64).tolist():
-            left = _disagreements_with_offset(estimate, truth, offset_ns)
-            if left is not None and np.mean(left) < best.disagreement:
-                best = Offset(offset_ns, left)
+        best = min((best, *_with_offsets(estimate, truth, grid.astype(np.int64))), key=lambda each: each.disagreement)
         reach_ns = reach_ns * 4 // OFFSET_STEPS
     if not np.isfinite(best.disagreement):
         return
     exact_ns = best.offset_ns + _offset_to_stamps(estimate.stamps_ns + best.offset_ns, truth.stamps_ns)
-    left = _disagreements_with_offset(estimate, truth, exact_ns)
-    if left is not None and np.mean(left) <= AS_GOOD * best.disagreement:
-        best = Offset(exact_ns, left)
+    for exact in _with_offsets(estimate, truth, np.array([exact_ns])):
+        if exact.disagreement <= AS_GOOD * best.disagreement:
+            best = exact
     yield Tried(_of_offset(best.offset_ns, step_ns, best.disagreement), best.left)
 
 
@@ -486,23 +494,35 @@ def _offset_to_stamps(stamps_ns: IntArray, true_ns: IntArray) -> int:
     return typical if is_common else 0
 
 
-def _disagreements_with_offset(estimate: Trajectory, truth: Trajectory, offset_ns: int) -> FloatArray | None:
-    """Return the disagreement of each sub-trajectory from the interpolated truth; None if the offset omits frames.
+def _with_offsets(estimate: Trajectory, truth: Trajectory, offsets_ns: IntArray) -> Iterator[Offset]:
+    """Yield the offsets that keep enough frames, each with its disagreement from the interpolated truth.
 
-    Both trajectories have ascending stamps and unit quaternions.
+    Both trajectories have ascending stamps and unit quaternions. Offsets that keep the same frames are evaluated at
+    once, because each of the many small arrays of one offset costs more than its numbers.
     """
     est_ns, true_ns = estimate.stamps_ns, truth.stamps_ns
-    first, last = np.searchsorted(est_ns, true_ns[[0, -1]] - offset_ns).tolist()
-    if last - first < max(MIN_POSES, round(EXPLAINED_SHARE * len(est_ns))):
-        return None
-    chosen = slice(first, last, max(1, (last - first) // 800))
-    stamps_ns = est_ns[chosen] + offset_ns
-    after = np.searchsorted(true_ns, stamps_ns, side="right")
-    share = (stamps_ns - true_ns[after - 1]) / (true_ns[after] - true_ns[after - 1])
-    start = truth.positions[after - 1]
-    true_positions = start + share[:, None] * (truth.positions[after] - start)
-    true_quats = slerp(truth.quats_xyzw[after - 1], truth.quats_xyzw[after], share)
-    return disagreements((true_positions, true_quats), (estimate.positions[chosen], estimate.quats_xyzw[chosen]))
+    kept = np.searchsorted(est_ns, true_ns[[0, -1]] - offsets_ns[:, None])
+    is_enough = kept[:, 1] - kept[:, 0] >= max(MIN_POSES, round(EXPLAINED_SHARE * len(est_ns)))
+    for first, last in np.unique(kept[is_enough], axis=0)[::-1].tolist():  # by ascending offset
+        some_ns = offsets_ns[(kept == (first, last)).all(axis=1)]
+        chosen = slice(first, last, max(1, (last - first) // 800))
+        stamps_ns = est_ns[chosen] + some_ns[:, None]
+        after = np.searchsorted(true_ns, stamps_ns, side="right")
+        share = (stamps_ns - true_ns[after - 1]) / (true_ns[after] - true_ns[after - 1])
+        start = truth.positions[after - 1]
+        true_positions = start + share[..., None] * (truth.positions[after] - start)
+        starts, ends = _eighths(stamps_ns.shape[1])
+        rows = np.concatenate((starts, ends))  # only their attitudes are needed
+        before, fraction = after[:, rows].ravel() - 1, share[:, rows].ravel()
+        true_quats = slerp(truth.quats_xyzw[before], truth.quats_xyzw[before + 1], fraction)
+        found = np.tile(estimate.positions[chosen][rows], (len(some_ns), 1))
+        quats = np.tile(estimate.quats_xyzw[chosen][rows], (len(some_ns), 1))
+        places = np.arange(len(found)).reshape(len(some_ns), 2, len(starts))
+        poses = formulas.Poses(true_positions[:, rows].reshape(-1, 3), true_quats, found, quats)
+        errors = pose_reading(poses, places[:, 0].ravel(), places[:, 1].ravel())
+        lengths_m = _path_lengths(true_positions, starts, ends)
+        left = _relative_errors(errors, lengths_m.ravel()).reshape(lengths_m.shape)
+        yield from (Offset(int(offset_ns), each) for offset_ns, each in zip(some_ns, left, strict=True))
 
 
 def _of_offset(offset_ns: int, step_ns: int, left: float) -> Hypothesis:
