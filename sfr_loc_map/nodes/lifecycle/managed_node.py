@@ -33,7 +33,6 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.config import build, flatten, parameters
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import JUMP_BACK_NS, NS_PER_S
-from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.lifecycle.diagnostics import (
     COMPILING,
@@ -170,6 +169,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def load_kernels(self, *parts: str) -> None:
         """Load compiled code before the first call; report the progress of a compilation in log and health."""
+        from sfr_loc_map.kernels import load_kernels  # with numba, which the monitor does not need
 
         def say(line: str) -> None:
             self.get_logger().info(line)

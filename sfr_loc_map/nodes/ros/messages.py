@@ -41,10 +41,10 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, refusing, stamp_of
 from sfr_loc_map.io.images.codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, unread_codec
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstimate
-from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # nodes without kernels do not import numba
     from sfr_loc_map.mapping.search_range import SearchRange
+    from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
 
 _LETTERS = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
 POINT_TYPES = {np.dtype(name).type: code for code, name in enumerate(_LETTERS, PointField.INT8)}
