@@ -25,13 +25,13 @@ def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_move
     half = np.sqrt(0.5)
     x, y, z, w = truth.quats_xyzw.T
     turned = np.column_stack((half * (x - y), half * (x + y), half * (z + w), half * (w - z)))
-    part = wandering(1e-3).positions
+    part = wandering(1e-4).positions
     part[100:200] = part[100] - truth.positions[100] + truth.positions[100:200]
     copies = {
         "itself": (truth.stamps_ns, truth.positions, truth.quats_xyzw),
         "every second pose": (truth.stamps_ns[::2], truth.positions[::2], truth.quats_xyzw[::2]),
         "a bit": (truth.stamps_ns, np.nextafter(truth.positions, 9.0), truth.quats_xyzw),
-        "own attitudes": (truth.stamps_ns, truth.positions, wandering(1e-3).quats_xyzw),
+        "own attitudes": (truth.stamps_ns, truth.positions, wandering(1e-4).quats_xyzw),
         "linear": (fine_ns, linear, truth.quats_xyzw[:-1]),
         "spline": (fine_ns, CubicSpline(time_s, truth.positions)(at_s), truth.quats_xyzw[:-1]),
         "moved": (truth.stamps_ns, moved, turned),
@@ -41,7 +41,7 @@ def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_move
         copies[f"{digits} decimals"] = (truth.stamps_ns, np.round(truth.positions, digits), truth.quats_xyzw)
     for name, columns in copies.items():
         save_trajectory(paths[0], Trajectory(*columns))
-        for option in ((), ("--partial",)):
+        for option in ((), ("--partial",)) if name == "itself" else (("--partial",),):
             done = sfr("score", *paths, "--limits", limits(tmp_path, LOOSE), *option)
             assert (done.code, "of the steps are those of the ground truth" in done.out) == (3, True), (name, done.err)
     save_trajectory(paths[0], truth)
@@ -53,7 +53,7 @@ def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_move
 @pytest.mark.parametrize("kept", [10, 2])
 def test_true_poses_at_starts_and_ends_alone_are_a_copy(tmp_path: Path, sfr: Sfr, kept: int) -> None:
     """Sub-trajectories of 5 m start and end at every tenth frame; no two successive poses are of the truth."""
-    paths, truth, own = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(0.0), wandering(1e-3)
+    paths, truth, own = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(0.0), wandering(1e-4)
     is_true = np.arange(COUNT) % kept == 0
     positions = np.where(is_true[:, None], truth.positions, own.positions)
     quats = np.where(is_true[:, None], truth.quats_xyzw, own.quats_xyzw)

@@ -113,7 +113,7 @@ def of_file(scored: TrajectoryResult) -> Score:
     return judged(as_score(scored), None)
 
 
-def test_a_thousand_orders_of_messages_give_the_score_of_the_file() -> None:
+def test_hundreds_of_orders_of_messages_give_the_score_of_the_file() -> None:
     """Equal, not nearly so."""
     rng, flags = np.random.default_rng(7), 0
     for seed in range(20):
@@ -123,7 +123,7 @@ def test_a_thousand_orders_of_messages_give_the_score_of_the_file() -> None:
         assert scored.association.matched > 6
         flags += scored.association.lost + scored.association.degraded
         monitor = MonitorScore(ScoreConfig(CONFIG), None)
-        for number in range(50):
+        for number in range(20):
             monitor.restart()
             asked = rng.integers(len(messages)) if number % 10 == 0 else -1
             for position, row in enumerate(rng.permutation(len(messages))):

@@ -119,12 +119,12 @@ def test_what_was_fixed_is_closed_and_the_new_level_is_the_reference() -> None:
 
 def test_false_alarms_do_not_grow_with_the_history() -> None:
     scale, alarms = SCALES[ComparedKind.ACCURACY], np.zeros(2, int)
-    for seed in range(30):
+    for seed in range(15):
         rng = np.random.default_rng([7, seed])
         x = rng.standard_t(5, (20, 400)) * 0.1 + rng.normal(0.0, 0.05, 400)
         for change in changes_of(x, scale, FALSE_ALARM_RATE):
             alarms[change.night // 200] += not change.is_return
-    assert alarms.max() <= 12, "200 nights of 30 histories are 16 years"
+    assert alarms.max() <= 6, "200 nights of 15 histories are 8 years"
 
 
 def test_an_alarm_of_one_night_has_the_stated_rate() -> None:
