@@ -24,8 +24,8 @@ from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 
 from campaigns.camera_driver import ENCODINGS
+from campaigns.own_domain import in_own_domain
 from helpers.node_scenes import DRIVERS, params
-from helpers.own_domain import in_own_domain
 from helpers.peer import Peer
 from helpers.processes import IMPORTS, ROOT
 from sfr_loc_map.child_process import child_environment

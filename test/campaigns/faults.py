@@ -13,7 +13,7 @@ from pathlib import Path
 
 from campaigns import malformed_messages as malformed
 from campaigns.node_harness import LOCALISATION, MAPPING, MONITOR, NODES, Harness
-from helpers.own_domain import in_own_domain
+from campaigns.own_domain import in_own_domain
 from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.nodes.ros.messages import covariance_of, odometry_row
 

@@ -20,8 +20,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from campaigns.own_domain import in_own_domain
 from helpers.made_scene import write_folder
-from helpers.own_domain import in_own_domain
 from helpers.processes import ROOT, handles_signals
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from campaigns.node_harness import Harness
-from helpers.own_domain import in_own_domain
+from campaigns.own_domain import in_own_domain
 
 WARM_UP_SHARE = 1.0 / 3.0
 """Fraction of a run before memory is evaluated, because buffers and the allocator first have to fill."""

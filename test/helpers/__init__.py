@@ -16,9 +16,9 @@ Trajectories and scores
     metrics_reference: the formulas of the specification with loops. hazard_truth: hazards of the true points.
     made_scores, score_rows: scores with every part, and their rows. made_suites: suites of estimates.
 Processes
-    cli_result, processes: commands, and nodes as processes. compile_c: libraries in C.
+    cli_result: commands in the process of the test. processes: commands and nodes as processes. compile_c: libraries.
     peer: a node that publishes and receives. manager: a peer that manages one node in the process of the test.
-    own_domain, ros_domain, dds_client, rover_process: ROS domains, and other participants in them.
+    ros_domain, dds_client, rover_process: ROS domains, and other participants in them.
     misbehaving_class, misbehaving_node, misbehaving_jobs, faulty_external_node: methods, nodes and jobs that fail.
     faulty_candidate.c, slow_clock.c, repaid_clock.c: a library under test, and two libraries that slow the clock.
 Live page
@@ -27,7 +27,8 @@ Live page
 Fixtures are in the `conftest.py` of the folder of a test or above: `sfr` (a command), `scheduler` (of a suite),
 `own_domain` and `shared_data` in `test/`; `files`, `judge`, `source`, `cloud`, `images` and `localised` in `scoring/`;
 `drive`, `build`, `faulty` and `example` in `methods/`; `folder`, `estimate` and `cloud` in `api/`; `ros` in `nodes/`;
-`made_once` in `cli/`; `config` in `simulation/`; `world` in `io/`; `score` in `suite/`.
+`made_once` in `cli/`; `config` in `simulation/`; `world` in `io/`; `two_views` in `mapping/multiview/`; `score` in
+`suite/`. A fixture of a module or session calls `cli_result.run_sfr`, because the fixture `sfr` is of one test.
 """
 
 from pathlib import Path

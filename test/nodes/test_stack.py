@@ -1,4 +1,4 @@
-"""Our nodes among those of others: cameras not quite synchronous, frames as drivers name them, tools of ROS."""
+"""Our nodes among those of others: cameras not quite synchronous, tools of ROS, all nodes in one process."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import json
 import re
 import subprocess
 import sys
-from itertools import pairwise
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,15 +22,11 @@ from std_msgs.msg import String
 from helpers import ROOT
 from helpers.made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, T_RB_LOCSB, loc_pair, nav_pair
 from helpers.manager import Capture, LocalNode, Manager, localised
-from helpers.node_scenes import DRIVERS, MOUNT, OPTICAL, params, raw, send_infos, send_pair
+from helpers.node_scenes import MOUNT, params, raw, send_infos, send_pair
 from helpers.score_rows import number
-from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
-from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Side, stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
-from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.nodes.input.extrinsics import Extrinsics, add_static_transforms
 from sfr_loc_map.nodes.lifecycle import managed_node
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.mapping_node import MappingNode
@@ -105,38 +99,6 @@ def test_a_dump_of_the_node_is_taken_back_and_a_change_is_refused(ros: None, cap
         assert {"autostart", "use_sim_time", "queue_size", "T_rb_locsb.quat_xyzw"} <= set(names)
         assert "'queue_size' is read-only while the node is active" in peer.set(queue_size=7)
         assert "read-only" in peer.set(autostart=False)
-
-
-def tf(parent: str, child: str, xyz: tuple[float, float, float], q: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)) -> object:
-    """Return what a tf2_msgs/TFMessage with one transform has."""
-    names = ("x", "y", "z", "w")
-    transform = SimpleNamespace(
-        translation=SimpleNamespace(**dict(zip(names, xyz, strict=False))),
-        rotation=SimpleNamespace(**dict(zip(names, q, strict=True))),
-    )
-    item = SimpleNamespace(header=SimpleNamespace(frame_id=parent), child_frame_id=child, transform=transform)
-    return SimpleNamespace(transforms=[item])
-
-
-@pytest.mark.parametrize("driver", DRIVERS)
-def test_extrinsics_follow_from_the_frames_of_drivers(driver: str) -> None:
-    said: list[str] = []
-    extrinsics = Extrinsics(ExtrinsicsConfig(), "", "locsb")
-    chain = ("base_footprint", "base_link", "mast", *DRIVERS[driver])
-    for parent, child in pairwise(chain):
-        extrinsics.search(chain[-1], 0.12, said.append)
-        assert extrinsics.T_rb_sb is None
-        turn = OPTICAL if child == chain[-1] else (0.0, 0.0, 0.0, 1.0)
-        xyz = (0.1, 0.06, 0.5) if child == "mast" else (0.0, 0.0, 0.0)
-        add_static_transforms(tf(parent, child, xyz, turn), extrinsics._tree)
-    extrinsics.search(chain[-1], 0.12, said.append)
-    assert [text.partition(";")[0] for text in said] == [
-        f"extrinsics of the stereo rig from /tf_static: base_link to {chain[-1]}"
-    ]
-    assert extrinsics.T_rb_sb is not None
-    np.testing.assert_allclose(extrinsics.T_rb_sb.translation, (0.1, 0.0, 0.5), atol=1e-12)  # half a baseline right
-    np.testing.assert_allclose(extrinsics.T_rb_sb.rotation, np.eye(3), atol=1e-12)
-    assert Transform.from_quat((0, 0, 0), OPTICAL).rotation == pytest.approx(OPTICAL_IN_BODY)
 
 
 EXAMPLES = ROOT / "config" / "examples"
