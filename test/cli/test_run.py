@@ -113,7 +113,7 @@ def test_the_configuration_of_a_bag_of_compressed_topics_runs_the_nodes(
             while len(odometry) < sent:  # best effort: what is sent before both sides are matched is lost
                 for item in unanswered:
                     peer.publish(*item)
-                peer.spin(2.0)
+                peer.spin(2.0, lambda count=sent: len(odometry) >= count)
             unanswered.clear()
         for item in unanswered:
             peer.publish(*item)

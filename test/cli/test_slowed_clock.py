@@ -47,7 +47,7 @@ def test_a_slowed_clock_measures_nothing(
     if output is None:
         pytest.importorskip("rclpy")
         node = f"{sys.executable} {HELPERS / 'misbehaving_node.py'} stands"
-        words = ["--command", node, "--out", tmp_path / "out", "--rate", "1"]
+        words = ["--command", node, "--out", tmp_path / "out", "--rate", "5"]
     else:
         words = ["-o", tmp_path / output, "--stats", stats]
     slowed = os.environ | {"LD_PRELOAD": str(library), "PYTHONPATH": str(ROOT), "SFR_HINTS": "0"}

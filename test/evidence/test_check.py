@@ -18,7 +18,7 @@ from sfr_loc_map.evidence.calibration import CameraOffset, calibration_table, co
 from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.item_rows import items_with
 from sfr_loc_map.evidence.recording import names_of_estimates
-from sfr_loc_map.evidence.variants import PairsInMemory, Run
+from sfr_loc_map.evidence.variants import PairsInMemory
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.io.sequence import Source, SourceFormat
@@ -44,10 +44,6 @@ def test_a_drive_agrees_with_itself_and_every_comparison_is_a_row() -> None:
         assert row.value == pytest.approx(0.5 * score.figure("difference", part=item.name).rmse)
         assert row.value < 0.05
     assert [row[0].text for row in agreement_table(found.figures).rows] == names
-    again = check_drive(sequence, LocalisationConfig(), [condition], 40, [Run("ours", found.forward.estimates)])
-    assert again.result == found.result
-    same = Score(figures=again.figures).figure("difference", part="forward - ours")
-    assert same.max == pytest.approx(0.0, abs=1e-12)
 
 
 def faulty(fault: str) -> PairsInMemory:
@@ -118,7 +114,8 @@ def test_the_command_writes_rows_and_takes_two_other_estimates(
     assert content["result"] == "consistent"
     rows = {(row["figure"], row.get("part")): row for row in content["figures"]}
     assert {("hat_sigma", name) for name in ("forward", "a.csv", "b.csv")} <= set(rows)
-    assert rows["difference", "forward - b.csv"]["rmse"] > 10 * rows["difference", "forward - a.csv"]["rmse"]
+    assert rows["difference", "forward - a.csv"]["max"] == pytest.approx(0.0, abs=1e-6), "its own estimate"
+    assert rows["difference", "forward - b.csv"]["rmse"] > 1e-3
     assert content["advice"]["yaw"] == "unclear"
     assert "no accuracy" in found.out
     assert "Length against other estimates" in found.out

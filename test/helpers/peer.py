@@ -97,7 +97,8 @@ class Peer:
         """Say what a process wrote where something is awaited in vain."""
         self._watched.append(process)
 
-    def spin(self, seconds: float) -> None:
+    def spin(self, seconds: float, is_over: Callable[[], bool] = lambda: False) -> None:
+        """Receive for some time, or until a condition holds."""
         end = time.monotonic() + seconds
-        while time.monotonic() < end:
+        while time.monotonic() < end and not is_over():
             self.executor.spin_once(timeout_sec=0.02)

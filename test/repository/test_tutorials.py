@@ -36,8 +36,8 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run_shell(code: str, sfr: Sfr) -> None:
-    """Run the lines of a block: `sfr` within this process, all else by the shell."""
+def run_shell(code: str, sfr: Sfr, scheduler: str) -> None:
+    """Run the lines of a block: `sfr` within this process, suites on a worker there, all else by the shell."""
     for name, text in HEREDOC.findall(code):
         Path(name).write_text(text, encoding="utf-8")
     for line in HEREDOC.sub("", code).replace("\\\n", "").splitlines():
@@ -50,6 +50,8 @@ def run_shell(code: str, sfr: Sfr) -> None:
             words = shlex.split(command)[1:]
             if words[0] == "simulate" and "--from" not in words:
                 words += ["--workers", "1", *(w for name, value in TINY.items() for w in ("--set", f"{name}={value}"))]
+            if words[:2] in (["suite", "run"], ["suite", "search"]):
+                words += ["--scheduler", scheduler]
             result = sfr(*words)
             is_allowed = result.code == 0 or (tolerant.strip() == "true" and result.code == 1)
             is_short = words[0] == "report" and result.code == 3  # the small drives are too short for the condition
@@ -59,7 +61,7 @@ def run_shell(code: str, sfr: Sfr) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("page", QUICK, ids=lambda page: page.stem)
 def test_the_commands_of_the_page_work(
-    page: Path, tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sfr: Sfr
+    page: Path, tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sfr: Sfr, scheduler: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for name, target in {"sample": tiny, "config": ROOT, "examples": ROOT}.items():
@@ -74,4 +76,4 @@ def test_the_commands_of_the_page_work(
         if block.language == "python":
             exec(compile(code, str(page), "exec"), names)
         else:
-            run_shell(code, sfr)
+            run_shell(code, sfr, scheduler)
