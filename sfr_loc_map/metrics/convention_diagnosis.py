@@ -215,7 +215,7 @@ def _path_lengths(positions: FloatArray, starts: IntArray, ends: IntArray) -> Fl
     until_m = np.concatenate((np.zeros((len(positions), 1)), np.cumsum(steps_m, axis=1)), axis=1)
     lengths_m = until_m[:, ends] - until_m[:, starts]
     shortest_m = np.maximum(0.1 * lengths_m.mean(axis=1, keepdims=True), 1e-9)  # the rover may be stationary
-    return np.maximum(lengths_m, shortest_m)
+    return np.asarray(np.maximum(lengths_m, shortest_m))
 
 
 def _eighths(count: int) -> tuple[IntArray, IntArray]:
