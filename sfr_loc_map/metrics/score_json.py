@@ -81,10 +81,11 @@ def load_score(path: Path) -> Score:
         raise InputError(f"cannot read score '{path}': {problem}; give the JSON of sfr score --json") from error
 
 
-def from_dict(content: object, origin: str = "score") -> Score:
+def from_dict(content: object, origin: str = "score", *, needs_hash: bool = False) -> Score:
     """Return the score of JSON values; `origin` names their source in messages.
 
-    InputError, whose message of one line names fault and field, if they do not match the schema.
+    The values must contain their hash if `needs_hash` is set. InputError, whose message of one line names fault and
+    field, if they do not match the schema.
     """
     found = content.get("schema") if isinstance(content, dict) else type(content).__name__
     _check_schema(found, origin)
@@ -93,7 +94,7 @@ def from_dict(content: object, origin: str = "score") -> Score:
     except (msgspec.ValidationError, ValueError) as error:
         raise _invalid(error, origin) from error
     checked(score, origin)
-    return _without_hash(score, content, origin)
+    return _without_hash(score, content, origin, needs_hash=needs_hash)
 
 
 def from_json(text: str | bytes, origin: str = "score", *, needs_hash: bool = False) -> Score:
@@ -110,9 +111,7 @@ def from_json(text: str | bytes, origin: str = "score", *, needs_hash: bool = Fa
         raise InputError(f"{origin} is not JSON ({problem}): give the JSON of sfr score --json") from error
     _check_schema(head.schema, origin)
     score = checked(decoded(text, origin), origin)
-    if needs_hash and score.content_sha256 is None:
-        raise InputError(f"{origin} has no {HASH}, the hash of its values: {SCORE_AGAIN}")
-    return _without_hash(score, msgspec.json.decode(text), origin)
+    return _without_hash(score, msgspec.json.decode(text), origin, needs_hash=needs_hash)
 
 
 def decoded(text: str | bytes, origin: str = "score") -> Score:
@@ -130,8 +129,19 @@ def checked(score: Score, origin: str) -> Score:
     return score
 
 
-def _without_hash(score: Score, content: Any, origin: str) -> Score:  # noqa: ANN401 - the JSON of the score
-    """Return the score in memory, without the hash of its values; InputError if the values have another hash."""
+def _without_hash(
+    score: Score,
+    content: Any,  # noqa: ANN401 - the JSON of the score
+    origin: str,
+    *,
+    needs_hash: bool,
+) -> Score:
+    """Return the score in memory, without the hash of its values.
+
+    InputError if the values have another hash, or no hash although `needs_hash` is set.
+    """
+    if needs_hash and score.content_sha256 is None:
+        raise InputError(f"{origin} has no {HASH}, the hash of its values: {SCORE_AGAIN}")
     if score.content_sha256 not in (None, hash_of_values(content)):
         raise InputError(f"{origin} contradicts itself: its values were changed, as {HASH} shows; {SCORE_AGAIN}")
     return replace(score, content_sha256=None)

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from sfr_loc_map import __version__
+from sfr_loc_map.config import read_sections
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.io.source_config import config_beside
+from sfr_loc_map.io.source_config import SourceConfig, config_beside
 from sfr_loc_map.methods.isolation import code_of
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.scoring.inputs import ScoreInputs
@@ -115,10 +116,19 @@ def estimate_hash(estimate: Path, truth: Path) -> str:
 
 
 def files_hash(*places: Path) -> str:
-    """Return a hash of files or folders and of their configurations."""
-    configurations = [path for path in map(config_beside, places) if path is not None]
-    hashes = [cached(path, hash_path) for path in (*places, *configurations)]
+    """Return a hash of files or folders, of their configurations, and of the files that these name."""
+    hashes = [cached(path, hash_path) for place in places for path in files_of_source(place)]
     return hashes[0] if len(hashes) == 1 else digest(hashes)
+
+
+def files_of_source(place: Path) -> tuple[Path, ...]:
+    """Return a file or folder, its configuration, and the truth and the calibration that the configuration names."""
+    beside = config_beside(place)
+    if beside is None:
+        return (place,)
+    config = SourceConfig.of(read_sections(beside), beside)
+    named = [Path(name) for name in (config.truth.source, config.calibration.file) if name]
+    return (place, beside, *(path for path in named if path.exists()))
 
 
 def about_here(expected: Mapping[str, str]) -> dict[str, str]:

@@ -25,8 +25,8 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
-from sfr_loc_map.suite.running.digests import file_state
-from sfr_loc_map.suite.running.job import OF_SUITE, Job, JobDescription
+from sfr_loc_map.suite.running.digests import file_state, files_of_source
+from sfr_loc_map.suite.running.job import OF_SUITE, Job, JobDescription, digest
 from sfr_loc_map.suite.running.job_outcome import JobFailure, JobOutcome, JobState, WorkerRecord
 from sfr_loc_map.suite.running.provenance import about_run
 from sfr_loc_map.suite.running.source_kinds import SourceFacts, inspect_file
@@ -75,8 +75,8 @@ class Store:
             yield
 
     def facts_of(self, path: Path) -> SourceFacts:
-        """Return the facts of a source, which are cached until the `file_state` changes."""
-        state = file_state(path)
+        """Return the facts of a source, which are cached until the `file_state` of one of its files changes."""
+        state = digest([file_state(file) for file in files_of_source(path)])
         known = self._plan["sources"].get(str(path.absolute()))
         if known is not None and known["stamp"] == state:
             return _record(SourceFacts, known["facts"], self.folder / PLAN)
@@ -185,9 +185,9 @@ class Store:
         return JobState.DONE if (self.results / name).is_file() else JobState.WAITING
 
     def score(self, job: Job) -> Score:
-        """Return the score of a job; raise InputError if the file contains the score of another job."""
+        """Return the score of a job; raise InputError if the file has no hash or contains the score of another job."""
         path = self.results / f"{job.key}.json"
-        score = from_dict(_read(path), f"'{path}'")
+        score = from_dict(_read(path), f"'{path}'", needs_hash=True)
         description = _description({} if score.provenance is None else score.provenance.configuration, path)
         if not description.key:
             raise InputError(f"'{path}' does not name its job ({OF_SUITE}key in its provenance): {ADVICE}")

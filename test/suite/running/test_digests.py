@@ -61,6 +61,18 @@ def test_calls_are_data_of_their_estimate(tmp_path: Path) -> None:
     assert digests.estimate_hash(*paths) != before
 
 
+@pytest.mark.parametrize("setting", ["truth: {source: mytruth.csv}", "calibration: {file: mytruth.csv}"])
+def test_the_files_that_a_configuration_names_are_data_of_the_source(setting: str, tmp_path: Path) -> None:
+    (tmp_path / "drive.csv").write_text("drive")
+    (tmp_path / "truth.csv").write_text("truth")
+    (tmp_path / "sfr.yaml").write_text(setting)
+    found = []
+    for text in ("first", "another"):
+        (tmp_path / "mytruth.csv").write_text(text)
+        found.append(digests.estimate_hash(tmp_path / "drive.csv", tmp_path / "truth.csv"))
+    assert found[0] != found[1]
+
+
 def test_a_worker_with_other_code_lacks_something() -> None:
     facts = digests.code_facts()
     assert digests.about_here(facts)["lacks"] == ""

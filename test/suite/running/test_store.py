@@ -13,8 +13,11 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.suite.running import store as store_module
+from sfr_loc_map.suite.running.digests import files_hash
 from sfr_loc_map.suite.running.job import Job, SourceKind
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome
+from sfr_loc_map.suite.running.source_kinds import SourceFacts
 from sfr_loc_map.suite.running.store import Store
 
 CRASHED = JobOutcome(cause=FailureCause.DIED, message="its worker process was killed or crashed")
@@ -99,6 +102,35 @@ def test_another_source_of_the_same_name_supersedes_nothing(tmp_path: Path) -> N
     store.save(fetched, result_of(fetched))
     store.save_plan([replace(bad, source=replace(others["another version"], sha256="3"), code="other")])
     assert not store.refusals, "a server has a new version of its file"
+
+
+def test_a_result_whose_hash_was_removed_is_refused(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.save(JOB, result_of(JOB))
+    assert store.score(JOB).figures == ()
+    path = store.results / f"{JOB.key}.json"
+    content = json.loads(path.read_text())
+    del content["content_sha256"]
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match="has no content_sha256"):
+        store.score(JOB)
+
+
+def test_the_facts_of_a_source_are_read_again_when_its_named_truth_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive, truth = tmp_path / "drive", tmp_path / "mytruth.csv"
+    drive.mkdir()
+    (drive / "sfr.yaml").write_text("truth: {source: ../mytruth.csv}\n")
+    monkeypatch.setattr(
+        store_module, "inspect_file", lambda path: SourceFacts(sha256=files_hash(path), pairs=1, nav_pairs=0)
+    )
+    store = Store(tmp_path / "out")
+    found = []
+    for text in ("first", "another"):
+        truth.write_text(text)
+        found.append(store.facts_of(drive).sha256)
+    assert found[0] != found[1]
 
 
 def test_a_plan_is_compared_with_its_files(tmp_path: Path) -> None:
