@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.timeout(180)]
 import psutil
 
 from campaigns.misbehaviour import CASES, differences, run_case
-from helpers import HELPERS
+from helpers import HELPERS, ROOT
 from helpers.cli_result import Sfr
 from helpers.made_scene import write_folder
 from helpers.processes import Process
@@ -66,6 +66,7 @@ def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: 
     assert kinds == {"crashed", "doubled answer", "another frame", "not finite", "missing answer"}
     for kind in kinds:
         assert f"method external_odometry: {kind}" in replay.text
+    assert sfr("report", out / "report.json").code == 1  # a report that states a failure, not a refused score
     # the same trajectory, converted offline as declared
     published = out / "estimate_as_published.csv"
     words = ["score", published, source, *CONVENTION, *SCORED, "--json", tmp_path / "offline.json", "--overwrite"]
@@ -118,3 +119,15 @@ def test_a_node_that_forks_twice_is_measured_and_ended(sfr: Sfr, tmp_path: Path,
     assert node.split() not in commands, "the orphan was left behind"
     sfr("report", out / "report.json", "--test-report", page)
     assert "The external node was not isolated" in page.read_text()
+
+
+@pytest.mark.slow
+def test_the_memory_of_an_unrelated_process_is_not_that_of_the_node(sfr: Sfr, tmp_path: Path, own_domain: None) -> None:
+    source, out = write_folder(tmp_path / "source", PAIRS, 0), tmp_path / "out"
+    sleep, node = ("-c", "import time; time.sleep(600)"), str(ROOT / "examples" / "external_node.py")
+    with Process(tmp_path / "sleep.log", *sleep) as sleeping, Process(tmp_path / "node.log", node):
+        pid = sleeping.popen.pid
+        watch = ("--watch", pid, "--answer-timeout", "4")
+        ran = sfr("replay", source, "--external", "localisation", *watch, *CONVENTION, *SCORED, "--out", out)
+    assert ran.code == 2, ran.err
+    assert f"'--watch {pid}': the publisher of localisation/odometry belongs to another process" in ran.err

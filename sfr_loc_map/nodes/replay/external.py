@@ -39,7 +39,7 @@ from sfr_loc_map.metrics.records import ConventionRecord, ExternalScore, MethodK
 from sfr_loc_map.nodes.launch.processes import ChildProcess
 from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.nodes.replay.options import ExternalOptions
-from sfr_loc_map.nodes.replay.process_watch import ProcessWatch, processes_named
+from sfr_loc_map.nodes.replay.process_watch import ProcessWatch, processes_watched
 from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
 from sfr_loc_map.nodes.ros import environment, messages
@@ -73,6 +73,7 @@ class ExternalNode(ABC):
         self._peer, self._command = peer, command
         self._name = "external" if command is None else command.name  # until the graph reports the node
         self._watch: ProcessWatch | None = None
+        self._is_measured = True  # whether the watched processes publish the answers, as far as is known
         self._results = results
         self._answers = AnswerBook(options.timeout_s, options.frames)
         self._publishers: set[tuple[int, ...]] | None = None  # global ids of the publishers at the first answer
@@ -102,10 +103,11 @@ class ExternalNode(ABC):
         rig = f"{self.options.task.rig}/"
         self._wait_for_subscription([name for name in topics if name.startswith(rig) and RECTIFIED in name])
         self._subscribe_to_answers()
+        pids = [] if self._command is None else [self._command.popen.pid]
         if self.options.watch:
-            self._watch = ProcessWatch(processes_named(self.options.watch))
-        elif self._command is not None:
-            self._watch = ProcessWatch([self._command.popen.pid])
+            pids = processes_watched(self.options.watch, pids)
+        self._watch = ProcessWatch(pids) if pids else None
+        self._check_watch()
 
     def _wait_for_subscription(self, topics: list[str]) -> None:
         """Wait until the node subscribes to one of the topics; raise a NodeError if its process ends or it does not."""
@@ -142,6 +144,10 @@ class ExternalNode(ABC):
         quality = QoSProfile(depth=DEPTH, reliability=policy)
         graph.create_subscription(self.kind, self.options.topic, self._on_answer, quality)
 
+    def _check_watch(self) -> None:
+        """Note whether the watched processes publish the answers."""
+        self._is_measured = self._watch is None or self._watch.has_publishers(self._present_publishers())
+
     def result(self) -> ExternalResult:
         """Return answers and process of the node, and stop measuring the process; called while the process runs."""
         self.check_process()
@@ -154,7 +160,7 @@ class ExternalNode(ABC):
             frames=answers.frames,
             answers=answers.counts,
             latency_s=answers.latency_s,
-            process=None if self._watch is None else self._watch.usage,
+            process=None if self._watch is None or not self._is_measured else self._watch.usage,
             ended=answers.ended,
         )
         method = MethodRecord(name=self._name, version=self._version, kind=MethodKind.EXTERNAL)
@@ -185,6 +191,11 @@ class ExternalNode(ABC):
         if self._command is not None and self._command.ending:
             self._answers.note_end(_ended(self._command))
             return
+        if self.options.watch and not self._is_measured:
+            raise ConfigError(
+                f"'--watch {self.options.watch}': the publisher of {self.options.topic} belongs to another process; "
+                "give the process of the node under test"
+            )
         now_s = time.monotonic()
         if self._publishers is None or now_s - self._checked_s < CHECK_PERIOD_S:
             return
@@ -202,6 +213,7 @@ class ExternalNode(ABC):
     def _on_answer(self, message: Any) -> None:  # noqa: ANN401 - rclpy has no types
         if self._publishers is None:
             self._publishers = self._present_publishers()
+            self._check_watch()
         content, problem = None, ""
         try:
             content = self.read(message)

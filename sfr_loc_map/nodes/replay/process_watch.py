@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 
 import psutil
 
@@ -13,13 +14,16 @@ from sfr_loc_map.methods.process_tree import ProcessTree
 from sfr_loc_map.metrics.records import ProcessUsage
 
 PERIOD_S = 0.05
+FAST_DDS = (1, 15)
+"""First bytes of the global id of a publisher of Fast DDS. Its bytes 4 and 5 are the lowest bits of the process id."""
 METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second (psutil)"
 
 
-def processes_named(text: str) -> list[int]:
+def processes_watched(text: str, started: Sequence[int]) -> list[int]:
     """Return the process ids for `--watch`: a given id, or all processes with the text in name or command line.
 
-    Descendants of a found process are omitted, because the process is watched with its descendants.
+    Processes that the replay has `started` are always included. Descendants of a found process are omitted, because the
+    process is watched with its descendants.
     """
     found: dict[int, list[psutil.Process]] = {}
     for process in psutil.process_iter():
@@ -30,7 +34,9 @@ def processes_named(text: str) -> list[int]:
                 found[process.pid] = process.parents()
     if not found:
         raise ConfigError(f"'--watch {text}': there is no such process; give a process id or a part of a command line")
-    return [pid for pid, parents in found.items() if not any(parent.pid in found for parent in parents)]
+    roots = {*found, *started}
+    found |= {pid: [] for pid in started}
+    return [pid for pid, parents in found.items() if not any(parent.pid in roots for parent in parents)]
 
 
 class ProcessWatch:
@@ -56,6 +62,14 @@ class ProcessWatch:
             self._thread.join()
             self._sample()
 
+    def has_publishers(self, ids: Iterable[Sequence[int]]) -> bool:
+        """Return whether publishers with these global ids belong to the watched processes.
+
+        Only ids of Fast DDS name the process. Publishers with other ids are assumed to belong to the processes.
+        """
+        found = {pid & 0xFFFF for tree in self._trees for item in tree.members() for pid in _numbers_of(item.pid)}
+        return all(tuple(each[:2]) != FAST_DDS or each[4] | each[5] << 8 in found for each in ids)
+
     @property
     def usage(self) -> ProcessUsage | None:
         """CPU time since the start and peak memory; None if the processes could not be observed."""
@@ -73,3 +87,11 @@ class ProcessWatch:
         self._cpu_s = [max(before_s, item.cpu_s) for before_s, item in zip(self._cpu_s, now, strict=True)]
         self._peak_bytes = max(self._peak_bytes, sum(item.rss_bytes for item in now))
         self._most = max(self._most, sum(item.processes for item in now))
+
+
+def _numbers_of(pid: int) -> Iterator[int]:
+    """Yield the ids of a process in its namespaces, for example in a container."""
+    with contextlib.suppress(OSError, ValueError):
+        for line in Path(f"/proc/{pid}/status").read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("NSpid:"):
+                yield from map(int, line.split()[1:])
