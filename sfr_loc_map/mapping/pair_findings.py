@@ -26,8 +26,8 @@ VERTICAL_WARNING_FACTOR = 3.0
 standard deviations."""
 MAX_GAIN = 1.15
 """Gain, or inverse gain, above which a warning is issued: a fifth of a stop of exposure. The gain is compensated, so
-that the warning concerns the cameras and not the map. Chosen by hand, above the usual difference of two cameras of the
-same model."""
+that the warning concerns the cameras and not the map. Chosen by hand; Teddy and KITTI 2015 have
+a gain of 1.00."""
 MAX_SATURATED_FRACTION = 0.1
 """Fraction of saturated pixels above which a warning is issued. Most saturated pixels have no point. Chosen by hand: a
 lower threshold would warn of single bright stones, and at a higher one the map has already lost a large region."""

@@ -12,7 +12,7 @@ from sfr_loc_map.mapping.filters import local_variance
 
 MIN_TEXTURED_FRACTION = 0.02
 """Minimum textured fraction of an image for judging its matches. Chosen by hand: two percent of a megapixel are 20 000
-pixels. Fewer may all be on one object, such as a bright star or a reflection, which does not show how images match."""
+pixels. Fewer may all be on one object, which does not show how the images match."""
 TEXTURE_SIGMAS = 2.0
 """A neighbourhood is textured if its standard deviation exceeds this many standard deviations of the noise. The
 standard deviation of 49 pixels of pure noise is accurate to 10 %."""
