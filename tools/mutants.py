@@ -331,6 +331,8 @@ MUTATIONS = (
     Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.001"),
     Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.05"),
     Mutation(DRIVES, "SAME_GREY = 8", "SAME_GREY = 1"),
+    Mutation(DRIVES, "SAME_STEP = 0.001", "SAME_STEP = 0.05"),
+    Mutation(DRIVES, "COMMON_SHARE = 0.5", "COMMON_SHARE = 0.99"),
     Mutation(DRIVES, "path_m = path_m @ truth.pose(0).rotation", "path_m = path_m @ truth.pose(0).rotation.T"),
     Mutation(DRIVES, "key=lambda number: sources[number].sha256", "key=lambda number: number"),
     Mutation("suite/statistics/pooling.py", "size > worst[drive_key][0]", "size < worst[drive_key][0]"),

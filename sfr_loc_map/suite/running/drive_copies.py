@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
+from sfr_loc_map.config import build
 from sfr_loc_map.errors import SfrError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.load import load_run
-from sfr_loc_map.suite.running.job import JobSource
+from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.suite.running.job import JobSource, SourceKind
 
 PLACES = 100  #: Number of compared poses of the ground truth, evenly distributed over the drive.
 PIXELS = 8  #: Number of compared rows and columns of the first left image.
@@ -23,6 +28,14 @@ SAME_M = 0.01
 because its start and its speed differ."""
 SAME_GREY = 8
 """Largest difference, grey levels, between two copies of an image. Images of other terrain differ by more."""
+WINDOW = 4  #: Number of successive steps that are compared together.
+SAME_STEP = 0.001
+"""Largest difference between two copies of a step, as a fraction of a long step. Steps of two drives at equal speed
+differ by more, because slip and the noise of the ground truth differ."""
+COMMON_SHARE = 0.5  #: Fraction of the windows of the shorter drive that make two sources one drive.
+LONG_STEP = 0.9  #: Quantile of the step lengths that is the length of a long step.
+MOVING_SHARE = 0.1  #: The rover moves in a step that exceeds this fraction of a long step.
+MAX_STEPS = 20_000  #: Largest number of compared steps, which bounds memory and time.
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,15 +45,71 @@ class DriveTrace:
     poses: int = 0  #: Number of poses of the ground truth; 0 if there is none.
     path_m: tuple[float, ...] = ()  #: x, y, z of poses of the ground truth, in the frame of the first pose.
     grey: tuple[int, ...] = ()  #: Pixels of the first left image; empty without images.
+    steps_m: tuple[float, ...] = ()  #: Distances between successive poses of the ground truth.
+    bends_m: tuple[float, ...] = ()  #: Norms of the differences between successive steps.
+    terrain: int | None = None  #: Seed of a simulated terrain; None for other sources.
 
     def is_copy_of(self, other: DriveTrace) -> bool:
-        """Return whether both traces are of one drive; False without ground truth."""
-        if not self.poses or (self.poses, len(self.grey)) != (other.poses, len(other.grey)):
+        """Return whether both traces are of one drive; False without ground truth.
+
+        The paths agree, or a large fraction of the steps is common. Steps depend neither on the frame nor on the first
+        pose nor on the stamps. The first images are compared if the drives start with the same steps.
+        """
+        if not self.poses or not other.poses or len(self.grey) != len(other.grey) or self.terrain != other.terrain:
+            return False
+        has_same_path = self._has_same_path(other)
+        if not has_same_path and not self._shares_steps(other):
+            return False
+        if not has_same_path and not self._starts_like(other):
+            return True
+        return bool((np.abs(np.subtract(self.grey, other.grey)) <= SAME_GREY).all())
+
+    def _has_same_path(self, other: DriveTrace) -> bool:
+        if self.poses != other.poses:
             return False
         apart_m = np.subtract(self.path_m, other.path_m).reshape(-1, 3)
-        if not (np.linalg.norm(apart_m, axis=1) <= SAME_M).all():
+        return bool((np.linalg.norm(apart_m, axis=1) <= SAME_M).all())
+
+    def _shares_steps(self, other: DriveTrace) -> bool:
+        """Return whether the drive with fewer moving windows has a large fraction of them in common with the other."""
+        shorter, longer = sorted((self, other), key=lambda trace: len(trace._moving_windows))
+        if not len(shorter._moving_windows):
             return False
-        return bool((np.abs(np.subtract(self.grey, other.grey)) <= SAME_GREY).all())
+        from scipy.spatial import KDTree  # slow import
+
+        tolerance_m = SAME_STEP * shorter._long_step_m
+        apart_m, _ = KDTree(longer._moving_windows).query(
+            shorter._moving_windows, p=np.inf, distance_upper_bound=tolerance_m
+        )
+        return bool(np.mean(np.isfinite(apart_m)) >= COMMON_SHARE)
+
+    def _starts_like(self, other: DriveTrace) -> bool:
+        windows, others = self._windows[:1], other._windows[:1]
+        if not len(windows) or not len(others):
+            return False
+        return bool((np.abs(windows - others) <= SAME_STEP * self._long_step_m).all())
+
+    @property
+    def _long_step_m(self) -> float:
+        return float(np.quantile(self.steps_m, LONG_STEP))
+
+    @property
+    def _windows(self) -> FloatArray:
+        """Features of `WINDOW` successive steps `(W, 2 * WINDOW - 1)`: lengths and bends, m."""
+        if len(self.steps_m) < WINDOW:
+            return np.zeros((0, 2 * WINDOW - 1))
+        lengths = sliding_window_view(np.array(self.steps_m), WINDOW)
+        bends = sliding_window_view(np.array(self.bends_m), WINDOW - 1)
+        return np.hstack((lengths, bends))
+
+    @property
+    def _moving_windows(self) -> FloatArray:
+        """Features of the windows in which the rover moves in each step."""
+        windows = self._windows
+        if not len(windows):
+            return windows
+        shortest_m = MOVING_SHARE * self._long_step_m
+        return np.asarray(windows[(windows[:, :WINDOW] > shortest_m).all(axis=1)])
 
 
 def trace_of_source(source: Source) -> DriveTrace:
@@ -64,6 +133,18 @@ def trace_of_estimate(estimate: Path, truth: Path) -> DriveTrace:
     return DriveTrace()
 
 
+def trace_of_simulation(source: JobSource) -> DriveTrace:
+    """Return the trace of the ground truth of a simulated drive; empty if there is no drive or its path is invalid."""
+    from sfr_loc_map.simulation.plan import Plan  # slow import
+
+    config = build(SimulationConfig, source.settings)
+    if not config.drive.enabled:
+        return DriveTrace()
+    with suppress(SfrError):
+        return replace(_trace(Plan.make(config).trajectory()), terrain=config.seed)
+    return DriveTrace()
+
+
 def _trace(truth: Trajectory, grey: tuple[int, ...] = ()) -> DriveTrace:
     if not len(truth):
         return DriveTrace()
@@ -71,22 +152,35 @@ def _trace(truth: Trajectory, grey: tuple[int, ...] = ()) -> DriveTrace:
     path_m = truth.positions[chosen] - truth.positions[0]
     if not isinstance(truth, Truth) or truth.has_attitude:
         path_m = path_m @ truth.pose(0).rotation  # in the frame of the first pose
-    return DriveTrace(len(truth), tuple(np.round(path_m, 6).ravel().tolist()), grey)
+    steps = np.diff(truth.positions[: MAX_STEPS + 1], axis=0)
+    steps_m = np.linalg.norm(steps, axis=1)
+    bends_m = np.linalg.norm(np.diff(steps, axis=0), axis=1)
+    return DriveTrace(len(truth), _rounded(path_m, 6), grey, _rounded(steps_m, 9), _rounded(bends_m, 9))
+
+
+def _rounded(values: FloatArray, digits: int) -> tuple[float, ...]:
+    return tuple(np.round(values, digits).ravel().tolist())
 
 
 def with_drives(sources: Sequence[JobSource], traces: Sequence[DriveTrace]) -> list[JobSource]:
     """Return the sources with the hashes of their drives. Copies have the hash of the source with the smallest hash.
 
-    The hash of an estimate's drive is that of its ground truth. Simulated drives have no trace, because their settings
-    identify them.
+    The hash of an estimate's drive is that of its ground truth. Copies of copies are copies. Simulated drives of a seed
+    that occurs once are identified by their settings, so that their ground truth is not computed.
     """
-    found: dict[int, JobSource] = {}
-    originals: list[tuple[DriveTrace, str]] = []
+    seeds = Counter(source.seed for source in sources if source.kind is SourceKind.SIMULATED)
+    traces = [
+        trace_of_simulation(source) if source.kind is SourceKind.SIMULATED and seeds[source.seed] > 1 else trace
+        for source, trace in zip(sources, traces, strict=True)
+    ]
+    drives: list[list[int]] = []
     for index in sorted(range(len(sources)), key=lambda number: sources[number].sha256):
-        source = sources[index]
-        own = source.truth_sha256 or source.sha256
-        drive = next((drive for trace, drive in originals if trace.is_copy_of(traces[index])), own)
-        if drive == own:
-            originals.append((traces[index], own))
-        found[index] = replace(source, drive=drive)
-    return [found[index] for index in range(len(sources))]
+        copies = [drive for drive in drives if any(traces[index].is_copy_of(traces[known]) for known in drive)]
+        merged = sorted((known for drive in copies for known in drive), key=lambda number: sources[number].sha256)
+        drives = [*(drive for drive in drives if drive not in copies), [*merged, index]]
+    found = list(sources)
+    for drive in drives:
+        first = sources[drive[0]]
+        for index in drive:
+            found[index] = replace(sources[index], drive=first.truth_sha256 or first.sha256)
+    return found

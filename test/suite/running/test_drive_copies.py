@@ -9,7 +9,7 @@ import pytest
 
 from helpers.made_suites import JOB, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.suite.running.drive_copies import DriveTrace, _trace, with_drives
+from sfr_loc_map.suite.running.drive_copies import DriveTrace, _trace, trace_of_simulation, with_drives
 from sfr_loc_map.suite.running.job import JobSource, SourceKind
 
 RNG = np.random.default_rng(5)
@@ -29,11 +29,15 @@ def moved(offset_m: object) -> Trajectory:
         (_trace(moved([3.0, -2.0, 1.0]), GREY), True),
         (_trace(moved(np.linspace(0.0, 0.009, 200)[:, None] * [1.0, 0.0, 0.0]), GREY), True),
         (_trace(TRUTH, tuple(level + 3 for level in GREY)), True),
-        (_trace(moved(np.linspace(0.0, 0.012, 200)[:, None] * [1.0, 0.0, 0.0]), GREY), False),
+        (_trace(moved(np.linspace(0.0, 0.05, 200)[:, None] * [1.0, 0.0, 0.0]), GREY), False),
         (_trace(TRUTH, tuple(RNG.integers(0, 255, 64).tolist())), False),
         (_trace(TRUTH), False),
         (_trace(straight(200, 0.01, 2), GREY), False),
-        (_trace(straight(199, 0.01, 1), GREY), False),
+        (_trace(straight(199, 0.01, 2), GREY), False),
+        (_trace(TRUTH[1:], GREY), True),
+        (_trace(TRUTH[:110], GREY), True),
+        (_trace(TRUTH[60:140], GREY), True),
+        (_trace(TRUTH[:-1], tuple(RNG.integers(0, 255, 64).tolist())), False),
     ],
 )
 def test_a_copy_is_known_by_its_path_and_its_images(trace: DriveTrace, is_copy: bool) -> None:
@@ -51,6 +55,63 @@ def test_a_turned_copy_is_a_copy() -> None:
     assert _trace(turned, GREY).is_copy_of(ORIGINAL)
 
 
+def test_a_copy_with_another_attitude_of_its_first_pose_is_a_copy() -> None:
+    """The frame of the first pose turns the end of the path by 20 mm."""
+    quats = TRUTH.quats_xyzw.copy()
+    half = 0.5 * np.radians(0.06)
+    quats[0] = [0.0, 0.0, np.sin(half), np.cos(half)]
+    assert _trace(Trajectory(TRUTH.stamps_ns, TRUTH.positions, quats)).is_copy_of(_trace(TRUTH))
+
+
+def test_copies_that_lack_poses_are_one_drive() -> None:
+    sources = [replace(JOB.source, sha256=sha256) for sha256 in "abcdef"]
+    nested = [_trace(TRUTH[: 200 - lacking]) for lacking in range(6)]
+    assert {item.drive for item in with_drives(sources, nested)} == {"a"}
+
+
+def test_copies_of_copies_are_one_drive() -> None:
+    """The first and the last part have no step in common, but both are parts of the complete drive."""
+    sources = [replace(JOB.source, sha256=sha256) for sha256 in "abcd"]
+    traces = [_trace(TRUTH[:90]), _trace(TRUTH[110:]), _trace(TRUTH), _trace(straight(200, 0.01, 2))]
+    assert [item.drive for item in with_drives(sources, traces)] == ["a", "a", "a", "d"]
+
+
+def test_honest_drives_at_equal_speed_are_not_copies() -> None:
+    traces = [_trace(straight(200, 0.001, seed)) for seed in range(1, 7)]
+    sources = [replace(JOB.source, sha256=sha256) for sha256 in "abcdef"]
+    assert len({item.drive for item in with_drives(sources, traces)}) == 6
+
+
+def test_a_simulation_with_other_unused_settings_is_the_same_drive() -> None:
+    drive = {"drive.segments": ("straight 2",)}
+    changes: list[dict[str, object]] = [
+        {},
+        {"start_stamp_ns": 1_700_000_000_000_000_001},
+        {"panorama.period_s": 1.5},
+        {"nav.baseline_m": 0.16},
+        {"drive.pairs": 20},
+        {"seed": 4},
+    ]
+    settings = [{"seed": 3} | drive | change for change in changes]
+    sources = [
+        replace(JOB.source, kind=SourceKind.SIMULATED, sha256=sha256, settings=item, seed=int(str(item["seed"])))
+        for sha256, item in zip("abcdef", settings, strict=True)
+    ]
+    assert [item.drive for item in with_drives(sources, [DriveTrace()] * 6)] == ["a", "a", "a", "a", "a", "f"]
+
+
+def test_simulations_with_other_seeds_are_other_drives() -> None:
+    """Without disturbances the paths are equal, but the terrain differs."""
+    flat = {"terrain.relief_m": 0.0, "drive.slip": 0.0, "drive.sway_m": 0.0, "drive.sway_deg": 0.0}
+    flat |= {"drive.vibration_deg": 0.0, "drive.vibration_m": 0.0}
+    sources = [
+        replace(JOB.source, kind=SourceKind.SIMULATED, sha256=str(seed), settings={"seed": seed} | flat, seed=seed)
+        for seed in (1, 2)
+    ]
+    traces = [trace_of_simulation(source) for source in sources]
+    assert not traces[0].is_copy_of(traces[1])
+
+
 def test_copies_name_one_drive_whatever_their_order() -> None:
     def source(kind: SourceKind, sha256: str) -> JobSource:
         return replace(JOB.source, kind=kind, sha256=sha256)
@@ -63,5 +124,3 @@ def test_copies_name_one_drive_whatever_their_order() -> None:
     first, second, other = (replace(JOB, source=item) for item in with_drives(files, traces))
     assert first.drive_key == second.drive_key != other.drive_key
     assert first.key != second.key, "each is run"
-    simulated = [source(SourceKind.SIMULATED, sha256) for sha256 in "cab"]
-    assert [item.drive for item in with_drives(simulated, [DriveTrace()] * 3)] == ["c", "a", "b"]
