@@ -173,14 +173,15 @@ def with_drives(sources: Sequence[JobSource], traces: Sequence[DriveTrace]) -> l
         trace_of_simulation(source) if source.kind is SourceKind.SIMULATED and seeds[source.seed] > 1 else trace
         for source, trace in zip(sources, traces, strict=True)
     ]
-    drives: list[list[int]] = []
-    for index in sorted(range(len(sources)), key=lambda number: sources[number].sha256):
-        copies = [drive for drive in drives if any(traces[index].is_copy_of(traces[known]) for known in drive)]
-        merged = sorted((known for drive in copies for known in drive), key=lambda number: sources[number].sha256)
-        drives = [*(drive for drive in drives if drive not in copies), [*merged, index]]
+    order = sorted(range(len(sources)), key=lambda number: sources[number].sha256)
+    drives: list[list[int]] = []  # places in the order
+    for place, index in enumerate(order):
+        copies = [drive for drive in drives if any(traces[index].is_copy_of(traces[order[known]]) for known in drive)]
+        merged = sorted(known for drive in copies for known in drive)
+        drives = [*(drive for drive in drives if drive not in copies), [*merged, place]]
     found = list(sources)
     for drive in drives:
-        first = sources[drive[0]]
-        for index in drive:
+        first = sources[order[drive[0]]]
+        for index in (order[place] for place in drive):
             found[index] = replace(sources[index], drive=first.truth_sha256 or first.sha256)
     return found
