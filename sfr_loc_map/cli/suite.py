@@ -297,6 +297,8 @@ def _present(
         say(one_line(f"skipped: {refusal.reason}"), err=True)
     for failure in summary.failures:
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)
+    if summary.not_run:
+        say(one_line(f"not run, because the limits are decided: {'; '.join(summary.not_run)}"), err=True)
     outcome = outcome_of(summary)
     for text in outcome.incomplete:
         say(text, err=True)

@@ -385,6 +385,13 @@ def test_a_suite_stops_when_its_limit_is_decided(sfr: Sfr, decided: tuple[Path, 
     assert summary["counts"]["done"] == 6
     (verdict,) = summary["groups"][0]["verdicts"]
     assert (verdict["proof"]["method"], verdict["proof"]["independent"]) == ("sequential", 6.0)
+    run = {drive["source"] for drive in summary["drives"]}
+    skipped = {f"drive{number}.csv" for number in range(12)} - run
+    (line,) = [line for line in ended.err.splitlines() if "not run, because the limits are decided" in line]
+    assert len(skipped) == 6
+    assert all(f"score {name}" in line for name in skipped)
+    page = (out / "report.html").read_text()
+    assert page.count("the sequential tests decided all limits before this job") >= 6
     assert sfr("suite", "plan", out).code == 0
 
 

@@ -175,6 +175,9 @@ def verdict_table(summary: Summary) -> Table:
     return Table("verdicts", "Verdicts over all drives", VERDICTS, rows, note)
 
 
+DECIDED = "the sequential tests decided all limits before this job"
+
+
 def suite_tables(summary: Summary) -> list[Table]:
     """Return the tables of a suite: verdicts, failures, budgets, counts, pooled errors, maps and drives, workers."""
     groups, pooled = [], []
@@ -189,6 +192,7 @@ def suite_tables(summary: Summary) -> list[Table]:
                 pooled.append(figure.as_dict() | head | named | {"ci95": figure.interval, "shown": shown})
     failures = [to_plain(item) | {"folder": "failures"} for item in summary.failures]
     failures += [{"label": item.path, "cause": "source refused", "message": item.reason} for item in summary.refusals]
+    failures += [{"label": label, "cause": "not run", "message": DECIDED} for label in summary.not_run]
     pages = {result.job.key for result in linked(summary)}
     maps = [result for result in summary.results if result.score.has(Subject.MAP)]
     maps.sort(key=lambda result: -map_error_of(result.score))

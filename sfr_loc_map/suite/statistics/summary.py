@@ -114,6 +114,7 @@ class Summary:
     workers: tuple[WorkerRecord, ...] = ()  #: Workers of all runs of the suite.
     run: Mapping[str, object] = field(default_factory=dict)  #: Commit, branch and date of the code; host and time.
     budgets: tuple[Budget, ...] = ()  #: Error budgets, by configuration and condition.
+    waiting_jobs: tuple[str, ...] = ()  #: Labels of the jobs that were not run yet.
 
     @property
     def counts(self) -> JobCounts:
@@ -138,6 +139,11 @@ class Summary:
     def is_decided(self) -> bool:
         """Whether sequential tests have decided all limits, so that no more drives are required."""
         return are_decided(self.groups)
+
+    @property
+    def not_run(self) -> tuple[str, ...]:
+        """Labels of the jobs without which sequential tests have decided all limits."""
+        return self.waiting_jobs if self.is_decided else ()
 
     @property
     def completeness(self) -> Figure:
@@ -230,6 +236,7 @@ def summarise(store: Store) -> Summary:
         workers=store.workers(),
         run=store.run,
         budgets=tuple(budgets_of(results, jobs)),
+        waiting_jobs=tuple(job.label for job in in_state[JobState.WAITING]),
     )
 
 
