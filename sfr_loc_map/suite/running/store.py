@@ -25,7 +25,7 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
-from sfr_loc_map.suite.running.digests import file_state, files_of_source
+from sfr_loc_map.suite.running.digests import code_fingerprint, file_state, files_of_source
 from sfr_loc_map.suite.running.job import OF_SUITE, Job, JobDescription, digest
 from sfr_loc_map.suite.running.job_outcome import JobFailure, JobOutcome, JobState, WorkerRecord
 from sfr_loc_map.suite.running.provenance import about_run
@@ -75,8 +75,8 @@ class Store:
             yield
 
     def facts_of(self, path: Path) -> SourceFacts:
-        """Return the facts of a source, which are cached until the `file_state` of one of its files changes."""
-        state = digest([file_state(file) for file in files_of_source(path)])
+        """Return the facts of a source, cached until the code or the `file_state` of one of its files changes."""
+        state = digest([code_fingerprint(), *(file_state(file) for file in files_of_source(path))])
         known = self._plan["sources"].get(str(path.absolute()))
         if known is not None and known["stamp"] == state:
             return _record(SourceFacts, known["facts"], self.folder / PLAN)

@@ -133,6 +133,23 @@ def test_the_facts_of_a_source_are_read_again_when_its_named_truth_changes(
     assert found[0] != found[1]
 
 
+def test_the_facts_of_a_source_are_read_again_with_other_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other code may detect copies of a drive by other features."""
+    drive, read = tmp_path / "drive.mcap", []
+    drive.write_text("drive")
+
+    def inspect(path: Path) -> SourceFacts:
+        read.append(path)
+        return SourceFacts(sha256="", pairs=1, nav_pairs=0)
+
+    monkeypatch.setattr(store_module, "inspect_file", inspect)
+    store = Store(tmp_path / "out")
+    for code in ("before", "before", "after"):
+        monkeypatch.setattr(store_module, "code_fingerprint", lambda code=code: code)
+        store.facts_of(drive)
+    assert len(read) == 2
+
+
 def test_a_plan_is_compared_with_its_files(tmp_path: Path) -> None:
     limits, suite = tmp_path / "limits.yaml", tmp_path / "suite.yaml"
     suite.write_text("limits: limits.yaml\n")
