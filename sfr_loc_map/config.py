@@ -257,17 +257,23 @@ def read_sections(path: Path) -> dict[str, Any]:
     """
     flat = flatten(load_yaml(path))
     if any(ROS_PARAMETERS in name.split(".") for name in flat):
-        return _sections_of_nodes(flat)
+        return _sections_of_nodes(flat, path)
     return _sections_of_file(flat, path)
 
 
-def _sections_of_nodes(flat: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the sections of a ROS parameter file; values of a node have priority over those of all nodes (`/**`)."""
+def _sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Return the sections of a ROS parameter file; values of a node have priority over those of all nodes (`/**`).
+
+    Other parameters of nodes are ignored. A misspelt prefix raises a ConfigError.
+    """
     sections: dict[str, Any] = {}
     for key, value in sorted(flat.items(), key=lambda item: not item[0].startswith("/**")):
         node, _, name = key.partition(f".{ROS_PARAMETERS}.")
         prefix, _, parameter = name.partition(".")
         section = _SECTION_OF_PREFIX.get(prefix)
+        is_of_suite = node.rpartition("/")[2] in ("**", *SUITE_NODES)
+        if section is None and is_of_suite and _is_misspelt(prefix, _SECTION_OF_PREFIX):
+            raise ConfigError(f"{path}: unknown parameter '{name}' of '{node}'{suggestion(prefix, _SECTION_OF_PREFIX)}")
         if section is None or (section == "sync" and parameter != "stamp_tolerance_s"):
             continue
         if node.rpartition("/")[2] in ("**", NODE_SECTIONS[section].nodes[0]):
@@ -290,11 +296,16 @@ def _sections_of_file(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
         else:
             raise ConfigError(f"{path}: '{section}' is {value!r:.40}: names with values are required")
     unknown = [key.partition(".")[0] for key in sections.get("", {})]
-    misspelt = [name for name in unknown if difflib.get_close_matches(name, SECTIONS, n=1, cutoff=SIMILAR)]
-    if misspelt or (unknown and sections.keys() - {"", "localisation", "mapping"}):
+    misspelt = [name for name in unknown if _is_misspelt(name, SECTIONS)]
+    if misspelt or (unknown and sections.keys() - {""}):
         wrong = (misspelt or unknown)[0]
         raise ConfigError(f"{path}: unknown section '{wrong}'{suggestion(wrong, SECTIONS)}")
     return sections
+
+
+def _is_misspelt(name: str, known: Collection[str]) -> bool:
+    """Return whether an unknown name is similar to a known name."""
+    return bool(difflib.get_close_matches(name, known, n=1, cutoff=SIMILAR))
 
 
 @dataclass(frozen=True, slots=True)

@@ -156,6 +156,28 @@ def test_a_misspelt_section_is_refused_also_if_it_is_the_only_one(tmp_path: Path
         read_sections(tmp_path / "sfr.yaml")
 
 
+def test_parameters_beside_a_section_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "sfr.yaml").write_text("localisation: {min_inliers: 20}\nmax_features: 300\n")
+    with pytest.raises(ConfigError, match=r"sfr\.yaml: unknown section 'max_features'"):
+        read_sections(tmp_path / "sfr.yaml")
+
+
+@pytest.mark.parametrize("node", ["/**", "/**/localisation_node", "localisation_node"])
+def test_a_misspelt_prefix_in_a_ros_parameter_file_is_refused(tmp_path: Path, node: str) -> None:
+    (tmp_path / "nodes.yaml").write_text(f"{node}:\n  ros__parameters: {{localization: {{max_features: 300}}}}\n")
+    with pytest.raises(
+        ConfigError, match="unknown parameter 'localization.max_features' .*did you mean 'localisation'"
+    ):
+        read_sections(tmp_path / "nodes.yaml")
+
+
+def test_other_parameters_of_nodes_are_ignored(tmp_path: Path) -> None:
+    text = OF_ALL.replace("truth.sigma_m", "autostart")
+    other = OF_MONITOR.replace("monitor", "other").replace("truth", "thruth")
+    (tmp_path / "nodes.yaml").write_text(text + other)
+    assert read_sections(tmp_path / "nodes.yaml") == {}
+
+
 def test_parameters_without_a_section_are_kept(tmp_path: Path) -> None:
     names = {info.name for config_type in (LocalisationConfig, MappingConfig) for info in parameters(config_type)}
     names = {name for name in names if not name.startswith("calibration.")}  # also the name of a section
