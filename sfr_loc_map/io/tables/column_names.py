@@ -189,12 +189,13 @@ def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
             continue
         if key in index_of:
             raise InputError(f"{head.name}: the columns name {key} twice, the second time by '{item}': name it once")
-        if key not in {*NAMES, FRAME, *MATRIX} or index is None or index >= max(head.width, len(header)):
+        width = max(head.width, len(header))
+        if key not in {*NAMES, FRAME, *MATRIX} or index is None or not 0 <= index < width:
             shown = ", ".join(header) or f"{head.width} columns without a header"
             raise InputError(
                 f"{head.name}: no column for '{item}': give NAME=HEADER, where NAME is t, sec, nsec, x, y, z, qx, qy, "
-                f"qz or qw (_: a column that is not read), and HEADER is the title or #NUMBER of a column; "
-                f"found {shown[:200]}"
+                f"qz or qw (_: a column that is not read), and HEADER is the title of a column or its number (#1: the "
+                f"first column); found {shown[:200]}"
             )
         index_of[key] = index
         if unit:

@@ -231,6 +231,7 @@ REFUSED = {
     "a unit for two of three columns": ("t_s,x_mm,y_mm,z\n1,2,3,4\n", "", "x is in mm, but z has no unit"),
     "rows of 4 x 4 matrices": ("1 0 0 5\n0 1 0 5\n0 0 1 5\n0 0 0 1\n" * 5, "", "fits no layout of"),
     "a gap in the given columns": ("1,2,3,4,5\n", "t[s],,x,y,z", "no column for ''"),
+    "a column number of 0": ("1,2,3,4\n", "t=#1[s],x=#0,y=#2,z=#3", "no column for 'x=#0'"),
     "a column given twice": ("a,b,c,d\n1,2,3,4\n", "t=a[s],x=b,y=c,z=d,x=d", "name x twice"),
     "separators of thousands": (
         "t;x;y;z\n0.5;1,000.5;2.5;3.5\n",
