@@ -166,7 +166,7 @@ def test_parameters_beside_a_section_are_refused(tmp_path: Path) -> None:
 def test_a_misspelt_prefix_in_a_ros_parameter_file_is_refused(tmp_path: Path, node: str) -> None:
     (tmp_path / "nodes.yaml").write_text(f"{node}:\n  ros__parameters: {{localization: {{max_features: 300}}}}\n")
     with pytest.raises(
-        ConfigError, match="unknown parameter 'localization.max_features' .*did you mean 'localisation'"
+        ConfigError, match=r"unknown parameter 'localization\.max_features' .*did you mean 'localisation'"
     ):
         read_sections(tmp_path / "nodes.yaml")
 
