@@ -9,6 +9,7 @@ from __future__ import annotations
 import codecs
 import csv
 import errno
+import io
 import os
 import re
 import stat
@@ -205,6 +206,14 @@ def read_table_text(path: Path, needed: str = "the data set requires it") -> str
     """Return the complete text of a table; raises InputError like `read_table`, or if the text is not UTF-8."""
     with refusing(f"cannot read '{path}'", needed):
         return b"".join(read_table(path, needed)).decode("utf-8-sig")
+
+
+def split_lines(text: str) -> list[str]:
+    """Return the lines of a text as all parsers of tables count them: only CR and LF end a line.
+
+    `str.splitlines` also divides a line at form feeds and at line separators of Unicode.
+    """
+    return [line.removesuffix("\n") for line in io.StringIO(text, newline=None)]
 
 
 def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:

@@ -20,7 +20,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, read_bytes, read_table, refusing
+from sfr_loc_map.inputs import SIDES, read_bytes, read_table_text, refusing, split_lines
 from sfr_loc_map.io.calibration.rig_file import read_rig, rig_json
 from sfr_loc_map.io.clouds.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.clouds.point_image import checked_points
@@ -102,10 +102,9 @@ def open_folder(path: Path, config: SourceConfig) -> Source:
 
 def _read_part(folder: Path) -> _Part:
     table, advice = folder / "pairs.csv", "a data set folder needs its pairs.csv"
-    with refusing(f"cannot read '{table}'", advice):
-        text = b"".join(read_table(table, advice)).decode("utf-8-sig")
+    text = read_table_text(table, advice)
     rig = read_rig(folder / "rig.json")
-    header, *rows = [[word.strip() for word in line.split(",")] for line in text.splitlines()] or [[""]]
+    header, *rows = [[word.strip() for word in line.split(",")] for line in split_lines(text)] or [[""]]
     if tuple(header) not in HEADERS:
         headers = " or ".join(f"'{','.join(names)}'" for names in HEADERS)
         raise InputError(f"'{table}' line 1 is '{','.join(header)}': the header must be one of {headers}")

@@ -17,7 +17,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.inputs import read_table_text
+from sfr_loc_map.inputs import read_table_text, split_lines
 from sfr_loc_map.io.tables.number_text import parse_number
 from sfr_loc_map.io.tables.stamps import STAMP_LENGTH, parse_stamps
 
@@ -30,7 +30,7 @@ MAX_BROKEN = 0.1  #: Largest fraction of invalid lines that are skipped.
 
 def read_lines(path: Path) -> list[str]:
     """Return the lines of a text file that are neither empty nor begin with `#`."""
-    lines = read_table_text(path).splitlines()
+    lines = split_lines(read_table_text(path))
     return [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
 
 

@@ -31,7 +31,7 @@ from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_poses, p
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, read_table
+from sfr_loc_map.inputs import NS_PER_S, read_table, split_lines
 from sfr_loc_map.io.tables.column_detection import detect_columns
 from sfr_loc_map.io.tables.pose_columns import (
     COVARIANCES,
@@ -134,7 +134,7 @@ def read_trajectory_file(path: Path, columns: str = "", option: str = COLUMNS_OP
     rest = read_table(path, "give a csv, TUM, KITTI or EuRoC file")
     first = next(rest, b"")
     blocks = chain((first,), rest)
-    lines = first.removeprefix(BOM).decode("utf-8", "replace").splitlines()
+    lines = split_lines(first.removeprefix(BOM).decode("utf-8", "replace"))
     header = next((line.strip().replace(" ", "") for line in lines if line.strip()), "")
     if header == CSV_HEADER and not columns:
         table = parse_table(

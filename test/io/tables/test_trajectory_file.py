@@ -61,6 +61,13 @@ def test_what_is_written_is_read_and_detected(tmp_path: Path, name: str) -> None
     assert np.abs((found.trajectory.quats_xyzw * truth.quats_xyzw).sum(axis=1)) == pytest.approx(1.0, abs=1e-15)
 
 
+@pytest.mark.parametrize("separator", ["\f", "\v", "\x85", "\u2028"])
+def test_a_separator_in_a_comment_before_the_rows_does_not_hide_a_pose(tmp_path: Path, separator: str) -> None:
+    rows = "".join(f"{k}.0 {k} 2 3 0 0 0 1\n" for k in range(20))
+    (tmp_path / "t.txt").write_text(f"# drive of{separator}Monday\n{rows}", encoding="utf-8")
+    assert len(read_trajectory_file(tmp_path / "t.txt").trajectory) == 20
+
+
 def test_csv_attitude_is_the_conjugate(tmp_path: Path) -> None:
     # RB turned by +90 deg about z in DS: ROS orientation (0, 0, s, s); a direction given in DS turns by -90 into RB.
     s = 0.5**0.5
