@@ -5,7 +5,7 @@ The results with the same task, configuration and faults form a group.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -115,6 +115,7 @@ class Summary:
     run: Mapping[str, object] = field(default_factory=dict)  #: Commit, branch and date of the code; host and time.
     budgets: tuple[Budget, ...] = ()  #: Error budgets, by configuration and condition.
     waiting_jobs: tuple[str, ...] = ()  #: Labels of the jobs that were not run yet.
+    planned_groups: tuple[GroupKey, ...] = ()  #: Groups of all planned jobs, also groups without a result.
 
     @property
     def counts(self) -> JobCounts:
@@ -138,7 +139,7 @@ class Summary:
     @property
     def is_decided(self) -> bool:
         """Whether sequential tests have decided all limits, so that no more drives are required."""
-        return are_decided(self.groups)
+        return are_decided(self.groups, self.planned_groups)
 
     @property
     def not_run(self) -> tuple[str, ...]:
@@ -175,10 +176,14 @@ class Summary:
         return {**head, **self.run, **parts, "drives": results}
 
 
-def are_decided(groups: Sequence[Group]) -> bool:
-    """Return whether sequential tests have decided all limits of groups."""
+def are_decided(groups: Sequence[Group], planned: Collection[GroupKey]) -> bool:
+    """Return whether sequential tests have decided all limits of the planned groups.
+
+    A planned group without a result is undecided.
+    """
+    has_all_groups = {group.key for group in groups}.issuperset(planned)
     items = [item for group in groups for item in group.verdicts]
-    return bool(items) and all(
+    return bool(has_all_groups and items) and all(
         item.proof is not None
         and item.proof.method == SEQUENTIAL
         and item.state in (VerdictState.PASS, VerdictState.FAIL)
@@ -199,6 +204,7 @@ class SequentialDecision:
     def __init__(self, store: Store, jobs: Sequence[Job], limits: Limits | None) -> None:
         """Read the existing results of the jobs of a suite."""
         self._store, self._jobs, self._limits = store, jobs, limits
+        self._planned = planned_groups_of(jobs)
         done = [job for job in jobs if store.state(job) is JobState.DONE]
         self._scored = {job.key: read_scored_job(job, store, limits) for job in done}
 
@@ -214,7 +220,7 @@ class SequentialDecision:
         """Whether no more drives are required."""
         results = [self._scored[job.key] for job in self._jobs if job.key in self._scored]
         unfinished = [job for job in self._jobs if job.key not in self._scored]
-        return are_decided([*groups_of(results, self._limits, unfinished)])
+        return are_decided([*groups_of(results, self._limits, unfinished)], self._planned)
 
 
 def summarise(store: Store) -> Summary:
@@ -237,6 +243,7 @@ def summarise(store: Store) -> Summary:
         run=store.run,
         budgets=tuple(budgets_of(results, jobs)),
         waiting_jobs=tuple(job.label for job in in_state[JobState.WAITING]),
+        planned_groups=planned_groups_of(jobs),
     )
 
 
@@ -262,6 +269,11 @@ def _drive_errors(score: Score, condition: str) -> DriveErrors | None:
     if len(rows) < len(AXES) or any(row.mean is None or row.sigma is None for row in rows):
         return None
     return DriveErrors(rows[0].n or 0, np.array([row.mean for row in rows]), np.array([row.sigma for row in rows]))
+
+
+def planned_groups_of(jobs: Sequence[Job]) -> tuple[GroupKey, ...]:
+    """Return the groups of planned jobs, in the order of their first occurrence."""
+    return tuple(dict.fromkeys(job.group for job in jobs))
 
 
 def by_group(results: Sequence[ScoredJob]) -> dict[GroupKey, list[ScoredJob]]:

@@ -6,15 +6,51 @@ import dataclasses
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace as struct_replace
 
 from helpers.made_suites import JOB
+from helpers.random_drives import drive, score_of
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import JobOutcome
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.statistics.summary import SequentialDecision
+from sfr_loc_map.suite.statistics.summary import SequentialDecision, summarise
+
+
+def save_score(store: Store, job: Job, score: Score) -> None:
+    """Save a score as the result of a job."""
+    provenance = Provenance(version="", configuration={"suite.key": job.key})
+    store.save(job, JobOutcome(result=to_json(struct_replace(score, provenance=provenance))))
+
+
+def test_a_planned_group_without_a_result_is_undecided(tmp_path: Path) -> None:
+    """The sequential test of the group without a fault passes after 6 drives; the group with a fault has no result."""
+    terms = {"limit": 10.0, "prob": 0.75, "confidence": 0.75, "power": 0.75, "good": 0.05, "interpretation": "ensemble"}
+    limits = {"trajectory": [{"condition": "distance=5", "position_bound_m": terms}]}
+    sources = [dataclasses.replace(JOB.source, sha256=str(number)) for number in range(12)]
+    clean = [dataclasses.replace(JOB, source=source) for source in sources]
+    faulty = [dataclasses.replace(job, faults="black") for job in clean]
+    store = Store(tmp_path)
+    store.save_plan([*clean, *faulty], limits=limits)
+    decision = SequentialDecision(store, store.jobs, parse_limits(limits, "limits"))
+    states = []
+    for job in (*clean, *faulty):
+        truth, estimate = drive(int(job.source.sha256), count=60)
+        save_score(store, job, score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",))))
+        decision.add(job)
+        states.append(decision.is_made)
+        if job is clean[-1]:
+            found = summarise(store)
+            assert [item.state for item in found.on_limits] == ["pass"]
+            assert not found.is_decided
+            assert found.verdict == "incomplete"
+    assert not any(states[:12])
+    assert states[-1]
+    assert summarise(store).verdict == "pass"
 
 
 def test_a_sequential_decision_reads_each_result_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -28,8 +64,7 @@ def test_a_sequential_decision_reads_each_result_once(tmp_path: Path, monkeypatc
         return score_of_job(self, job)
 
     def save(job: Job) -> None:
-        provenance = Provenance(version="", configuration={"suite.key": job.key})
-        store.save(job, JobOutcome(result=to_json(Score(figures=(), provenance=provenance))))
+        save_score(store, job, Score(figures=()))
 
     save(jobs[0])
     monkeypatch.setattr(Store, "score", counted)
