@@ -128,14 +128,22 @@ def independent_of_drives(limit: Limit, results: Sequence[DriveScore]) -> float:
     return sum(by_drive.values())
 
 
-def samples_by_drive(limit: Limit, results: Sequence[DriveScore]) -> dict[str, list[Sample]]:
-    """Return by drive the errors of each result to which a limit applies."""
+def samples_by_drive(limit: Limit, results: Sequence[DriveScore]) -> tuple[dict[str, list[Sample]], set[str]]:
+    """Return by drive the errors of each result to which a limit applies, and the drives that lack some errors.
+
+    A drive lacks errors if a result has no sub-trajectory, an unknown error, or only a part of the errors.
+    """
     samples: dict[str, list[Sample]] = {}
+    without_errors: set[str] = set()
     for result in results:
+        if task_of(limit) not in tasks_of(result.score):
+            continue
         sample = sample_of(result.score, limit.limited.figure, limit.condition)
-        if sample is not None:
+        if sample is None or not len(sample.errors):
+            without_errors.add(result.drive_key)
+        else:
             samples.setdefault(result.drive_key, []).append(sample)
-    return samples
+    return samples, without_errors
 
 
 def proof_over_drives(
@@ -143,16 +151,22 @@ def proof_over_drives(
 ) -> GroupVerdict:
     """Return the verdict over drives on a limit with a probability and a confidence.
 
-    A sequential test uses the drives before the first drive without a result, so that the verdict does not depend on
-    the order in which drives finish.
+    A sequential test uses the drives before the first drive without a result or with missing errors, so that the
+    verdict does not depend on the order in which drives finish. If the test is then undecided, or if a drive of another
+    proof lacks errors, the verdict is incomplete instead of a pass.
     """
-    samples = samples_by_drive(limit, results)
+    samples, without_errors = samples_by_drive(limit, results)
     used = samples
-    if terms.good is not None and next_drive is not None:
-        used = {drive_key: of_drive for drive_key, of_drive in samples.items() if drive_key < next_drive}
+    is_sequential = terms.good is not None
+    ends = without_errors if next_drive is None else {*without_errors, next_drive}
+    if is_sequential and ends:
+        used = {drive_key: of_drive for drive_key, of_drive in samples.items() if drive_key < min(ends)}
     scores = [result.score for result in results]
     truth_error = max((truth_error_of(limit, score, score.reading) for score in scores), default=0.0)
     verdict = proof_verdict(limit, prove(terms, limit.limit, used), None, truth_error)
+    requires_all = VerdictState.NOT_ENOUGH_DATA if is_sequential else VerdictState.PASS
+    if without_errors and verdict.state is requires_all:
+        verdict = replace(verdict, state=VerdictState.INCOMPLETE)
     exceeding = sum(
         any(not (sample.sizes <= limit.limit).all() for sample in of_drive) for of_drive in samples.values()
     )

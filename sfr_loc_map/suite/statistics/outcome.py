@@ -53,6 +53,10 @@ def _failures(summary: Summary) -> Iterator[str]:
 
 
 def _incomplete_text(group: Group, item: GroupVerdict) -> str:
+    if item.figure is not None:
+        return (
+            f"{item.name} of {group.task}, {group.configuration}: incomplete, because drives lack values of the figure"
+        )
     text = f"incomplete: {item.missed_by} of {group.results} results of {group.task}, {group.configuration}"
     return text if item.value is None else f"{text}; the worst drive covers {100.0 * item.value:.4g} %"
 

@@ -7,8 +7,10 @@ from msgspec.structs import replace
 
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.details import ErrorRows
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.proof import sample_of
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
 from sfr_loc_map.suite.statistics.pooling import DriveScore, pool
@@ -87,3 +89,44 @@ def test_a_bound_over_drives_within_the_error_of_the_truth_decides_nothing() -> 
     for beyond, state in ((0.02, "not enough data"), (0.04, "pass")):  # 1.96 sqrt(2) 0.01 m
         found = group_of("position_bound_m", {**terms, "limit": bound + beyond}, results)
         assert (found.state, found.over) == (state, "all drives")
+
+
+@pytest.mark.parametrize("interpretation", ["ensemble", "mixed", "temporal"])
+@pytest.mark.parametrize("lack", ["short", "unknown", "thinned"])
+def test_a_drive_that_lacks_errors_makes_a_proof_incomplete(interpretation: str, lack: str) -> None:
+    settings = TrajectoryScoreConfig(conditions=("distance=1",))
+    results = [
+        DriveScore(str(number), score_of(estimate, truth, settings))
+        for number, (truth, estimate) in enumerate(drive(number, count=60) for number in range(12))
+    ]
+    terms = {"limit": 10.0, "prob": 0.5, "confidence": 0.5, "interpretation": interpretation}
+    limits = parse_limits({"trajectory": [{"condition": "distance=1", "position_bound_m": terms}]}, "limits")
+    assert [item.state for item in verdicts_over(limits, results, ())] == ["pass"]
+    (*_, found) = verdicts_over(limits, [*results, DriveScore("99", lacking(results[0].score, lack))], ())
+    assert (found.name, found.state) == ("position_bound_m", "incomplete")
+
+
+def lacking(score: Score, lack: str) -> Score:
+    """A score without sub-trajectories, with an unknown error, or with a part of the errors."""
+    if lack == "short":
+        truth, estimate = drive(0, count=2)
+        return score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=1",)))
+    errors = score.errors_of("position", "distance=1")
+    details = replace(score.details, trajectory=replace(score.details.trajectory, sub_trajectories=()))
+    columns = tuple((None, *values[1:]) for values in errors.T.tolist())
+    rows = (ErrorRows(figure="position", condition="distance=1", errors=columns),) if lack == "unknown" else ()
+    return replace(score, details=details, errors=rows)
+
+
+def test_a_sequential_test_ends_before_a_drive_that_lacks_errors() -> None:
+    """The test passes after 6 drives: a drive that lacks errors prevents the decision only if it is one of them."""
+    settings = TrajectoryScoreConfig(conditions=("distance=1",))
+    scores = [score_of(estimate, truth, settings) for truth, estimate in (drive(k, count=60) for k in range(12))]
+    terms = {"limit": 10.0, "prob": 0.75, "confidence": 0.75, "power": 0.75, "good": 0.05, "interpretation": "ensemble"}
+    limits = parse_limits({"trajectory": [{"condition": "distance=1", "position_bound_m": terms}]}, "limits")
+    for number, state in ((3, "incomplete"), (9, "pass")):
+        results = [
+            DriveScore(f"{k:02}", lacking(score, "thinned") if k == number else score) for k, score in enumerate(scores)
+        ]
+        (found,) = verdicts_over(limits, results, ())
+        assert found.state == state
