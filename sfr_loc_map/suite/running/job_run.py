@@ -28,8 +28,10 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.limits import BOUND, Interpretation
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
@@ -43,6 +45,14 @@ from sfr_loc_map.suite.running.job import Job, JobKind
 from sfr_loc_map.suite.running.source_kinds import SOURCE_KINDS
 
 REPLAY_FOLDER = "replay"  #: Folder of the output of a replay.
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "OPENCV_FOR_THREADS_NUM",
+)
+"""Environment variables that set the number of threads of a replay and of its nodes."""
 
 
 def run_job(job: Job, scratch: Path, cache: Path) -> Score:
@@ -104,12 +114,12 @@ def _replay(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
         path = scratch / "faulty"
     # the command line belongs to a higher layer, so it is run as a process
     done = subprocess.run(
-        [sys.executable, "-P", "-m", "sfr_loc_map", "replay", str(path), *_replay_options(job, scratch)],
+        [sys.executable, "-P", "-m", "sfr_loc_map", "replay", str(path), *replay_options(job, scratch)],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         check=False,
-        env=child_environment(),
+        env=child_environment() | dict.fromkeys(THREAD_VARIABLES, str(job.threads)),
         preexec_fn=partial(end_with_parent, signal.SIGTERM),
     )
     report = scratch / REPLAY_FOLDER / "report.json"
@@ -118,14 +128,27 @@ def _replay(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     return from_json(report.read_text(encoding="utf-8"), str(report))
 
 
-def _replay_options(job: Job, scratch: Path) -> list[str]:
-    """Return the options of `sfr replay` for a job; the parameters are written to a file."""
+def replay_options(job: Job, scratch: Path) -> list[str]:
+    """Return the options of `sfr replay` for a job; parameters and limits are written to files.
+
+    A replay keeps all errors of a figure that has a limit with a probability. The summary judges the score again by the
+    limits of the suite, so that the numbers of these limits have no effect.
+    """
     options = ["--out", str(scratch / REPLAY_FOLDER), "--start", job.start]
     if job.parameters:
         nested = {part: to_plain(values) for part in ("localisation", "mapping") if (values := _section(job, part))}
         config = scratch / "config.yaml"
         config.write_text(yaml.safe_dump(nested), encoding="utf-8")
         options += ["--config", str(config)]
+    if job.kept_errors:
+        terms = {"limit": 0.0, "prob": 0.5, "confidence": 0.5, "interpretation": Interpretation.TEMPORAL.value}
+        entries = [
+            {"condition": condition, f"{figure}_{BOUND}_{KINDS[figure].unit}": terms}
+            for figure, condition in job.kept_errors
+        ]
+        limits = scratch / "limits.yaml"
+        limits.write_text(yaml.safe_dump({"trajectory": entries}), encoding="utf-8")
+        options += ["--limits", str(limits)]
     options += ["--spacing", str(job.scoring.spacing), "--rebase", job.scoring.rebase]
     if job.scoring.partial:
         options.append("--partial")

@@ -1,0 +1,44 @@
+"""The work of a job: options of a replay, and threads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from helpers.made_suites import JOB
+from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
+from sfr_loc_map.metrics.limits import LIMITED_NUMBERS, LimitSection
+from sfr_loc_map.suite.running import job_run
+from sfr_loc_map.suite.running.job import JobKind
+from sfr_loc_map.suite.running.job_run import replay_options, run_job
+
+REPLAY = replace(JOB, kind=JobKind.REPLAY, threads=3)
+BOUNDS = [name for name, item in LIMITED_NUMBERS[LimitSection.TRAJECTORY].items() if item.statistic == "bound"]
+
+
+@pytest.mark.parametrize("bound", BOUNDS)
+def test_a_replay_keeps_the_errors_of_figures_with_a_limited_bound(bound: str, tmp_path: Path) -> None:
+    terms = {"limit": 0.1, "prob": 0.95, "confidence": 0.95, "interpretation": "ensemble"}
+    limits = parse_limits({"trajectory": [{"condition": "distance=1", bound: terms}]}, "limits")
+    kept = limits.figures_with_all_errors
+    assert kept
+    options = replay_options(replace(REPLAY, kept_errors=tuple(kept)), tmp_path)
+    given = load_limits(Path(options[options.index("--limits") + 1]))
+    assert given.figures_with_all_errors == kept
+    assert "--limits" not in replay_options(REPLAY, tmp_path)
+
+
+def test_a_replay_runs_with_the_threads_of_the_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: dict[str, str] = {}
+
+    def no_replay(*_: object, env: dict[str, str], **__: object) -> None:
+        given.update(env)
+        raise InterruptedError
+
+    monkeypatch.setattr(job_run.subprocess, "run", no_replay)
+    with pytest.raises(InterruptedError):
+        run_job(replace(REPLAY, source=replace(JOB.source, path=str(tmp_path))), tmp_path, tmp_path)
+    names = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+    assert {name: given[name] for name in names} == dict.fromkeys(names, "3")
