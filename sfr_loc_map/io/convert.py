@@ -79,7 +79,7 @@ def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
     In a bag the topic is `ground_truth/odometry`.
     """
     destination = Path(destination)
-    _warn_of_lever_arm(trajectory)
+    _warn_of_lost_properties(trajectory)
     if format_of_name(destination) is not None:
         save_trajectory(destination, trajectory)
     elif destination.suffix in STORAGE_BY_SUFFIX:
@@ -121,7 +121,7 @@ def _streams(source: Source, writer: SourceWriter) -> list[Iterator[Event]]:
     if (loc := source.loc) is not None:
         writer.write_loc_rig(loc.rig)
         if loc.ground_truth is not None:
-            _warn_of_lever_arm(loc.ground_truth)
+            _warn_of_lost_properties(loc.ground_truth)
             streams.append(_truth_events(loc.ground_truth, writer))
         streams.append((pair.stamp_ns, True, writer.write_loc_pair, (pair,)) for pair in loc.pairs())
     if (nav := source.nav) is not None:
@@ -130,12 +130,23 @@ def _streams(source: Source, writer: SourceWriter) -> list[Iterator[Event]]:
     return streams
 
 
-def _warn_of_lever_arm(truth: Trajectory) -> None:
-    """Warn of positions of another body than RB, because no format has its lever arm."""
-    if isinstance(truth, Truth) and any(truth.lever_arm_m):
+def _warn_of_lost_properties(truth: Trajectory) -> None:
+    """Warn of a tracked body, accuracies and unknown components of a truth, because no format has them."""
+    if not isinstance(truth, Truth):
+        return
+    if any(truth.lever_arm_m):
         _log.warning(
             f"the true positions are those of a body at {list(truth.lever_arm_m)} m in RB, and are written without "
             "this lever arm: read the output with the same truth.lever_arm_m"
+        )
+    lost = {f"truth.{name}": getattr(truth, name) for name in ("sigma_m", "sigma_deg") if getattr(truth, name)}
+    if not (truth.has_height and truth.has_tilt):
+        both = "planar" if not (truth.has_height or truth.has_tilt) else ""
+        lost["truth.unknown"] = both or ("tilt" if truth.has_height else "height")
+    if lost:
+        settings = " and ".join(f"{name}={value}" for name, value in lost.items())
+        _log.warning(
+            f"the truth is written without its accuracy and its unknown components: read the output with {settings}"
         )
 
 

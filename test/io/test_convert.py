@@ -24,7 +24,7 @@ from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.convert import ConvertOptions, Layout, convert, convert_trajectory
 from sfr_loc_map.io.registry import open_source, read_truth
 from sfr_loc_map.io.sequence import LocSequence
-from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, trajectory_text
 
 
 @pytest.fixture
@@ -135,6 +135,24 @@ def test_the_lever_arm_of_a_truth_without_attitudes_is_reported(
     prism = Truth(np.array([0, 10**9]), np.eye(3)[:2], np.zeros((2, 4)), lever_arm_m=(0.3, 0.0, 1.1))
     convert_trajectory(prism, tmp_path / "prism.csv")
     assert "a body at [0.3, 0.0, 1.1] m in RB" in caplog.text
+
+
+def test_the_accuracy_and_unknown_components_of_a_truth_are_reported(
+    tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    exact = world.truth
+    poses = exact.stamps_ns, exact.positions, exact.quats_xyzw
+    convert_trajectory(Truth(*poses), tmp_path / "exact.csv")
+    assert not caplog.records
+    convert_trajectory(Truth(*poses, sigma_m=0.02, has_height=False), tmp_path / "planar.csv")
+    assert "read the output with truth.sigma_m=0.02 and truth.unknown=height" in caplog.text
+
+
+def test_a_truth_file_in_any_order_is_written_in_order(tmp_path: Path, world: World) -> None:
+    header, *rows = trajectory_text(world.truth).splitlines()
+    (tmp_path / "t.csv").write_text("\n".join([header, *reversed(rows)]) + "\n")
+    convert_trajectory(read_truth(tmp_path / "t.csv"), tmp_path / "t.mcap")
+    assert_same_trajectory(read_truth(tmp_path / "t.mcap"), world.truth)
 
 
 def test_kitti_poses_are_omitted_if_the_truth_has_no_attitudes(

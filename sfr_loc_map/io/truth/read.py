@@ -14,6 +14,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.bag.files import is_bag
@@ -68,5 +70,7 @@ def _configured_truth(path: Path, config: TruthConfig) -> Truth:
 
 
 def _poses_of_file(file: Path, config: TruthConfig, option: str) -> Truth:
+    """Return the poses of a file in the order of their stamps; the rows of a file may have any order."""
     loaded = read_trajectory_file(file, config.columns, option)
-    return truth_of_rb(RecordedTruth(loaded.trajectory, loaded.text), config)
+    recorded = RecordedTruth(loaded.trajectory, loaded.text)
+    return truth_of_rb(recorded.where(np.argsort(loaded.trajectory.stamps_ns, kind="stable")), config)

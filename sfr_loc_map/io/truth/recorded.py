@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 
@@ -20,8 +20,8 @@ class RecordedTruth:
     variances: FloatArray | None = None  #: `(N, 6)` of x, y, z, roll, pitch, yaw, m^2 and rad^2; NaN or None: unknown.
     T_rb_body: Transform | None = None  #: Pose of the tracked body in RB, if the source gives it.
 
-    def where(self, kept: Mask) -> RecordedTruth:
-        """Return the poses that a mask `(N,)` selects."""
+    def where(self, kept: Mask | IntArray) -> RecordedTruth:
+        """Return the poses that a mask `(N,)` selects, or those of rows `(M,)` in the order of the rows."""
         poses = self.poses
         selected = replace(
             poses, stamps_ns=poses.stamps_ns[kept], positions=poses.positions[kept], quats_xyzw=poses.quats_xyzw[kept]
