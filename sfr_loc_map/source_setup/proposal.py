@@ -28,7 +28,7 @@ from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 from sfr_loc_map.metrics.association import nearest_stamps
 from sfr_loc_map.metrics.config import SPACING_FRAMES
 from sfr_loc_map.source_setup.topic_guess import guess_topics, seen_topics
-from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, below_half_period
+from sfr_loc_map.stamp_pairing import below_half_period
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
 SHORT_M = 12.0  #: Shorter drives, m, have too few sub-trajectories of 5 m, so that 1 m is proposed.
@@ -88,7 +88,8 @@ def propose_config(
     recorded = Bag(source) if format_of(source) is SourceFormat.BAG else None
     if recorded is not None:
         _topics(proposal, recorded)
-        bag = Bag(source, proposal.config.remap)
+        config = proposal.config
+        bag = Bag(source, config.remap, config.sync.stamps)
         _calibration(proposal, bag)
         _sync(proposal, bag)
     loc = _opened_drive(proposal)
@@ -133,13 +134,14 @@ def _calibration(proposal: Proposal, bag: Bag) -> None:
     """Propose the baseline from /tf_static if camera_info has none; a missing calibration is added to the missing."""
     infos = [bag.find(f"loc/{side}/camera_info", CAMERA_INFO) for side in SIDES]
     messages = bag.first([topic for topic in infos if topic is not None])
-    if image_name(bag, "loc") is None or "file" in proposal.sections.get("calibration", {}):
+    given = proposal.sections.get("calibration", {})
+    if image_name(bag, "loc") is None or "file" in given:
         return
     if len(messages) < len(SIDES):
         proposal.missing.append("no camera_info: give --calibration FILE (Kalibr, OpenCV, ROS, COLMAP or rig.json)")
         return
     left, right = (messages[f"loc/{side}/camera_info"] for side in SIDES)
-    if right.p[3] == 0 and left.p[3] == 0:
+    if right.p[3] == 0 and left.p[3] == 0 and not given.get("baseline_m"):
         joined = read_frame_tree(bag).find(left.header.frame_id.strip("/"), right.header.frame_id.strip("/"))
         if joined is None:
             proposal.missing.append("P[3] of the right camera_info is 0: give --set calibration.baseline_m=METRES")
@@ -160,22 +162,25 @@ def _sync(proposal: Proposal, bag: Bag) -> None:
         stamps.setdefault(topic.name, []).append(stamp_ns)
     if len(stamps) == len(SIDES) and min(map(len, stamps.values())) >= FEWEST_STAMPS:
         left_ns, right_ns = (np.array(stamps[topic.name], np.int64) for topic in topics)
-        for name, value, reason in _offset_or_tolerance(left_ns, right_ns):
+        sync = proposal.config.sync
+        right_ns = right_ns + round(sync.right_offset_s * NS_PER_S)
+        for name, value, reason in _offset_or_tolerance(left_ns, right_ns, round(sync.stamp_tolerance_s * NS_PER_S)):
             proposal.set("sync", name, value, reason)
 
 
-def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray) -> Iterator[tuple[str, float, str]]:
+def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: int) -> Iterator[tuple[str, float, str]]:
     """Yield the setting of `sync` that pairs left and right stamps, with its value and reason; at most one.
 
-    A constant difference is an offset of the right stamps. A varying difference requires a larger tolerance, which must
-    stay below half a period; otherwise no setting is proposed.
+    A difference within the tolerance requires no setting. A constant difference is an offset of the right stamps. A
+    varying difference requires a larger tolerance, which must stay below half a period; otherwise no setting is
+    proposed.
     """
     period_ns = float(min(np.median(np.diff(side)) for side in (left_ns, right_ns)))
     difference_ns = right_ns[nearest_stamps(left_ns, right_ns)[0]] - left_ns
     typical_ns = float(np.median(difference_ns))
     spread_ns = float(np.percentile(np.abs(difference_ns - typical_ns), 95))
     largest_ns = abs(typical_ns) + spread_ns
-    if largest_ns <= below_half_period(round(STAMP_TOLERANCE_S * NS_PER_S), [int(period_ns)]):
+    if largest_ns <= below_half_period(tolerance_ns, [int(period_ns)]):
         return
     if spread_ns < STEADY * period_ns:
         late = f"{abs(typical_ns) / NS_PER_S:.4g} s {'late' if typical_ns > 0.0 else 'early'}"
