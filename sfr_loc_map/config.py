@@ -213,6 +213,7 @@ SECTIONS = (
     *("localisation", "mapping", "monitor", "conditions", "limits"),
 )
 """Sections of `sfr.yaml`, the configuration file of all commands and nodes."""
+SECTIONS_WITHOUT_KEYS = ("conditions", "limits")  #: Sections that are a list or a file name.
 
 
 class NodeSection(NamedTuple):
@@ -291,7 +292,7 @@ def _sections_of_file(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
             sections.setdefault("", {})[key] = value
         elif name:
             sections.setdefault(section, {})[name] = value
-        elif section in ("conditions", "limits") or value is None:
+        elif section in SECTIONS_WITHOUT_KEYS or value is None:
             sections[section] = value or {}
         else:
             raise ConfigError(f"{path}: '{section}' is {value!r:.40}: names with values are required")

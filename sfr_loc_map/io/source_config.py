@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from sfr_loc_map.config import SECTIONS, build, flatten, param, read_sections, suggestion
+from sfr_loc_map.config import SECTIONS, SECTIONS_WITHOUT_KEYS, build, flatten, param, read_sections, suggestion
 from sfr_loc_map.errors import ConfigError, GeometryError, SfrError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag
@@ -138,6 +138,7 @@ class SourceConfig:
         types, topics = get_type_hints(cls), sections.get("topics") or {}
         if wrong := [name for name, topic in topics.items() if not isinstance(topic, str) or not topic]:
             raise ConfigError(f"{origin}: topics.{wrong[0]} must be the name of a topic of the source")
+        _check_topics_differ(topics, origin)
         parts = {
             item.name: build(types[item.name], sections.get(item.name) or {}, origin=f"{origin}, {item.name}")
             for item in fields(cls)
@@ -150,6 +151,18 @@ class SourceConfig:
         if name := config.calibration.file:
             config = replace(config, calibration=replace(config.calibration, file=str(folder / name)))
         return config
+
+
+def _check_topics_differ(topics: Mapping[str, str], origin: str) -> None:
+    """Raise ConfigError if two names of the suite have one topic, because a message is read under one name only."""
+    name_of: dict[str, str] = {}
+    for name, topic in topics.items():
+        other = name_of.setdefault(topic.strip("/"), name)
+        if other != name:
+            raise ConfigError(
+                f"{origin}: topics.{other} and topics.{name} are both '{topic}': a topic is read under one name; omit "
+                "one of them, and use a second configuration for the other task"
+            )
 
 
 AS_IT_IS = SourceConfig()  #: A source is read by its own topics and files.
@@ -203,11 +216,26 @@ def changed_sections(
         section, _, name = key.partition(".")
         if section not in SECTIONS:
             raise ConfigError(f"setting '{key}': no section '{section}'{suggestion(section, SECTIONS)}")
+        _check_setting(key, value)
         if name:
             changed.setdefault(section, {})[name] = value
         else:
             changed[section] = value
     return changed
+
+
+def _check_setting(key: str, value: object) -> None:
+    """Raise ConfigError if a setting `SECTION.KEY` or `SECTION` has a form that its section does not have."""
+    section, _, name = key.partition(".")
+    if section in SECTIONS_WITHOUT_KEYS:
+        is_list = isinstance(value, list) and all(isinstance(item, str) for item in value)
+        if name or not (is_list if section == "conditions" else isinstance(value, str)):
+            raise ConfigError(
+                f"setting '{key}' is {value!r:.40}: 'limits' must be a file name and 'conditions' a list such as "
+                "[distance=5]"
+            )
+    elif not name and not isinstance(value, Mapping):
+        raise ConfigError(f"setting '{key}' is {value!r:.40}: names with values are required, as {key}.NAME=VALUE")
 
 
 def check_remap(source: Path, remap: Mapping[str, str]) -> None:
