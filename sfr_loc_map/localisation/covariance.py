@@ -33,8 +33,9 @@ parts of the previous pose are zero if its pair began a window, because the step
 
 A new error source requires a field of `ErrorSources` and a term in one of the formulas. An error that accumulates along
 the path also requires a field of `path_errors.PathErrors`, which only the methods of that class change, and its
-increment in `trajectory._errors_at`. The table of that class shows what each event does to each field. A further field
-of `history.PastPose`, set in `trajectory._past_pose`, lets `rebased` subtract the error that arose before a past pose.
+increment in `trajectory._errors_at`. The table of that class shows what each event does to each field. An error that an
+external pose ends is a sum that is never reset, as `directed`. A field of `path_errors.Origin` and a field of
+`history.PastPose`, set in `trajectory._past_pose`, hold this sum at the origin and at a past pose.
 
 Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is that of position and rotation about fixed axes.
 """

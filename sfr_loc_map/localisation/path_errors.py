@@ -57,6 +57,7 @@ class Origin(NamedTuple):
     #: the start of the window.
     past_in_window: LocatedCovariance | None = None
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the origin.
+    directed: DirectedError = DirectedError(0.0, 0.0)  #: Sum of the directed errors up to the origin.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +76,8 @@ class PathErrors:
     | `unobserved_to_pose` | = M if the findings require it, or 0 | | | 0 | 0 | |
     | `unobserved_since_pose` | 0 | = M | | 0 | 0 | |
     | `bias` | + step | | | | | |
-    | `directed`, `directed_covariance` | + step (`with_directed`) | | | | 0 | - part before the external pose |
+    | `directed` | + step (`with_directed`) | | | | | |
+    | `directed_covariance` | + step (`with_directed`) | | | | 0 | = sum since the external pose |
 
     `with_pose` belongs to an accepted pair, `kept` to a kept pair, `adjusted` to a keyframe that was adjusted in the
     background, and `restarted` to a pair that begins a window. A lost pair changes no component. `placed` applies an
@@ -94,9 +96,10 @@ class PathErrors:
     #: M of the motion since that pose while it is kept.
     unobserved_since_pose: FloatArray = field(default_factory=lambda: ZERO)
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the present pose.
-    #: Sum of the directed errors since the origin (ambiguous motions, bending by the lens).
+    #: Sum of the directed errors (ambiguous motions, bending by the lens) up to the present pose. The sum is never
+    #: reset, because the past poses in the history contain earlier values of the same sum.
     directed: DirectedError = DirectedError(0.0, 0.0)
-    #: Covariance of that sum, at the position where the last error was added.
+    #: Covariance of the sum since the origin, at the position where the last error was added.
     directed_covariance: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
 
     @property
@@ -117,25 +120,23 @@ class PathErrors:
         )
 
     def placed(self, start: LocatedCovariance) -> PathErrors:
-        """Return the errors after an external pose was applied to the last pose. Only the path integrals continue."""
+        """Return the errors after an external pose was applied to the last pose. Only the sums continue."""
         return PathErrors(
-            origin=Origin(start, bias=self.bias),
+            origin=Origin(start, bias=self.bias, directed=self.directed),
             bias=self.bias,
+            directed=self.directed,
             directed_covariance=LocatedCovariance(start.position, ZERO),
         )
 
-    def rebased(self, origin: Origin, *, position: FloatArray, directed: DirectedError) -> PathErrors:
+    def rebased(self, origin: Origin, position: FloatArray) -> PathErrors:
         """Return the errors since an external pose with a past stamp.
 
         Args:
             origin: The external pose; the start of the present window if that pose belongs to an earlier window.
             position: Position of the left camera at the external pose.
-            directed: Sum of the directed errors up to the external pose.
         """
-        since = self.directed.since(directed)
-        return replace(
-            self, origin=origin, directed=since, directed_covariance=LocatedCovariance(position, since.covariance)
-        )
+        since = self.directed.since(origin.directed)
+        return replace(self, origin=origin, directed_covariance=LocatedCovariance(position, since.covariance))
 
     def kept(self, unobserved_since_pose: FloatArray) -> PathErrors:
         """Return the errors of a pose that is kept during an unobserved motion."""
@@ -187,6 +188,7 @@ class PathErrors:
     def with_directed(self, error: DirectedError, position: FloatArray) -> PathErrors:
         """Return the errors with a further directed error, which arose at a position."""
         total = self.directed.plus(error)
-        growth = total.covariance - self.directed.covariance
+        before = self.origin.directed
+        growth = total.since(before).covariance - self.directed.since(before).covariance
         located = LocatedCovariance(position, self.directed_covariance.at(position) + growth)
         return replace(self, directed=total, directed_covariance=located)

@@ -386,11 +386,12 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     )
     position = past.in_window.position
     if past.window_number == path.window_number:
-        origin = Origin(LocatedCovariance(position, covariance), past.in_window, past.bias)
+        origin = Origin(LocatedCovariance(position, covariance), past.in_window, past.bias, past.directed)
     else:  # add drift and unobserved motions between the past pose and the present window
         before_window = path.errors.before_window
         added = positive_part(before_window.covariance - past.since_map_was_placed.at(before_window.position))
         at_window = propagated_covariance(covariance, before_window.position - position)
-        origin = Origin(LocatedCovariance(before_window.position, at_window + added), bias=past.bias)
-    errors = path.errors.rebased(origin, position=position, directed=past.directed)
+        start = LocatedCovariance(before_window.position, at_window + added)
+        origin = Origin(start, bias=past.bias, directed=past.directed)
+    errors = path.errors.rebased(origin, position)
     return replace(path, datum=replace(path.datum, T_ds_world=T_ds_world), errors=errors)

@@ -242,3 +242,33 @@ def test_an_exact_pose_from_outside_of_an_earlier_window_replaces_the_start_and_
     assert np.trace(gap) > 1.0  # ten pairs without an image
     assert np.trace(after.errors.origin.start.covariance) == pytest.approx(np.trace(gap), rel=0.05)
     assert np.linalg.eigvalsh(after.errors.origin.start.covariance)[0] >= 0.0
+
+
+@pytest.mark.parametrize("stamps", [(30, 35), (30, 30), (35, 30)])
+def test_the_second_of_two_late_poses_replaces_the_first_and_the_covariance_stays_valid(
+    stamps: tuple[int, int],
+) -> None:
+    """Both poses are applied after the drive went on, and the directed errors count from the second pose alone."""
+    model = model_of(IN_CAMERA)
+    path = begun()
+    for number in range(1, 41):
+        path = move(path, number, number * STEP)
+    first, second = (StartPose(Transform(np.eye(3), at * STEP), NOTHING, at * PERIOD_NS) for at in stamps)
+    twice = once = path
+    twice = trajectory.with_pending_pose(trajectory.given(twice, first, model), 40 * PERIOD_NS, model)[0]
+    for number in range(41, 43):
+        twice = move(twice, number, number * STEP)
+        once = move(once, number, number * STEP)
+    twice = trajectory.with_pending_pose(trajectory.given(twice, second, model), 42 * PERIOD_NS, model)[0]
+    once = trajectory.with_pending_pose(trajectory.given(once, second, model), 42 * PERIOD_NS, model)[0]
+    for number in range(43, 80):
+        inflation = Inflation.AMBIGUITY if number == 60 else Inflation.NONE
+        twice = move(twice, number, number * STEP, inflation=inflation)
+        once = move(once, number, number * STEP, inflation=inflation)
+        directed = twice.errors.directed_covariance.covariance
+        np.testing.assert_allclose(directed, once.errors.directed_covariance.covariance, rtol=1e-9, atol=1e-15)
+        assert np.linalg.eigvalsh(directed)[0] > -1e-15
+        travelled_m = (number - stamps[1]) * LENGTH
+        sigma_rad = SOURCES.lens_px / 80.0 * travelled_m
+        if number < 60:
+            assert np.sqrt(directed[3, 3]) == pytest.approx(sigma_rad, rel=0.2)
