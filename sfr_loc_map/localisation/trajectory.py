@@ -345,6 +345,7 @@ def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tupl
 
     The map is discarded if no pose was accepted since the stamp of the external pose, because the position of the
     external pose in the map is then unknown.
+    In this case, the motion from that stamp to the pair is unobserved.
     """
     pending = path.datum.pending
     if pending is None:
@@ -355,7 +356,9 @@ def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tupl
     path = replace(path, datum=replace(path.datum, pending=None))
     last_ns = path.history.last_ns
     if last_ns is None or at_ns > last_ns:
-        return _placed(path, pending.pose, at_ns, model), True
+        placed = _placed(path, pending.pose, at_ns, model)
+        unobserved = _unobserved_of_left(placed, stamp_ns, model)
+        return replace(placed, errors=placed.errors.kept(unobserved)), True
     return _rebased(path, pending.pose, at_ns, model), False
 
 
