@@ -54,6 +54,7 @@ class Honesty(StrEnum):
     SILENT = "silent"  #: Errors beyond the limit in pairs with a valid state.
     SAID = "said"  #: No silent errors; a problem was reported by degraded or lost pairs.
     STATED = "stated"  #: No silent errors and no degraded or lost pairs; the errors are within the stated sigmas.
+    NOT_COMPARED = "not compared"  #: No true pose has the stamp of a pair with a valid state.
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +64,7 @@ class StatedErrors:
     valid: int  #: Number of pairs with a valid state; the key `tracking` of the JSON.
     degraded: int  #: Number of degraded pairs.
     lost: int  #: Number of lost pairs.
+    compared: int = 0  #: Number of pairs with a valid state that have a true pose at their stamp.
     position_ratio: float | None = None  #: Largest position error over its 3 sigma (root of the covariance's trace).
     attitude_ratio: float | None = None  #: Largest attitude error over its 3 sigma.
     step_ratio: float | None = None  #: Largest error of a step, translation or rotation, over its 3 sigma.
@@ -74,6 +76,8 @@ class StatedErrors:
         """How the localiser reported its errors."""
         if self.beyond_share:
             return Honesty.SILENT
+        if self.valid and not self.compared:
+            return Honesty.NOT_COMPARED
         return Honesty.SAID if self.degraded + self.lost else Honesty.STATED
 
 
@@ -110,7 +114,15 @@ class FaultBenchmark:
     @property
     def silent(self) -> list[str]:
         """The faults with silent errors."""
-        return [fault for fault, entry in self.entries.items() if entry.stated.honesty is Honesty.SILENT]
+        return self._faults_with(Honesty.SILENT)
+
+    @property
+    def not_compared(self) -> list[str]:
+        """The faults with which no pair was compared with the ground truth."""
+        return self._faults_with(Honesty.NOT_COMPARED)
+
+    def _faults_with(self, honesty: Honesty) -> list[str]:
+        return [fault for fault, entry in self.entries.items() if entry.stated.honesty is honesty]
 
     def content(self) -> dict[str, Any]:
         """Return the content of the JSON file."""
@@ -141,6 +153,7 @@ def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> State
     largest_ratios = np.maximum(np.maximum(position_ratios, attitude_ratios), step_ratios)
     return replace(
         counted,
+        compared=len(errors),
         position_ratio=float(position_ratios.max()),
         attitude_ratio=float(attitude_ratios.max()),
         step_ratio=float(step_ratios.max()),

@@ -23,7 +23,7 @@ from sfr_loc_map.cli.options import (
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, counting, progress_bar, say, show
 from sfr_loc_map.cli.verdict import check_conditions
 from sfr_loc_map.config import read_config
-from sfr_loc_map.errors import FailedVerdictError, InputError, InterruptedRunError
+from sfr_loc_map.errors import FailedVerdictError, InputError, InterruptedRunError, NotJudgedError
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
@@ -145,7 +145,10 @@ def faults(
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
-    """Localise data with injected faults and compare the errors with the reported sigmas; exit 1 for silent errors."""
+    """Localise data with injected faults and compare the errors with the reported sigmas.
+
+    Exit with 1 for silent errors, and with 3 if no pair with a fault can be compared with the ground truth.
+    """
     from sfr_loc_map.bench.fault_benchmark import FAULTS, benchmark_faults
     from sfr_loc_map.io.sequence import drive_of
 
@@ -166,6 +169,11 @@ def faults(
         raise FailedVerdictError(
             "with these faults the state remained 'tracking' although an error exceeded 5 times the reported 3 sigma: "
             f"{', '.join(result.silent)}"
+        )
+    if result.not_compared and not lenient:
+        raise NotJudgedError(
+            "with these faults no pair was compared, because no true pose has the stamp of a pair: "
+            f"{', '.join(result.not_compared)}"
         )
 
 

@@ -28,6 +28,7 @@ FAULTS: tuple[ResultColumn, ...] = (
     ("tracking", "", "tracking"),
     ("degraded", "", "degraded"),
     ("lost", "", "lost"),
+    ("compared", "", "compared"),
     ("position error / 3 sigma", "", "position_ratio"),
     ("attitude error / 3 sigma", "", "attitude_ratio"),
     ("step error / 3 sigma", "", "step_ratio"),

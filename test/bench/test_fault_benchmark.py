@@ -52,6 +52,31 @@ def test_an_error_beyond_five_times_the_stated_3_sigma_is_silent_where_it_is_cal
     assert stated.honesty is Honesty.SILENT
 
 
+def test_pairs_without_a_true_pose_at_their_stamp_are_not_compared() -> None:
+    estimates, truth = drive([0.0, 0.0, 0.0])
+    assert stated_errors(estimates, truth).compared == 3
+    later = replace(truth, stamps_ns=truth.stamps_ns + 100)
+    found = stated_errors(estimates, later)
+    assert (found.valid, found.compared, found.honesty) == (3, 0, Honesty.NOT_COMPARED)
+    estimates[1] = replace(estimates[1], state=TrackingState.LOST, covariance=lost_covariance())
+    assert stated_errors(estimates, later).honesty is Honesty.NOT_COMPARED
+
+
+def test_the_benchmark_of_a_ground_truth_with_other_stamps_is_not_judged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = write_folder(tmp_path / "data", 8, 0)
+    (truth,) = data.glob("groundtruth*")
+    head, *rows = truth.read_text().splitlines()
+    stamps = [row.partition(",") for row in rows]
+    truth.write_text("\n".join([head, *(f"{int(stamp) + 100_000}{comma}{rest}" for stamp, comma, rest in stamps), ""]))
+    arguments = [data, "--fault", "black", "--condition", "frames=3", "--spacing", 1, "--json", tmp_path / "out.json"]
+    monkeypatch.setattr(sys, "argv", ["sfr", "bench", "faults", *map(str, arguments)])
+    assert main() == 3
+    entries = json.loads((tmp_path / "out.json").read_text())["entries"]
+    assert (entries["none"]["honesty"], entries["none"]["compared"]) == ("not compared", 0)
+
+
 @pytest.mark.slow
 def test_benchmark_has_the_drive_without_and_with_each_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "faults.json"
