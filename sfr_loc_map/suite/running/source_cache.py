@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from sfr_loc_map.config import build
 from sfr_loc_map.errors import InputError, MissingExtraError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import JobSource, digest
 
 if TYPE_CHECKING:
@@ -20,11 +22,22 @@ if TYPE_CHECKING:
 
 
 def rendered(source: JobSource, cache: Path) -> Path:
-    """Return the path of a simulated source, which is rendered once for all jobs."""
+    """Return the path of a simulated source, which is rendered once for all jobs of the same code.
+
+    The renderings of the source by other code are removed.
+    """
     from sfr_loc_map.simulation.simulate import simulate  # slow import
 
     config = build(SimulationConfig, source.settings)
-    return _made_once(cache / f"simulated-{source.sha256}", lambda out: simulate(config, out, workers=1))
+    target = cache / f"simulated-{source.sha256}-{code_fingerprint()}"
+
+    def render(out: Path) -> None:
+        for other in cache.glob(f"simulated-{source.sha256}*"):
+            if other.is_dir():
+                shutil.rmtree(other, ignore_errors=True)
+        simulate(config, out, workers=1)
+
+    return _made_once(target, render)
 
 
 def fetch(url: str, cache: Path) -> Path:

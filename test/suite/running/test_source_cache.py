@@ -13,7 +13,8 @@ from typing import ClassVar
 import pytest
 
 from sfr_loc_map.errors import InputError, MissingExtraError
-from sfr_loc_map.suite.running.source_cache import expand, fetch
+from sfr_loc_map.suite.running.job import JobSource, SourceKind
+from sfr_loc_map.suite.running.source_cache import expand, fetch, rendered
 
 fsspec = pytest.importorskip("fsspec", reason="needs the extra [suite]")
 CONTENT = b"a" * 1000
@@ -56,6 +57,22 @@ def test_a_file_is_fetched_once_and_again_when_it_has_changed(url: str, tmp_path
     for content in (b"first", b"other"):
         memory.pipe("/changing.mcap", content)
         assert fetch("memory://changing.mcap", tmp_path).read_bytes() == content
+
+
+def test_a_simulation_is_rendered_again_with_other_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    codes: list[str] = []
+
+    def simulate(_: object, out: Path, **__: object) -> None:
+        out.mkdir()
+        (out / "images").write_text(codes[-1])
+
+    monkeypatch.setattr("sfr_loc_map.simulation.simulate.simulate", simulate)
+    monkeypatch.setattr("sfr_loc_map.suite.running.source_cache.code_fingerprint", lambda: codes[-1])
+    sources = [JobSource(name="a", kind=SourceKind.SIMULATED, path="a.yaml", sha256=sha256) for sha256 in ("0", "1")]
+    for code in ("first", "first", "second"):
+        codes.append(code)
+        assert [(rendered(source, tmp_path) / "images").read_text() for source in sources] == [code, code]
+    assert len([path for path in tmp_path.iterdir() if path.is_dir()]) == 2
 
 
 @pytest.mark.parametrize(
