@@ -34,7 +34,7 @@ def test_examples_are_taken_by_the_command(name: str) -> None:
     for line in lines:
         sfr, *words = shlex.split(line)
         assert (sfr, " ".join(words[: len(name.split())])) == ("sfr", name)
-        with COMMANDS[name].make_context(name, words[len(name.split()) :]):
+        with COMMANDS[name].make_context(name, words[len(name.split()) :], help_option_names=["-h", "--help"]):
             pass
 
 

@@ -211,7 +211,7 @@ def test_the_files_of_a_pair_are_removed_before_the_fusion(monkeypatch: pytest.M
     item = nav_pair(0)
     with IsolatedMapper(find_method("sfr", Task.MAPPING), NAV_RIG, hidden=()) as mapper:
         made, _ = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
-        monkeypatch.setattr(MethodProcess, "call", lambda *_: (MethodCall(), {"fused": True}))
+        monkeypatch.setattr(MethodProcess, "call", lambda *_, **__: (MethodCall(), {"fused": True}, {}))
         fused, call = mapper.fuse([made], item.pair)
     assert call is not None
     assert call.finding.startswith("invalid result: the cloud cannot be read")
