@@ -238,6 +238,14 @@ class Sample(NamedTuple):
         """Number of errors from one independent error to the next."""
         return max(1, math.ceil(len(self.errors) / max(self.independent, 1.0) - 1e-9))
 
+    @property
+    def series_count(self) -> int:
+        """Number of errors of the shortest series that has every `step`-th error.
+
+        The number is smaller than `independent` if the step is rounded up.
+        """
+        return len(self.errors) // self.step
+
 
 class Moments(NamedTuple):
     """Norms of mean and sigma of a sample, its sigmas along the principal axes, and the p-value of normality."""
@@ -310,12 +318,12 @@ def normal_factor(count: float, shape: tuple[float, ...], prob: float, confidenc
 def order_bounds(sample: Sample, prob: float, confidence: float) -> tuple[float | None, float | None]:
     """Return the bounds of a fraction of the errors by order statistics of their sizes, None if there are too few.
 
-    Overlapping errors are divided into series of errors that do not overlap. The result is the largest upper bound and
-    the smallest lower bound of the series.
+    Overlapping errors are divided into series of errors that do not overlap. The number of failures that a series may
+    have follows from the length of the shortest series. The result is the largest upper bound and the smallest lower
+    bound of the series.
     """
-    sizes, step = sample.sizes, sample.step
-    count = int(min(sample.independent + 1e-9, len(sizes)))
-    if count < 1 or not np.isfinite(sizes).all():
+    sizes, step, count = sample.sizes, sample.step, sample.series_count
+    if count < 1 or sample.independent + 1e-9 < 1.0 or not np.isfinite(sizes).all():
         return None, None
     discarded, failing = allowed_failures(count, prob, confidence), disproving_failures(count, prob, confidence)
     series = [np.sort(sizes[first::step])[::-1] for first in range(step)]

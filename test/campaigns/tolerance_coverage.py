@@ -14,7 +14,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.tolerance import BoundMethod, Sample, tolerance_bound
 
-OVERLAP = 5  #: Number of windows that share a step.
+OVERLAP = 5  #: Number of steps of a window of the normal errors; neighbouring windows share all steps but one.
 REFERENCE = 2_000_000  #: Number of errors for the numerical quantile.
 LEVELS = ((0.95, 0.95), (0.9973, 0.9))
 
@@ -31,11 +31,20 @@ def heavy(rng: np.random.Generator, count: int, sigmas: FloatArray) -> FloatArra
     return rng.standard_t(3, (count, len(sigmas))) * sigmas
 
 
-def windows(rng: np.random.Generator, count: int, sigmas: FloatArray) -> FloatArray:
-    """Return the errors of windows of OVERLAP steps; neighbouring windows share all steps but one."""
-    steps = rng.standard_normal((count + OVERLAP - 1, len(sigmas))) * sigmas
-    sums = np.concatenate((np.zeros((1, len(sigmas))), np.cumsum(steps, axis=0)))
-    return (sums[OVERLAP:] - sums[:-OVERLAP]) / np.sqrt(OVERLAP)
+def windows(steps: FloatArray, length: int, spacing: int = 1) -> FloatArray:
+    """Return the errors of windows of `length` steps, which begin `spacing` steps apart."""
+    sums = np.concatenate((np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)))
+    return (sums[length:] - sums[:-length])[::spacing] / np.sqrt(length)
+
+
+def normal_windows(rng: np.random.Generator, count: int, sigmas: FloatArray) -> FloatArray:
+    """Return the errors of windows of OVERLAP steps for `count` independent errors."""
+    return windows(normal(rng, count * OVERLAP + OVERLAP - 1, sigmas), OVERLAP)
+
+
+def heavy_windows(rng: np.random.Generator, count: int, length: int, spacing: int) -> FloatArray:
+    """Return the errors of windows of heavy-tailed steps, whose overlap `length / spacing` need not be an integer."""
+    return windows(heavy(rng, count * length, np.ones(1)), length, spacing)
 
 
 ISOTROPIC, ONE_AXIS, OBLONG = np.ones(3), np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.3, 0.3])
@@ -47,8 +56,11 @@ CASES: dict[str, tuple[Callable[[np.random.Generator, int], FloatArray], float]]
     "isotropic, mean 2 sigma": (lambda rng, count: normal(rng, count, ISOTROPIC, 2.0), 1.0),
     "heavy tails, isotropic": (lambda rng, count: heavy(rng, count, ISOTROPIC), 1.0),
     "heavy tails, one axis": (lambda rng, count: heavy(rng, count, ONE_AXIS), 1.0),
-    "correlated windows": (lambda rng, count: windows(rng, count * OVERLAP, ISOTROPIC), OVERLAP),
-    "correlated windows, one axis": (lambda rng, count: windows(rng, count * OVERLAP, ONE_AXIS), OVERLAP),
+    "correlated windows": (lambda rng, count: normal_windows(rng, count, ISOTROPIC), OVERLAP),
+    "correlated windows, one axis": (lambda rng, count: normal_windows(rng, count, ONE_AXIS), OVERLAP),
+    "heavy tails, overlap 1.1": (lambda rng, count: heavy_windows(rng, count, 11, 10), 1.1),
+    "heavy tails, overlap 1.5": (lambda rng, count: heavy_windows(rng, count, 3, 2), 1.5),
+    "heavy tails, overlap 2.2": (lambda rng, count: heavy_windows(rng, count, 11, 5), 2.2),
 }
 """Functions that draw the errors of a campaign with a number of independent errors, and the overlap."""
 

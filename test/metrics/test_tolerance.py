@@ -13,6 +13,8 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics import tolerance
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging import judge, limit_scope, limits_file, reasons
+from sfr_loc_map.metrics.judging.proof import prove_sample
+from sfr_loc_map.metrics.limits import Interpretation, Terms
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.stored import stored_contradiction
 from sfr_loc_map.metrics.table import figure_row
@@ -66,6 +68,8 @@ def test_normality_has_its_level_and_detects_heavy_tails() -> None:
         ("heavy tails, isotropic", 60, False),
         ("heavy tails, one axis", 200, False),
         ("correlated windows", 60, False),
+        ("heavy tails, overlap 1.1", 200, False),
+        ("heavy tails, overlap 1.5", 200, False),
     ],
 )
 def test_bounds_hold_as_often_as_they_say(case: str, count: int, is_normal: bool) -> None:
@@ -88,6 +92,14 @@ def test_the_number_that_is_needed_is_enough() -> None:
     assert tolerance.count_needed(few, 0.0, 0.95, 0.95) is None
 
 
+def test_a_fractional_overlap_needs_as_many_values_as_each_series_lacks() -> None:
+    """Of 80 errors with an overlap of 1.25, each of the two series has 40 of the 59 that are needed."""
+    sample = Sample(RANDOM.standard_normal(80), 64.0)
+    assert tolerance.order_bounds(sample, 0.95, 0.95)[0] is None
+    terms = Terms(prob=0.95, confidence=0.95, interpretation=Interpretation.TEMPORAL)
+    assert prove_sample(terms, 100.0, sample).record.more == 19
+
+
 # ---- as limits
 
 
@@ -98,8 +110,8 @@ def judged(score: Score, **entry: Any) -> tuple[Score, Any]:
 
 
 def long_score() -> Score:
-    """A drive of some 80 sub-trajectories that share no frame."""
-    truth, estimate = drive(3, count=1600)
+    """A drive of 238 sub-trajectories with an overlap of 2.2, three series of some 80 that share no frame."""
+    truth, estimate = drive(3, count=2400)
     return score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
 
 

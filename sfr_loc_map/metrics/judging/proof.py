@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.judging.sequential import sequential_test
 from sfr_loc_map.metrics.limits import Interpretation, Terms
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.metrics.tolerance import Sample, count_needed, tolerance_bound
+from sfr_loc_map.metrics.tolerance import BoundMethod, Sample, count_needed, tolerance_bound
 from sfr_loc_map.metrics.verdict import ProofRecord
 
 SEQUENTIAL = "sequential"  #: Method of a verdict by a sequential test.
@@ -124,7 +124,8 @@ def prove_sample(terms: Terms, limit: float, sample: Sample) -> Proof:
     more = None
     if state is VerdictState.NOT_ENOUGH_DATA:
         needed = count_needed(sample, limit, prob, confidence, is_normal=terms.normal)
-        more = None if needed is None else max(needed - int(sample.independent), 1)
+        given = sample.series_count if bound.method is BoundMethod.ORDER else int(sample.independent)
+        more = None if needed is None else max(needed - given, 1)
     return Proof(state, bound.upper, record_of(terms, bound.method.value, sample.independent, more), len(sample.errors))
 
 
