@@ -242,7 +242,7 @@ class InputFile(Record, frozen=True, kw_only=True):
 
     path: str  #: Path as given by the user.
     sha256: str  #: Hash of the content.
-    data_sha256: str | None = None  #: For a ground truth: hash of the values, independent of the file.
+    data_sha256: str | None = None  #: For a ground truth: hash of its poses and sigmas, or of its points.
     read_from: str | None = None  #: For a ground truth: topic, frame or file of the poses; null if unknown.
 
 

@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.hashes import hash_arrays
 from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
@@ -48,7 +49,7 @@ def score_run(
     if run.drive is not None:
         mismatch = convention_mismatch(run.drive, config) or fitted_unit(run.convention)
         trajectory = drive_result(run.drive, config.trajectory, mismatch, all_kept(limits, kept_errors))
-        truth_sha256 = hash_arrays((run.drive.truth.stamps_ns, run.drive.truth.positions))
+        truth_sha256 = hash_of_truth(run.drive.truth)
     if run.drive is not None and aligned is not None:
         trajectory = with_aligned_errors(trajectory, run.drive, aligned)
     surface = result_without_cloud(run.unmapped_pairs)
@@ -59,3 +60,10 @@ def score_run(
     calls = calls_result(run, expected_calls(run))
     provenance = provenance_of(run, config, truth_sha256, map_truth_sha256)
     return score_of_parts(run, trajectory, surface, calls, provenance, config, limits)
+
+
+def hash_of_truth(truth: Trajectory) -> str:
+    """Return the SHA-256 of the poses of a ground truth, of their sigmas and of the lever arm."""
+    known = truth if isinstance(truth, Truth) else Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw)
+    stated = np.array((known.sigma_m, known.sigma_deg, *known.lever_arm_m))
+    return hash_arrays((truth.stamps_ns, truth.positions, truth.quats_xyzw, stated))

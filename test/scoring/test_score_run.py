@@ -18,7 +18,7 @@ from helpers.message_bags import write_messages
 from helpers.scored_drives import PERIOD_NS, straight
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.messages import odometry
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
@@ -28,6 +28,7 @@ from sfr_loc_map.runs.call_files import load_call_stats, save_stats
 from sfr_loc_map.runs.call_stats import estimates_of
 from sfr_loc_map.runs.calls import CallRecord, encode_call
 from sfr_loc_map.scoring.load import estimates_of_calls, load_estimates
+from sfr_loc_map.scoring.score_run import hash_of_truth
 
 Scored = Callable[..., dict[str, Any]]
 
@@ -40,6 +41,22 @@ def scored(sfr: Sfr) -> Scored:
         return dict(json.loads(done.out))
 
     return score
+
+
+def test_ground_truths_with_other_attitudes_or_sigmas_have_other_hashes(tmp_path: Path, scored: Scored) -> None:
+    """The positions are equal."""
+    estimate, given = tmp_path / "estimate.csv", straight()
+    save_trajectory(estimate, given)
+    turned = np.tile([0.0, 0.0, np.sin(0.1), np.cos(0.1)], (len(given), 1))
+    hashes = []
+    for name, quats in (("first", given.quats_xyzw), ("same", given.quats_xyzw), ("turned", turned)):
+        truth = tmp_path / f"{name}.csv"
+        save_trajectory(truth, Trajectory(given.stamps_ns, given.positions, quats))
+        hashes.append(scored(estimate, truth)["provenance"]["inputs"]["truth"]["data_sha256"])
+    assert hashes[0] == hashes[1] != hashes[2]
+    poses = given.stamps_ns, given.positions, given.quats_xyzw
+    others = Truth(*poses), Truth(*poses, sigma_m=0.01), Truth(*poses, sigma_deg=0.01)
+    assert len({hash_of_truth(truth) for truth in others}) == 3
 
 
 def test_score_of_trajectories_in_files_and_bags_with_their_calls(tmp_path: Path, scored: Scored, sfr: Sfr) -> None:
