@@ -265,7 +265,9 @@ def history(
     for change in result.worse:
         say(change.text, err=True)
     if result.worse:
-        raise FailedVerdictError(f"{len(result.worse)} figures became and stayed worse: each is named above")
+        raise FailedVerdictError(
+            f"{len({change.figure for change in result.worse})} figures became and stayed worse: each is named above"
+        )
 
 
 def _open_store(folder: Path) -> Store:

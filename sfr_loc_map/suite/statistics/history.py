@@ -163,12 +163,13 @@ class History:
 
     @property
     def worse(self) -> tuple[Change, ...]:
-        """The last change of each figure, if it was for the worse.
+        """The changes for the worse that are the last change of the figure for at least one of their drives.
 
-        A later change for the better closes earlier changes of the figure, also those of other drives.
+        A change for the better therefore closes a change for the worse only for the drives that became better.
         """
-        last = {change.figure: change for change in self.changes}
-        return tuple(change for change in last.values() if change.outcome is Outcome.WORSE)
+        last = {(change.figure, drive): change for change in self.changes for drive in change.drives}
+        worse = [change for change in self.changes if change.outcome is Outcome.WORSE]
+        return tuple(change for change in worse if any(last[change.figure, drive] is change for drive in change.drives))
 
     def to_dict(self) -> dict[str, object]:
         """Return the history as JSON values."""

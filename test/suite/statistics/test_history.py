@@ -117,6 +117,19 @@ def test_what_was_fixed_is_closed_and_the_new_level_is_the_reference() -> None:
     assert not history.worse
 
 
+def test_an_improvement_of_another_drive_closes_no_regression() -> None:
+    tables = nights(60)
+    tables[ACCURACY][4, 12:] *= 5.0
+    tables[ACCURACY][10, 30:] /= 5.0
+    history = found(tables)
+    assert [(item.outcome, item.drives) for item in history.changes] == [
+        (Outcome.WORSE, ("drive 4",)), (Outcome.BETTER, ("drive 10",)),
+    ]  # fmt: skip
+    assert [change.drives for change in history.worse] == [("drive 4",)]
+    tables[ACCURACY][4, 45:] /= 5.0
+    assert not found(tables).worse
+
+
 def test_false_alarms_do_not_grow_with_the_history() -> None:
     scale, alarms = SCALES[ComparedKind.ACCURACY], np.zeros(2, int)
     for seed in range(15):
