@@ -45,7 +45,8 @@ class Scale:
     """Scale on which a kind of figure is compared: logarithm, count or identity."""
 
     apply: Callable[[FloatArray], FloatArray]  #: Converts values to the scale; NaN if undefined.
-    undo: Callable[[float], float]  #: Converts a number on the scale to a value.
+    #: Converts a mean on the scale to the reported mean; None if the reported mean is that of the values.
+    undo: Callable[[float], float] | None
     floor: float  #: Minimum standard deviation of a drive from night to night.
     of_host: bool = False  #: Whether the figure depends on the host, which all drives of a night share.
 
@@ -55,8 +56,11 @@ def log_scale(floor: float, *, of_host: bool = False) -> Scale:
     return Scale(lambda x: np.log(np.where(x > 0.0, x, np.nan)), lambda value: float(np.exp(value)), floor, of_host)
 
 
-COUNT = Scale(lambda x: 2.0 * np.sqrt(x + 0.375), lambda value: max(0.0, (0.5 * value) ** 2 - 0.375), 1.0)
-"""Scale of a count n: `2 sqrt(n + 3/8)`, whose standard deviation is about 1 for Poisson counts (Anscombe 1948)."""
+COUNT = Scale(lambda x: 2.0 * np.sqrt(x + 0.375), None, 1.0)
+"""Scale of a count n: `2 sqrt(n + 3/8)`, whose standard deviation is about 1 for Poisson counts (Anscombe 1948).
+
+The scale is for the test only, because a mean of roots is far below the mean of counts that differ between drives.
+"""
 #: The floors are chosen: changes of 5 % of an error or a time, 10 % of a NEES, 2 % of memory and 10 % of the drives
 #: count as noise.
 SCALES: Mapping[ComparedKind, Scale] = {
@@ -131,7 +135,7 @@ class Change:
     before: float  #: Mean over the changed drives before the change; geometric except for counts and fractions.
     after: float  #: Mean over the changed drives after the change.
     ratio: float | None  #: `after / before`; None if `before` is 0.
-    ci95: Interval | None  #: 95 % interval of the ratio.
+    ci95: Interval | None  #: 95 % interval of the ratio; None for counts.
 
     @property
     def range(self) -> str:
@@ -198,12 +202,13 @@ def find_changes(nights: Sequence[Night]) -> History:
         has_figure = np.asarray(np.isfinite(table).any(axis=1))
         drives = [key for key, has in zip(keys, has_figure, strict=True) if has]
         x = scale.apply(table[has_figure])
-        series[name.name] = tuple(scale.undo(mean) if np.isfinite(mean) else None for mean in _mean(x).tolist())
+        means = _mean(table[has_figure]) if scale.undo is None else np.array([*map(scale.undo, _mean(x).tolist())])
+        series[name.name] = tuple(mean if np.isfinite(mean) else None for mean in means.tolist())
         for found in changes_of(x, scale, FALSE_ALARM_RATE / len(tables)):
             changed = [drives[index] for index in found.drives]
             labels = [last_night[key].labels[key] for key in changed]
             paths = [last_night[key].paths[key] for key in changed]
-            changes.append((found.night, _described_change(found, name, nights, labels, paths)))
+            changes.append((found.night, _described_change(found, table[has_figure], name, nights, labels, paths)))
     return History(
         nights=tuple(night.name for night in nights),
         commits=tuple(night.commit for night in nights),
@@ -228,13 +233,27 @@ def _figure_tables(nights: Sequence[Night], keys: Sequence[PairKey]) -> dict[Fig
 
 
 def _described_change(
-    found: FoundChange, name: FigureName, nights: Sequence[Night], labels: Sequence[str], paths: Sequence[str]
+    found: FoundChange,
+    table: FloatArray,
+    name: FigureName,
+    nights: Sequence[Night],
+    labels: Sequence[str],
+    paths: Sequence[str],
 ) -> Change:
-    """Return a change of a figure in its unit, with the labels and paths of the changed drives."""
-    scale = SCALES[name.kind]
-    before, after = scale.undo(found.before), scale.undo(found.after)
-    low, high = scale.undo(found.after - found.half_width), scale.undo(found.after + found.half_width)
-    is_worse = abs(found.after) > abs(found.before) if name.kind is ComparedKind.NEES else after > before
+    """Return a change of a figure `(drive, night)` in its unit, with the labels and paths of the changed drives."""
+    undo = SCALES[name.kind].undo
+    is_nees = name.kind is ComparedKind.NEES
+    is_worse = abs(found.after) > abs(found.before) if is_nees else found.after > found.before
+    ci95 = None
+    if undo is None:
+        changed = table[list(found.drives)]
+        before, after = (
+            float(_mean(_mean(changed[:, first:end].T))) for first, end in (found.nights_before, found.nights_after)
+        )
+    else:
+        before, after = undo(found.before), undo(found.after)
+        low, high = undo(found.after - found.half_width), undo(found.after + found.half_width)
+        ci95 = (low / before, high / before) if before > 0.0 else None
     last, first = nights[found.night - 1], nights[found.night]
     return Change(
         night=first.name,
@@ -249,7 +268,7 @@ def _described_change(
         before=before,
         after=after,
         ratio=after / before if before > 0.0 else None,
-        ci95=(low / before, high / before) if before > 0.0 else None,
+        ci95=ci95,
     )
 
 
@@ -271,6 +290,8 @@ class FoundChange(Shift):
 
     night: int  #: First night after the change.
     detected: int  #: Night at which the change was detected.
+    nights_before: tuple[int, int]  #: First night of the values before the change, and the night after the last one.
+    nights_after: tuple[int, int]  #: The same for the values after the change.
     is_return: bool = False  #: Whether the figure returned to its level before the previous change.
 
 
@@ -292,19 +313,29 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
             reference = x[:, max(start, changed_at - REFERENCE) : changed_at]
             if compare_nights(reference, after, scale, false_alarm_rate / len(WINDOWS)) is None:
                 now = float(_mean(x[list(last.drives), night]))
-                found.append(replace(last, night=night, detected=night, before=last.after, after=now, is_return=True))
+                returned = replace(last, night=night, detected=night, before=last.after, after=now, is_return=True)
+                found.append(replace(returned, nights_before=last.nights_after, nights_after=(night, night + 1)))
                 changed_at = None
             continue
         for window in WINDOWS:
             first = night + 1 - window
             if first <= start:
                 break
-            reference = x[:, max(start, first - REFERENCE) : first]
+            begin = max(start, first - REFERENCE)
+            reference = x[:, begin:first]
             change = compare_nights(reference, x[:, first : night + 1], scale, false_alarm_rate / len(WINDOWS))
             if change is not None:
                 size = _change_size(reference[list(change.drives)], x[list(change.drives), first : night + 1])
                 changed_at = first + int(np.argmax(size))
-                found.append(FoundChange(**asdict(change), night=changed_at, detected=night))
+                found.append(
+                    FoundChange(
+                        **asdict(change),
+                        night=changed_at,
+                        detected=night,
+                        nights_before=(begin, first),
+                        nights_after=(first, night + 1),
+                    )
+                )
                 break
     return found
 

@@ -95,6 +95,20 @@ def test_a_change_of_all_drives_names_all_drives(kind: ComparedKind, factor: flo
     assert (change.after > change.before) == (kind is not NEES)
 
 
+def test_counts_are_reported_by_their_mean() -> None:
+    """Nine drives lose no frame and one drive loses 100: the mean is 10 frames."""
+    counts = np.zeros((len(DRIVES), 20))
+    counts[::10] = 90.0
+    counts[:, CHANGED_NIGHT:] += 20.0
+    history = found(nights(20) | {LOST: counts})
+    change = change_of(history, NAMES[LOST])
+    assert change.before == pytest.approx(counts[:, 0].mean())
+    assert change.after == pytest.approx(counts[:, -1].mean())
+    assert change.ratio == pytest.approx(change.after / change.before)
+    assert change.ci95 is None
+    assert history.figures[NAMES[LOST]] == pytest.approx(counts.mean(axis=0).tolist())
+
+
 def test_drives_without_a_result_are_a_change_and_are_named() -> None:
     change = change_of(found(nights(20), gone=(15, CHANGED_NIGHT)), "drives without a result, share")
     assert set(change.drives) == set(DRIVES[:15])
