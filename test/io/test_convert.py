@@ -24,6 +24,7 @@ from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.convert import ConvertOptions, Layout, convert, convert_trajectory
 from sfr_loc_map.io.registry import open_source, read_truth
 from sfr_loc_map.io.sequence import LocSequence
+from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, trajectory_text
 
 
@@ -151,8 +152,9 @@ def test_the_accuracy_and_unknown_components_of_a_truth_are_reported(
 def test_a_truth_file_in_any_order_is_written_in_order(tmp_path: Path, world: World) -> None:
     header, *rows = trajectory_text(world.truth).splitlines()
     (tmp_path / "t.csv").write_text("\n".join([header, *reversed(rows)]) + "\n")
-    convert_trajectory(read_truth(tmp_path / "t.csv"), tmp_path / "t.mcap")
-    assert_same_trajectory(read_truth(tmp_path / "t.mcap"), world.truth)
+    config = SourceConfig.of({"truth": {"source": str(tmp_path / "t.csv")}})
+    convert(open_source(write_folder(tmp_path / "a", world), config), tmp_path / "b")
+    assert_same_trajectory(open_source(tmp_path / "b").loc.ground_truth, world.truth)
 
 
 def test_kitti_poses_are_omitted_if_the_truth_has_no_attitudes(
