@@ -211,7 +211,9 @@ def changed_sections(
     if calibration is not None:
         given["calibration.file"] = str(calibration.resolve())
     for topic, name in (remap or {}).items():
-        changed.setdefault("topics", {})[name.strip("/")] = topic
+        topics = changed.get("topics", {}).items()
+        others = {other: named for other, named in topics if str(named).strip("/") != topic.strip("/")}
+        changed["topics"] = others | {name.strip("/"): topic}
     for key, value in given.items():
         section, _, name = key.partition(".")
         if section not in SECTIONS:

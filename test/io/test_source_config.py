@@ -36,3 +36,10 @@ def test_one_topic_under_two_names_is_refused(other: str) -> None:
     topics = {"loc/left/image_rect": "/zed/left", "nav/left/image_rect": other}
     with pytest.raises(ConfigError, match=r"topics\.loc/left/image_rect and topics\.nav/left/image_rect are both"):
         SourceConfig.of({"topics": topics})
+
+
+def test_a_remapped_topic_loses_its_former_name() -> None:
+    sections = {"topics": {"loc/left/image_rect": "/zed/left", "loc/right/image_rect": "/zed/right"}}
+    changed = changed_sections(sections, {}, remap={"/zed/left": "nav/left/image_rect"})
+    assert changed["topics"] == {"loc/right/image_rect": "/zed/right", "nav/left/image_rect": "/zed/left"}
+    assert SourceConfig.of(changed).remap == {"/zed/left": "nav/left/image_rect", "/zed/right": "loc/right/image_rect"}
