@@ -15,7 +15,7 @@
 Stale parts are blanked, so that nothing is tracked in them. Rows that are stale in two pairs in a row are assumed to
 show something fixed to the camera (own body, sky), and are not blanked in the second pair. If two partial transfers in
 a row affect the same rows, the second pair is therefore not blanked, and is left to the selection of the ground
-(`ground_motion`).
+(`ground_motion`). A frozen image between two exposures is skipped in this comparison, because all its rows are stale.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ class ImageMemory(NamedTuple):
     """What the next pair is compared with."""
 
     pair: StereoPair  #: The last pair that was not repeated; a frozen image is replaced by the last exposed image.
-    left: StaleRows  #: Stale rows of that pair.
-    right: StaleRows
+    left: StaleRows  #: Stale rows of the left image of this pair. A frozen image does not change them.
+    right: StaleRows  #: Likewise of the right image.
 
 
 class ImageComparison(NamedTuple):
@@ -115,6 +115,8 @@ def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
     exposed_left = before.left if left.is_frozen else pair.left
     exposed_right = before.right if right.is_frozen else pair.right
     exposed = StereoPair(pair.stamp_ns, exposed_left, exposed_right)
+    rows_left = memory.left if left.is_frozen else left
+    rows_right = memory.right if right.is_frozen else right
     # rows that were already stale in the previous pair are fixed to the camera
     torn_left = nothing if left.is_frozen else left.rows & ~memory.left.rows
     torn_right = nothing if right.is_frozen else right.rows & ~memory.right.rows
@@ -122,7 +124,7 @@ def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
     blank_right = right.rows if right.is_frozen else torn_right
     return ImageComparison(
         pair=replace(pair, left=_blanked(pair.left, blank_left), right=_blanked(pair.right, blank_right)),
-        memory=ImageMemory(exposed, left, right),
+        memory=ImageMemory(exposed, rows_left, rows_right),
         stale_rows=torn_left | torn_right,
         is_left_frozen=left.is_frozen,
         is_right_frozen=right.is_frozen,

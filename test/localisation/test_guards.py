@@ -98,6 +98,22 @@ def test_a_frozen_image_does_not_hide_the_stale_rows_of_the_other_one() -> None:
     assert images.stale_rows[HEIGHT // 2 :].all()
 
 
+@pytest.mark.parametrize("is_fixed", [False, True])
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_rows_that_repeat_after_a_frozen_image_are_blanked_unless_they_repeated_before(
+    side: str, is_fixed: bool
+) -> None:
+    half = HEIGHT // 2
+    last = torn(DRIVE[5], DRIVE[4], half) if is_fixed else DRIVE[5]
+    frozen = replace(DRIVE[6], **{side: getattr(last, side)})
+    memory = None
+    for pair in (DRIVE[4], last, frozen, torn(DRIVE[7], last, half)):
+        images = compare(pair, memory)
+        memory = images.memory
+    assert getattr(images.pair, side)[half:].any() == is_fixed
+    assert getattr(images.pair, side)[:half].any()
+
+
 @pytest.mark.parametrize("share", [0.2, 0.5])
 def test_a_torn_image_is_read_where_it_is_new(share: float) -> None:
     broken = torn(DRIVE[6], DRIVE[5], round((1.0 - share) * HEIGHT))
