@@ -12,7 +12,7 @@ inferred ones. The published reason is therefore not always that of the largest 
 |---|---|
 | `REPEATED_PAIR`, `FROZEN_IMAGE`, `STALE_ROWS` | `guards.check_images`, after the comparison in `stale_images` |
 | `IDENTICAL_IMAGES` | `guards.check_wiring` |
-| `UNTEXTURED`, `FEW_LANDMARKS` | `guards.check_landmarks`, `guards.check_tracks` |
+| `UNTEXTURED`, `FROZEN_AND_FEW`, `FEW_LANDMARKS` | `guards.check_landmarks`, `guards.check_tracks` |
 | `CONTRADICTED`, `PARTIAL_TRANSFER`, `DOUBLE_EXPOSURE`, `UNEXPLAINED`, `RECOVERING` | `ground_cases.findings_of` |
 | `GROUND_IN_DOUBT`, `AMBIGUOUS` | `ground_cases.findings_of` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
@@ -62,6 +62,7 @@ class Finding(Enum):
     REPEATED_PAIR = auto()  #: Both images repeat those of the previous pair, possibly swapped or with new noise.
     IDENTICAL_IMAGES = auto()  #: Left and right image are identical.
     UNTEXTURED = auto()  #: Like `FEW_LANDMARKS`, and an image has no texture.
+    FROZEN_AND_FEW = auto()  #: Like `FEW_LANDMARKS`, and one image repeats that of the previous pair and is blanked.
     FEW_LANDMARKS = auto()  #: The window has too few landmarks, too few were tracked, or they do not agree on a pose.
     CONTRADICTED = auto()  #: The pose predicts no motion where the image changed.
     SINGULAR = auto()  #: The pose is not finite or not determined.
@@ -115,6 +116,7 @@ RULES: Final = {
     Finding.REPEATED_PAIR: Rule(Action.KEEP, StateReason.REPEATED_IMAGES),
     Finding.IDENTICAL_IMAGES: Rule(Action.REJECT, StateReason.NO_STEREO),
     Finding.UNTEXTURED: Rule(Action.RESTART, StateReason.UNTEXTURED_IMAGES),
+    Finding.FROZEN_AND_FEW: Rule(Action.RESTART, StateReason.REPEATED_IMAGES, can_be_reference=False),
     Finding.FEW_LANDMARKS: Rule(Action.RESTART, StateReason.FEW_LANDMARKS),
     Finding.CONTRADICTED: Rule(Action.KEEP, StateReason.MOVING_REGIONS),
     Finding.SINGULAR: Rule(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),

@@ -62,9 +62,8 @@ def check_images(images: ImageComparison, *, has_map: bool) -> Findings:
     """
     if images.is_repeated:
         return _found(Finding.REPEATED_PAIR, has_map)
-    is_frozen = images.is_left_frozen or images.is_right_frozen
     is_torn = bool(images.stale_rows.any())
-    return _found(Finding.FROZEN_IMAGE, is_frozen) | _found(Finding.STALE_ROWS, is_torn)
+    return _found(Finding.FROZEN_IMAGE, images.is_one_frozen) | _found(Finding.STALE_ROWS, is_torn)
 
 
 def check_wiring(pair: StereoPair) -> Findings:
@@ -91,7 +90,9 @@ def check_tracks(frame: StereoFrame, tracks: Tracks) -> Findings:
 
 def _too_few(frame: StereoFrame) -> Findings:
     """Return the finding of too few landmarks."""
-    return frozenset({Finding.FEW_LANDMARKS if frame.is_textured else Finding.UNTEXTURED})
+    if not frame.is_textured:
+        return frozenset({Finding.UNTEXTURED})
+    return frozenset({Finding.FROZEN_AND_FEW if frame.has_frozen_image else Finding.FEW_LANDMARKS})
 
 
 def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBounds) -> Findings:

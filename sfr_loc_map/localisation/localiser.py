@@ -244,7 +244,7 @@ class Localiser:
         if verdict.refuses:
             return self._refuse(state, verdict, pair.stamp_ns)
         with clock.stage("pyramid"):
-            frame = StereoFrame.of(images.pair)
+            frame = StereoFrame.of(images.pair, pair, has_frozen_image=images.is_one_frozen)
         if landmark_map is None:
             return self._begin(state, frame, findings)
         count = len(landmark_map.landmarks.rows)

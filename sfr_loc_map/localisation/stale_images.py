@@ -97,6 +97,11 @@ class ImageComparison(NamedTuple):
     is_left_frozen: bool = False  #: Whether the left image repeats the previous one. It is blanked.
     is_right_frozen: bool = False  #: Whether the right image repeats the previous one. It is blanked.
 
+    @property
+    def is_one_frozen(self) -> bool:
+        """Whether one image is frozen; False for a repeated pair."""
+        return self.is_left_frozen or self.is_right_frozen
+
 
 def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
     """Compare a pair with the previous pair, and blank the parts that were not exposed again."""

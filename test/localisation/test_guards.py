@@ -72,8 +72,18 @@ def test_one_frozen_camera_is_not_used(side: str, level: float) -> None:
     for index, estimate in enumerate(estimates):
         assert (estimate.state is TrackingState.TRACKING) == (index != 0 and not 6 <= index < 9)
         assert estimate.state is TrackingState.LOST or errors(estimate, true_pose(index))[0] < 0.01
-        if 6 <= index < 9 and estimate.state is not TrackingState.LOST:
+        if 6 <= index < 9:  # also if tracking is lost because the frozen image is blanked
             assert estimate.reason is StateReason.REPEATED_IMAGES
+
+
+def test_lost_tracking_is_reported_with_the_frozen_camera_and_not_with_the_image_that_was_blanked() -> None:
+    """The right image contains noise alone, so that the pose is lost without the left image."""
+    noise = np.random.default_rng(1).integers(0, 255, DRIVE[6].right.shape, np.uint8)
+    estimate = run([*DRIVE[:6], replace(DRIVE[6], left=DRIVE[5].left, right=noise)])[-1]
+    assert (estimate.state, estimate.reason) == (TrackingState.LOST, StateReason.REPEATED_IMAGES)
+    black = replace(DRIVE[6], left=DRIVE[5].left, right=np.zeros_like(noise))
+    estimate = run([*DRIVE[:6], black])[-1]
+    assert (estimate.state, estimate.reason) == (TrackingState.LOST, StateReason.UNTEXTURED_IMAGES)
 
 
 def test_no_window_begins_with_images_of_two_moments() -> None:

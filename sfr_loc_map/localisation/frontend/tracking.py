@@ -75,17 +75,23 @@ class StereoFrame(NamedTuple):
     image: GreyImage  #: `(H, W)` uint8, left image with its stale parts blanked.
     left: Pyramid  #: Pyramid of the left image.
     right: Pyramid  #: Pyramid of the right image.
+    received: StereoPair  #: The pair with its stale parts.
+    has_frozen_image: bool  #: Whether one image is frozen, and therefore blanked.
 
     @classmethod
-    def of(cls, pair: StereoPair) -> StereoFrame:
-        """Build the pyramids of a pair, each image in its own thread."""
+    def of(cls, pair: StereoPair, received: StereoPair | None = None, *, has_frozen_image: bool = False) -> StereoFrame:
+        """Build the pyramids of a pair, each image in its own thread.
+
+        `received` is the pair before its stale parts were blanked; None if nothing was blanked.
+        """
         left, right = both(build_pyramid, (pair.left,), (pair.right,))
-        return cls(pair.stamp_ns, pair.left, left, right)
+        return cls(pair.stamp_ns, pair.left, left, right, received or pair, has_frozen_image)
 
     @property
     def is_textured(self) -> bool:
-        """Whether both images have texture."""
-        return is_textured(self.left) and is_textured(self.right)
+        """Whether both images have texture. Stale parts count, because only the localiser blanked them."""
+        images = (self.received.left, self.received.right)
+        return all(is_textured(build_pyramid(image)) for image in images)
 
 
 def is_textured(image: Pyramid) -> bool:
