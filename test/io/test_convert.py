@@ -157,6 +157,20 @@ def test_a_truth_file_in_any_order_is_written_in_order(tmp_path: Path, world: Wo
     assert_same_trajectory(open_source(tmp_path / "b").loc.ground_truth, world.truth)
 
 
+@pytest.mark.parametrize("layout", [None, Layout.EUROC])
+def test_a_stray_stamp_in_the_truth_of_a_folder_is_ignored(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, layout: Layout | None
+) -> None:
+    source = open_source(write_folder(tmp_path / "a", make_world(count=12), nav=False))
+    convert(source, tmp_path / "b", ConvertOptions(layout=layout))
+    (file,) = [file for file in (tmp_path / "b").rglob("*.csv") if "groundtruth" in str(file.relative_to(tmp_path))]
+    lines = file.read_text().splitlines()
+    lines[6] = "0," + lines[6].partition(",")[2]
+    file.write_text("\n".join(lines) + "\n")
+    assert len(open_source(tmp_path / "b").loc.ground_truth) == 11
+    assert "1 of 12 poses have stamps that are 0" in caplog.text
+
+
 def test_kitti_poses_are_omitted_if_the_truth_has_no_attitudes(
     tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture
 ) -> None:

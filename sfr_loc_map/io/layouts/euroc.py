@@ -35,6 +35,7 @@ from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
 from sfr_loc_map.io.tables.stamps import check_order, parse_stamp_ns
 from sfr_loc_map.io.tables.text_table import read_lines
 from sfr_loc_map.io.tables.trajectory_file import TRUTH_OPTION, read_trajectory_file, save_trajectory
+from sfr_loc_map.io.truth.pose_checks import check_clock
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 
 CAMERAS = ("cam0", "cam1")
@@ -81,7 +82,7 @@ def _load_truth(folder: Path) -> RecordedTruth | None:
     if file is None:
         return None
     loaded = read_trajectory_file(file, option=TRUTH_OPTION)
-    check_order(loaded.trajectory.stamps_ns, f"'{file}'", strict=False)
+    check_clock(loaded.trajectory.stamps_ns, f"'{file}'")
     sensor = file.with_name("sensor.yaml")
     if file.parent.name == TRUTH or not sensor.is_file():
         return RecordedTruth(loaded.trajectory, loaded.text)

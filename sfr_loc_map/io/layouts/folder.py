@@ -32,8 +32,9 @@ from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.number_text import parse_number
 from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
-from sfr_loc_map.io.tables.stamps import check_order, parse_stamp_ns
+from sfr_loc_map.io.tables.stamps import parse_stamp_ns
 from sfr_loc_map.io.tables.trajectory_file import CSV_HEADER, read_trajectory_file, save_trajectory
+from sfr_loc_map.io.truth.pose_checks import check_clock
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 
 LOC_COLUMNS = ("stamp_ns", "left", "right")
@@ -141,7 +142,7 @@ def _read_truth(folder: Path) -> RecordedTruth | None:
     loaded = read_trajectory_file(file)
     if loaded.format is not TrajectoryFormat.CSV:
         raise InputError(f"'{file}' line 1 is not '{CSV_HEADER}': the truth of a data set folder requires this header")
-    check_order(loaded.trajectory.stamps_ns, f"'{file}'", strict=False)
+    check_clock(loaded.trajectory.stamps_ns, f"'{file}'")
     return RecordedTruth(loaded.trajectory, str(file))
 
 

@@ -20,7 +20,7 @@ from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TruthReader
 from sfr_loc_map.io.truth.names import is_own
-from sfr_loc_map.io.truth.pose_checks import stray_stamps
+from sfr_loc_map.io.truth.pose_checks import check_clock
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_types import ODOMETRY, PATH, POSE_WITH_COVARIANCE
 from sfr_loc_map.topics import TRUE_POSES
@@ -57,8 +57,7 @@ def recorded_in_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> RecordedTr
             f"'{topic.bag_name}' of bag '{bag.path}': all stamps of its headers are 0: --set truth.stamps=record uses "
             "the times of recording"
         )
-    clock_ns = poses.stamps_ns[~stray_stamps(poses.stamps_ns)]  # stray stamps are reported when the poses are checked
-    check_order(clock_ns, f"'{topic.bag_name}' of bag '{bag.path}'", strict=False)
+    check_clock(poses.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'")
     kind = topic.msgtype.rpartition("/")[2]
     return RecordedTruth(poses, f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses", variances)
 

@@ -16,6 +16,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 
 _log = logging.getLogger(__name__)
@@ -45,6 +46,14 @@ def stray_stamps(stamps_ns: IntArray) -> Mask:
     limit = max(STRAY_S * NS_PER_S, 2.0 * (high - low))
     away = np.abs(stamps_ns.astype(np.float64) - middle) > limit
     return away if away.mean() <= MAX_STRAY else np.zeros(len(stamps_ns), np.bool_)
+
+
+def check_clock(stamps_ns: IntArray, name: str) -> None:
+    """Raise InputError if stamps `(N,)` of true poses decrease.
+
+    Stray stamps are ignored, because `check_poses` removes and reports their poses.
+    """
+    check_order(stamps_ns[~stray_stamps(stamps_ns)], name, strict=False)
 
 
 def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:
