@@ -68,7 +68,8 @@ class StateReason(StrEnum):
     UNSEEN_MOTION = "unseen_motion"  #: Part of the motion before this pair is unobserved.
     REPEATED_IMAGES = "repeated_images"  #: One or both images repeat those of the previous pair.
     UNTEXTURED_IMAGES = "untextured_images"  #: An image has no texture: it is black, white or dazzled.
-    TORN_IMAGES = "torn_images"  #: Parts of the images were exposed at different times (partial transfer).
+    #: Parts of the images were exposed at different times (partial transfer, double exposure, rolling shutter).
+    TORN_IMAGES = "torn_images"
     NO_STEREO = "no_stereo"  #: The two images are not a stereo pair of the rig: identical or swapped.
     FEW_LANDMARKS = "few_landmarks"  #: Too few landmarks were tracked, or they do not agree on a pose.
     MOVING_REGIONS = "moving_regions"  #: Large parts of the images do not move with the ground.

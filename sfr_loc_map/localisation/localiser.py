@@ -18,6 +18,12 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 9. Accept: update the path and its accumulated errors, and compute the motion since the last pose with its covariance
    (`trajectory`, `covariance`).
 
+Other modules describe how to extend or read these stages:
+
+- what a new guard requires: the docstring of `findings`;
+- what a new error source requires, and what enlarges a covariance: the docstring of `covariance`;
+- which reason is published if a pair has several findings: the order of the rows of `findings.RULES`.
+
 Before and after these stages, `Localiser.process`
 
 - adopts the keyframe of the previous call, which was made in the background (`_with_finished_keyframe`);
@@ -186,7 +192,10 @@ class Localiser:
         )
 
     def set_pose(self, pose: StartPose | Transform) -> None:
-        """Set an external pose, which is valid at its stamp; without a stamp, at the next pair."""
+        """Set an external pose, which is valid at its stamp; without a stamp, at the next pair.
+
+        The pose replaces an earlier external pose that is not applied yet.
+        """
         self._state = replace(self._state, path=trajectory.given(self._state.path, StartPose.of(pose), self._model))
 
     @staticmethod

@@ -140,8 +140,8 @@ def _shift_of(equations: _StepEquations) -> tuple[float, float]:
 def _shear_chi2(equations: _StepEquations, lens_sigma: float) -> float:
     """Return the squared Mahalanobis norm of the shears s per degree of freedom, `s^T C^-1 s / 2`.
 
-    Without shear, the norm is at most about 1. The covariance C is that of the step plus the variance of a shear that
-    lens errors may resemble.
+    The covariance C is that of the step plus the variance of a shear that lens errors may resemble. The values on
+    drives without shear are given at `guards.MAX_SHEAR` and `guards.MAX_MEAN_SHEAR`.
     """
     covariance = np.linalg.inv(equations.information)
     shears = (covariance @ equations.rhs)[SHEAR]
