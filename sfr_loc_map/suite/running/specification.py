@@ -165,10 +165,18 @@ def _budget_sources(sources: Sequence[JobSource], budget: Sequence[ErrorSource],
             raise ConfigError(
                 f"{path}: 'budget' requires sources 'simulate: SCENARIO', but '{source.name}' is not simulated"
             )
+        names: dict[tuple[str, str], str] = {}
         for variant in variants_of(budget):
             settings = variant.settings(source.settings)
             made = simulated_source(Path(source.path), settings, source.seed, f"{path}: 'budget'")
-            yield replace(made, name=source.name, variant=variant.name, faults=variant.faults(source.seed))
+            faults = variant.faults(source.seed)
+            equal = names.setdefault((made.sha256, faults), variant.name)
+            if equal != variant.name:
+                raise ConfigError(
+                    f"{path}: 'budget': the variants '{equal}' and '{variant.name}' of '{source.name}' are equal; each "
+                    "source of error must change the scenario"
+                )
+            yield replace(made, name=source.name, variant=variant.name, faults=faults)
 
 
 def _stated_limits(value: object, path: Path) -> Mapping[str, Any]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.suite.running.job import Job, JobKind, SourceKind
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome
 from sfr_loc_map.suite.running.plan import make_plan
@@ -85,6 +85,14 @@ def test_simulations_with_equal_names_are_named_by_the_settings_that_differ(tmp_
     variants = names(alone, longer, budget=budget, tasks=["localise"])
     assert set(variants) == set(names(alone, longer)), "the variants of a simulation have its name"
     assert len(variants) > 3
+
+
+def test_a_budget_with_a_source_that_does_not_change_the_scenario_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "flat.yaml").write_text("panorama: {enabled: false}\nsensor: {full_well: 0}\n")
+    budget = {"image noise": {"without": {"sensor.full_well": 0}}, "yaw": {"fault": "yaw", "sigma": 0.02}}
+    sources = [{"simulate": "flat.yaml", "seeds": [1]}]
+    with pytest.raises(ConfigError, match="of 'flat-1' are equal"):
+        plan_of(tmp_path, sources=sources, budget=budget, tasks=["localise"])
 
 
 def test_a_simulation_with_changed_settings_cannot_be_removed_from_a_suite(tmp_path: Path) -> None:
