@@ -87,8 +87,8 @@ def test_the_case_of_a_search_has_the_same_ratio_as_a_suite(
 
 @pytest.mark.parametrize(
     "change",
-    [{"ranges": {"sky": [0, 1]}}, {"figure": "speed"}, {"ranges": {"terrain.slope_deg": [9, 1]}}],
-    ids=["unknown_setting", "unknown_figure", "reversed_range"],
+    [{"ranges": {"sky": [0, 1]}}, {"figure": "speed"}, {"ranges": {"terrain.slope_deg": [9, 1]}}, {"batch": 1}],
+    ids=["unknown_setting", "unknown_figure", "reversed_range", "only_uniform_points"],
 )
 def test_an_invalid_search_is_refused(sfr: Sfr, tmp_path: Path, change: dict[str, object]) -> None:
     assert sfr("suite", "search", written(tmp_path, SEARCH | change), "--out", tmp_path / "out").code == 2
