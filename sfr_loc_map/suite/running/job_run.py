@@ -60,11 +60,20 @@ def run_job(job: Job, scratch: Path, cache: Path) -> Score:
 
     Paths in the score are relative to `scratch`, an empty folder. Sources are stored in `cache`.
     """
-    cv2.setNumThreads(job.threads)
-    numba.set_num_threads(min(job.threads, numba.get_num_threads()))
+    use_threads(job.threads)
     path = SOURCE_KINDS[job.source.kind].local_path(job.source, cache)
     score = RUN_OF_KIND[job.kind](job, path, scratch, cache)
     return struct_replace(score, provenance=_provenance(job, score.provenance, scratch))
+
+
+def use_threads(count: int) -> None:
+    """Set the number of threads of this process, also to more threads than an earlier job had.
+
+    Numba accepts at most the number with which the process was started.
+    """
+    cv2.setNumThreads(count)
+    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]  # set when numba is imported
+    numba.set_num_threads(min(count, most))
 
 
 def _localise(job: Job, path: Path, scratch: Path, cache: Path) -> Score:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
+import numba
 import pytest
 
 from helpers.made_suites import JOB
@@ -12,10 +15,19 @@ from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.limits import LIMITED_NUMBERS, LimitSection
 from sfr_loc_map.suite.running import job_run
 from sfr_loc_map.suite.running.job import JobKind
-from sfr_loc_map.suite.running.job_run import replay_options, run_job
+from sfr_loc_map.suite.running.job_run import replay_options, run_job, use_threads
 
 REPLAY = replace(JOB, kind=JobKind.REPLAY, threads=3)
 BOUNDS = [name for name, item in LIMITED_NUMBERS[LimitSection.TRAJECTORY].items() if item.statistic == "bound"]
+
+
+@pytest.fixture
+def threads_restored() -> Iterator[None]:
+    """Restore the threads of this process."""
+    before = numba.get_num_threads(), cv2.getNumThreads()
+    yield
+    numba.set_num_threads(before[0])
+    cv2.setNumThreads(before[1])
 
 
 @pytest.mark.parametrize("bound", BOUNDS)
@@ -30,7 +42,16 @@ def test_a_replay_keeps_the_errors_of_figures_with_a_limited_bound(bound: str, t
     assert "--limits" not in replay_options(REPLAY, tmp_path)
 
 
-def test_a_replay_runs_with_the_threads_of_the_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_job_has_its_threads_after_a_job_with_fewer(threads_restored: None) -> None:
+    most = numba.config.NUMBA_NUM_THREADS
+    for count in (1, most, most + 1):
+        use_threads(count)
+        assert (numba.get_num_threads(), cv2.getNumThreads()) == (min(count, most), count)
+
+
+def test_a_replay_runs_with_the_threads_of_the_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, threads_restored: None
+) -> None:
     given: dict[str, str] = {}
 
     def no_replay(*_: object, env: dict[str, str], **__: object) -> None:
