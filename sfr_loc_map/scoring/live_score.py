@@ -13,11 +13,17 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.drive_completeness import settled
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import CallRecords, Provenance
-from sfr_loc_map.metrics.results import CallsResult, MapResult, TrajectoryResult
+from sfr_loc_map.metrics.results import CallsResult, MapResult
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.scoring.assembly import all_kept, score_of_parts, with_conditions
 from sfr_loc_map.scoring.inputs import Run
-from sfr_loc_map.scoring.score_parts import calls_result, drive_result, expected_calls
+from sfr_loc_map.scoring.score_parts import (
+    calls_result,
+    drive_result,
+    expected_calls,
+    result_without_cloud,
+    result_without_poses,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -55,7 +61,7 @@ def score_so_far(received: Received, live: LiveRun, config: ScoreConfig, limits:
     """Return the score of a run in progress."""
     config = with_conditions(config, limits)
     run = received.run
-    trajectory = TrajectoryResult()
+    trajectory = result_without_poses(run.unposed_images)
     if run.drive is not None:
         trajectory = drive_result(
             run.drive,
@@ -66,7 +72,7 @@ def score_so_far(received: Received, live: LiveRun, config: ScoreConfig, limits:
             under_way=True,
             in_flight_ns=live.in_flight_ns,
         )
-    surface = received.map or MapResult()
+    surface = received.map or result_without_cloud(run.unmapped_pairs)
     if not live.details:
         surface = replace(surface, details=None)
     calls = calls_result(run, _due_calls(run, live.in_flight_ns), details=live.details)

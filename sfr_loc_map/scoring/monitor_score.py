@@ -247,20 +247,28 @@ class MonitorScore:
     def result(self, live: LiveRun = ENDED) -> Score:
         """Return the current score with the errors of its sub-trajectories; by default, also the data of all plots.
 
-        During a run, results of the last seconds (`LiveRun.in_flight_s`) do not count as missing.
+        During a run, results of the last seconds (`LiveRun.in_flight_s`) do not count as missing, and the first pose
+        and the first map are awaited. After the run, all images or all mapping pairs are missing without them.
         """
+        is_under_way = live.in_flight_s > 0.0
         stats = self._calls.stats()
         truth = self._given_truth()
-        estimates = self._given_estimates(stats, is_under_way=live.in_flight_s > 0.0)
+        estimates = self._given_estimates(stats, is_under_way=is_under_way)
         drive = None
         if truth is not None and estimates is not None:
             drive = DriveToScore(estimates, truth, image_stamps_ns=live.image_stamps_ns)
         pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)
+        images_ns = () if live.image_stamps_ns is None else live.image_stamps_ns
+        run = Run(
+            ScoreInputs(),
+            [] if stats is None else [stats],
+            drive=drive,
+            unposed_images=len(images_ns) if estimates is None and not is_under_way else 0,
+            nav_stamps_ns=pairs,
+            unmapped_pairs=len(pairs) if self.map_score is None and not is_under_way else 0,
+        )
         received = Received(
-            run=Run(ScoreInputs(), [] if stats is None else [stats], drive=drive, nav_stamps_ns=pairs),
-            messages=self._poses + len(self._calls),
-            map=self.map_score,
-            contradiction=self._contradiction,
+            run=run, messages=self._poses + len(self._calls), map=self.map_score, contradiction=self._contradiction
         )
         return score_so_far(received, live, self._config, self._limits)
 

@@ -175,9 +175,7 @@ def saved(made: Made) -> Score:
         monitor.add_call(record)
     monitor.map_inputs.add_cloud(NAV_STAMPS[-1], replace(made.cloud, fused=None, pair_stamps_ns=None))
     assert monitor.score_maps()
-    for poses, add in ((made.estimate, monitor.add_estimate), (made.truth, monitor.add_truth)):
-        for stamp, position, quat in zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True):
-            add(stamp, position, quat, None)  # type: ignore[operator]
+    add_poses(monitor, made)
     return from_json(to_json(monitor.result(LiveRun(image_stamps_ns=STAMPS))))
 
 
@@ -254,3 +252,36 @@ def test_what_a_live_run_dropped_and_every_restart_are_incomplete() -> None:
         assert score.verdict == "incomplete"
         assert ("dropped" in (score.incomplete or "")) == bool(dropped)
         assert ("restarted 1 times" in (score.incomplete or "")) == bool(restarts)
+
+
+@pytest.mark.parametrize("silent", ["mapper", "localiser"])
+def test_a_live_run_with_a_silent_node_is_incomplete_at_its_end(silent: str) -> None:
+    """The limits are on the part of the other node only. During the run, the first result is awaited."""
+    made = Made()
+    of_drive = {"trajectory": [{"condition": "distance=5", "position_mean_m": 10.0}]}
+    of_map = {"map": {"point_error_mean_m": 10.0}}
+    rules = {"minimum_independent": 1, **(of_drive if silent == "mapper" else of_map)}
+    monitor = MonitorScore(CONFIG, parse_limits(rules, "limits"))
+    monitor.map_inputs.set_rig(NAV_RIG)
+    for item in made.nav:
+        monitor.map_inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
+        monitor.map_inputs.add_true_points(item.pair.stamp_ns, item.truth)
+    if silent == "mapper":
+        add_poses(monitor, made)
+    else:
+        for record in made.records:
+            monitor.add_call(record)
+        monitor.map_inputs.add_cloud(NAV_STAMPS[-1], replace(made.cloud, fused=None, pair_stamps_ns=None))
+        assert monitor.score_maps()
+    assert monitor.result(LiveRun(image_stamps_ns=STAMPS, in_flight_s=10.0)).verdict == "pass"
+    score = from_json(to_json(monitor.result(LiveRun(image_stamps_ns=STAMPS))))
+    assert score.verdict == "incomplete"
+    missing = "100 % of the mapping pairs have no point" if silent == "mapper" else f"no pose for any of {COUNT} images"
+    assert missing in (score.incomplete or "")
+
+
+def add_poses(monitor: MonitorScore, made: Made) -> None:
+    """Add the estimated and the true poses of a run."""
+    for poses, add in ((made.estimate, monitor.add_estimate), (made.truth, monitor.add_truth)):
+        for stamp, position, quat in zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True):
+            add(stamp, position, quat, None)  # type: ignore[operator]
