@@ -81,9 +81,9 @@ class Coverage(NamedTuple):
         return int(np.count_nonzero(~self.has_truth))
 
     @property
-    def covered_share(self) -> float:
-        """The fraction of the expected stamps that have an estimate; 0 if no stamp is expected."""
-        return 1.0 - self.missing / self.expected if self.expected else 0.0
+    def missing_share(self) -> float:
+        """The fraction of the expected stamps that have no estimate; 1 if no stamp is expected."""
+        return self.missing / self.expected if self.expected else 1.0
 
 
 class Gaps(NamedTuple):
@@ -145,14 +145,15 @@ def drive_completeness(
         expected_ns = expected_without_images(due_ns, path.stamps_ns, association)
     coverage = coverage_of(expected_ns, estimates_ns, frames_ns, path.stamps_ns, association)
     gaps = evident = gaps_of(expected_ns, ~coverage.has_estimate)
-    evidently_covered = coverage.covered_share
+    evidently_missing = coverage.missing_share
     if not association.images:
         evident = long_gaps(estimates_ns, path.stamps_ns)
-        evidently_covered = covered_path(evident, estimates_ns, path)
+        evidently_missing = missing_path(evident, estimates_ns, path)
         gaps = gaps.with_others(evident)
     longest = LongestGap.of(gaps, path)
-    if 1.0 - evidently_covered > MISSING_SHARE or hides_a_condition(evident, path, conditions):
-        text = covered_text(coverage.covered_share, "images" if association.images else "true poses", longest)
+    if evidently_missing > MISSING_SHARE or hides_a_condition(evident, path, conditions):
+        what = "images" if association.images else "true poses"
+        text = covered_text(1.0 - coverage.missing_share, what, longest)
         association = msgspec.structs.replace(association, incomplete=text)
     rows = coverage_rows(coverage, association, len(estimates_ns))
     path_share = path_without_images(expected_ns, path, max_gap_of(association)) if association.images else None
@@ -333,17 +334,17 @@ def long_gaps(stamps: IntArray, true_ns: IntArray) -> Gaps:
     return Gaps(known[wide], known[wide + 1])
 
 
-def covered_path(gaps: Gaps, stamps: IntArray, path: TruePath) -> float:
-    """Return the fraction of the true path outside of gaps, or of the time if the rover did not move.
+def missing_path(gaps: Gaps, stamps: IntArray, path: TruePath) -> float:
+    """Return the fraction of the true path in gaps, or of the time if the rover did not move.
 
-    The fraction is 0 without an estimate or a true pose.
+    The fraction is 1 without an estimate or a true pose.
     """
     if not len(stamps) or not len(path.stamps_ns):
-        return 0.0
+        return 1.0
     whole, in_gaps = float(path.travelled_m[-1]), float(gaps.lengths_m(path).sum())
     if whole <= 0.0:
         whole, in_gaps = int(path.stamps_ns[-1] - path.stamps_ns[0]) / NS_PER_S, float(gaps.lengths_s().sum())
-    return 1.0 - in_gaps / whole if whole > 0.0 else 1.0
+    return in_gaps / whole if whole > 0.0 else 0.0
 
 
 def hides_a_condition(gaps: Gaps, path: TruePath, conditions: Sequence[Condition]) -> bool:

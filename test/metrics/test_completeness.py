@@ -379,3 +379,15 @@ def test_several_calls_near_one_pair_are_doubled() -> None:
 def test_rows_of_a_live_run_by_hand() -> None:
     rows = values_of(live_completeness(90, 10, 2))
     assert rows == {"judged live": 0.9, "dropped": 0.1, "dropped count": 10, "restarts": 2}
+
+
+@pytest.mark.parametrize(("count", "missing", "is_incomplete"), [(100, 1, False), (200, 2, False), (100, 2, True)])
+def test_exactly_one_percent_of_missing_images_is_not_evident(count: int, missing: int, is_incomplete: bool) -> None:
+    stamps_ns = np.arange(count) * 10**8
+    positions = np.column_stack((0.1 * np.arange(count), np.zeros((count, 2))))
+    truth = Trajectory(stamps_ns, positions, np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+    estimate = truth[np.delete(np.arange(count), [10, 30][:missing])]
+    config = TrajectoryScoreConfig(conditions=("distance=5",))
+    scored = score_trajectory(Estimates.of(estimate), truth, config, image_stamps_ns=stamps_ns)
+    assert scored.association is not None
+    assert (scored.association.incomplete is not None) == is_incomplete
