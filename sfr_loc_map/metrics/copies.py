@@ -16,7 +16,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.association import Frames
+from sfr_loc_map.metrics.association import Frames, unique_rows
 from sfr_loc_map.metrics.completeness import share_of, share_rows
 from sfr_loc_map.metrics.table import Figure, figure_row
 
@@ -186,7 +186,8 @@ def spline_positions(truth: Trajectory, frames: Frames) -> FloatArray:
     """Return true positions at frames by a cubic spline; with fewer than 4 poses the linearly interpolated ones."""
     from scipy.interpolate import CubicSpline  # slow to import, and only interpolated truths need it
 
-    stamps_ns, rows = np.unique(truth.stamps_ns, return_index=True)
+    rows = unique_rows(truth.stamps_ns)
+    stamps_ns = truth.stamps_ns[rows]
     if len(stamps_ns) < 4:
         return frames.true_position
     at_s = (frames.stamps_ns - stamps_ns[0]) * 1e-9

@@ -26,7 +26,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.association import has_near, nearness_ns
+from sfr_loc_map.metrics.association import has_near, nearness_ns, unique_rows
 from sfr_loc_map.metrics.completeness import expected_row, share_rows
 from sfr_loc_map.metrics.config import AssociationMode, Condition, ConditionKind
 from sfr_loc_map.metrics.records import Association
@@ -212,8 +212,8 @@ def settled(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> Int
 
 def true_path(truth: Trajectory, estimates_ns: IntArray, in_flight_ns: int) -> TruePath:
     """Return the path of the true poses whose results are due."""
-    stamps_ns, rows = np.unique(truth.stamps_ns, return_index=True)
-    stamps_ns = settled(stamps_ns, estimates_ns, in_flight_ns)
+    rows = unique_rows(truth.stamps_ns)
+    stamps_ns = settled(truth.stamps_ns[rows], estimates_ns, in_flight_ns)
     steps_m = np.linalg.norm(np.diff(truth.positions[rows[: len(stamps_ns)]], axis=0), axis=1)
     return TruePath(stamps_ns, np.append(0.0, np.cumsum(steps_m)))
 

@@ -13,6 +13,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.metrics.association import unique_rows
 from sfr_loc_map.metrics.table import Figure, figure_row
 
 ATTITUDE = "attitude"  #: Part of the row of the attitude error.
@@ -72,7 +73,8 @@ def interpolation_errors(truth: Trajectory, frames_ns: IntArray) -> FloatArray:
     At the fraction s of an interval of duration h, the error is `s (1 - s) h^2 |a| / 2` with the acceleration a
     (de Boor 1978, chapter III). The larger acceleration of both neighbouring poses is used.
     """
-    stamps_ns, rows = np.unique(truth.stamps_ns, return_index=True)
+    rows = unique_rows(truth.stamps_ns)
+    stamps_ns = truth.stamps_ns[rows]
     if len(stamps_ns) < 3 or not len(frames_ns):
         return np.zeros(len(frames_ns))
     time_s = (stamps_ns - stamps_ns[0]) / NS_PER_S

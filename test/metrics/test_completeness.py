@@ -10,16 +10,18 @@ from hypothesis import strategies as st
 from helpers.random_drives import as_score
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.association import Estimates, associate
 from sfr_loc_map.metrics.completeness import calls_completeness, live_completeness, map_completeness
-from sfr_loc_map.metrics.config import CallKind, TrajectoryScoreConfig
-from sfr_loc_map.metrics.drive_completeness import settled, single_run_stamps
+from sfr_loc_map.metrics.config import AssociationConfig, CallKind, TrajectoryScoreConfig
+from sfr_loc_map.metrics.copies import spline_positions
+from sfr_loc_map.metrics.drive_completeness import settled, single_run_stamps, true_path
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.row_part import Scope
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.truth_error import interpolation_errors
 
 SECOND = 1_000_000_000
 COUNT = 401
@@ -391,3 +393,17 @@ def test_exactly_one_percent_of_missing_images_is_not_evident(count: int, missin
     scored = score_trajectory(Estimates.of(estimate), truth, config, image_stamps_ns=stamps_ns)
     assert scored.association is not None
     assert (scored.association.incomplete is not None) == is_incomplete
+
+
+def test_of_two_true_poses_with_one_stamp_the_last_is_used_throughout() -> None:
+    """The path of completeness and the interpolation error are those of the truth without the first poses."""
+    truth = straight(0, 100)
+    wrong = Trajectory(truth.stamps_ns[20:22], truth.positions[20:22] + 1.0, truth.quats_xyzw[20:22])
+    parts = [(each.stamps_ns, each.positions, each.quats_xyzw) for each in (wrong, truth)]
+    doubled = Trajectory(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    paths = [true_path(each, truth.stamps_ns, 0).travelled_m for each in (doubled, truth)]
+    np.testing.assert_array_equal(*paths)
+    between_ns = truth.stamps_ns[:-1] + SECOND // 20
+    np.testing.assert_array_equal(*(interpolation_errors(each, between_ns) for each in (doubled, truth)))
+    frames = associate(truth, doubled, AssociationConfig())[0]
+    np.testing.assert_array_equal(spline_positions(doubled, frames), spline_positions(truth, frames))
