@@ -41,6 +41,14 @@ def test_half_a_drive_is_incomplete_unless_asked_for(judge: Judge) -> None:
     )  # a missed limit counts before
 
 
+def test_one_missing_estimate_of_four_hundred_is_incomplete_only_by_limits(judge: Judge) -> None:
+    """Without limits a small gap is no evidence of a partial drive; a verdict requires every estimate."""
+    most = judge.estimate[np.flatnonzero(np.arange(POSES) != 200)]
+    assert judge(estimate=most)[0].code == 0
+    result, score = judge(limits=FEW_INDEPENDENT + OVER_5_M + "1\n", estimate=most)
+    assert (result.code, score_rows.number(score, "missing", part="count")) == (3, 1)
+
+
 def test_a_share_may_be_missing_where_a_limit_says_so(judge: Judge) -> None:
     half = judge.estimate[:201]
     for share, code in ((0.6, 0), (0.4, 1)):
