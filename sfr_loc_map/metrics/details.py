@@ -16,6 +16,13 @@ Values = tuple[float | None, ...]  #: One entry per row; None if the value is un
 Integers = tuple[int, ...]
 
 
+def named_columns(name: str, values: NDArray[np.floating]) -> dict[str, Values]:
+    """Return numbers `(N,)` as a column with a name, or vectors `(N, d)` as columns `NAME 1` to `NAME d`."""
+    if values.ndim == 1:
+        return {name: column(values)}
+    return {f"{name} {number}": column(each) for number, each in enumerate(values.T, 1)}
+
+
 def column(values: NDArray[np.floating], digits: int | None = 9) -> Values:
     """Return numbers as a column, None if not finite; `digits` is the number of decimals, or None for no rounding."""
     numbers = np.asarray(values, np.float64)
@@ -111,13 +118,17 @@ class SubTrajectoryRows(Columns, frozen=True, kw_only=True):
     along_m: Values  #: Position error along the true displacement.
     cross_m: Values  #: Position error across the true displacement, positive to the left.
     travelled_m: Values  #: Length of the true path from start to end.
-    others: dict[str, Values] = {}  #: Errors of the other figures of sub-trajectories, by figure, in its unit.
+    #: Errors of the other figures of sub-trajectories, in their unit: by figure, or a column for each direction of
+    #: vectors, by figure and number of the direction (`NAME 1`).
+    others: dict[str, Values] = {}
 
     def errors_of(self, figure: str) -> tuple[Values, ...]:
         """Return the errors of a figure, a column for each direction; empty if there are no errors of the figure."""
         if figure in NAMED_ERRORS:
             return tuple(getattr(self, name) for name in NAMED_ERRORS[figure])
-        return (self.others[figure],) if figure in self.others else ()
+        if figure in self.others:
+            return (self.others[figure],)
+        return tuple(values for name, values in self.others.items() if name.startswith(f"{figure} "))
 
 
 def columns_of(conditions: Iterable[SubTrajectoryRows]) -> dict[str, list[Any]]:

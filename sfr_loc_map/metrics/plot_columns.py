@@ -7,7 +7,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import POSITION_VARIANCES, Estimates, Frames
-from sfr_loc_map.metrics.details import NAMED_ERRORS, PathRows, SubTrajectoryRows, Values, column
+from sfr_loc_map.metrics.details import NAMED_ERRORS, PathRows, SubTrajectoryRows, Values, column, named_columns
 from sfr_loc_map.metrics.formulas import Lengths
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.trajectory_errors import error_figures, errors_of
@@ -28,7 +28,10 @@ def sub_trajectory_rows(
     shown = sub_trajectories.every(every)
     starts, ends = shown.starts, shown.ends
     directions = shown.by_direction()
-    others = [kind for kind in error_figures(has_height=True) if kind.name not in NAMED_ERRORS]
+    others: dict[str, Values] = {}
+    for kind in error_figures(has_height=True):
+        if kind.name not in NAMED_ERRORS:
+            others |= named_columns(kind.name, errors_of(kind, shown))
     return SubTrajectoryRows(
         condition=condition,
         every=every,
@@ -45,7 +48,7 @@ def sub_trajectory_rows(
         along_m=column(directions["along"]),
         cross_m=column(directions["cross"]),
         travelled_m=column(length_m[ends] - length_m[starts]),
-        others={kind.name: column(errors_of(kind, shown)) for kind in others},
+        others=others,
     )
 
 

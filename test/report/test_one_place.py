@@ -26,6 +26,7 @@ from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.judging import judge, limits_file
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict
+from sfr_loc_map.metrics.stored import stored_contradiction
 from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.nodes.score_messages import figure_topics, score_statuses
@@ -173,18 +174,23 @@ def check_every_view(statistic: str) -> None:
 
 
 @pytest.fixture
-def with_slip(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A figure that the catalogue has since a moment ago."""
-    monkeypatch.setitem(catalogue.KINDS, SLIP.name, SLIP)
+def with_slip(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    """A figure that the catalogue has since a moment ago, of scalars or of vectors."""
+    kind = SLIP
+    if getattr(request, "param", "scalars") == "vectors":
+        kind = SLIP._replace(errors_of=lambda judged: judged.errors.position_m[:, :2])
+    monkeypatch.setitem(catalogue.KINDS, SLIP.name, kind)
     names = limits.LIMITED_NUMBERS[limits.LimitSection.TRAJECTORY]
-    for name, limited in limits.names_of([SLIP]).items():
+    for name, limited in limits.names_of([kind]).items():
         monkeypatch.setitem(names, name, limited)
 
 
 @pytest.mark.usefixtures("with_slip")
+@pytest.mark.parametrize("with_slip", ["scalars", "vectors"], indirect=True)
 def test_a_figure_is_in_every_view() -> None:
     scores = [made_score(seed, slip_p99_m=1e-9) for seed in (0, 1)]
     score = scores[0]
+    assert stored_contradiction(score) is None
     row = score.figure("slip")
     assert row is not None
     assert row.p99 is not None
