@@ -47,7 +47,7 @@ AFTER_FIRST = "after the first call"  #: Part of the row of the calls after the 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calls:
-    """Calls in chronological order."""
+    """Calls in the order of their files, and in a file in chronological order."""
 
     stamps_ns: IntArray  #: `(N,)` int64, stamp of the pair.
     seconds: FloatArray  #: `(N,)` float64, wall-clock time, NaN if not measured.
@@ -136,7 +136,10 @@ def has_memory(rows: Iterable[Figure]) -> bool:
 def completeness_rows(
     calls: Sequence[Calls], expected_ns: Mapping[Task, IntArray | None], place: Place = Place.HOST
 ) -> Iterator[Figure]:
-    """Yield the rows that compare measured with expected calls; each kind of call is taken from its last file."""
+    """Yield the rows that compare measured with expected calls.
+
+    Each kind of call is taken from the last item of `calls` that has the kind.
+    """
     found: dict[CallKind, tuple[Calls, NDArray[np.intp]]] = {}
     for item in calls:
         kinds = item.kinds

@@ -236,7 +236,7 @@ CATALOGUE = (
         "sub-trajectories tested by the covariance of steps",
         is_one_number=True,
     ),
-    # confidence of the figures (metrics.judging.proof): not in the document
+    # confidence of the figures (metrics.three_sigma): not in the document
     FigureKind("confidence", Subject.EVIDENCE, "", "1", "confidence of mean + 3 sigma"),
     FigureKind("shape", Subject.EVIDENCE, "", "1", "relative sigma of position errors"),
     FigureKind("normality", Subject.EVIDENCE, "", "1", "p-value of the normality of position errors"),

@@ -12,8 +12,9 @@ its correction meets these conditions:
 An offset of the stamps must keep nine tenths of the poses; the sub-trajectories of the others are not counted. If no
 mismatch meets these conditions, the rotations from pose to pose decide whether each pose is that of the previous pair.
 
-To add a mismatch, add its line to `MISMATCHES`. If its correction needs fitted numbers or the rig, add a function to
-`HYPOTHESES`. `diagnose` has the one loop over both.
+To add a mismatch, add its line to `MISMATCHES`. If its correction needs fitted numbers or the rig, yield the mismatch
+in `frame_mismatches` or in a function of `HYPOTHESES`. `diagnose` tries all of them in one loop. Two further functions
+run after this loop: `_is_scale_error` rejects its result, and `_one_pair_late` explains what no mismatch explains.
 
 The disagreement is the mean over sub-trajectories of `hypot(position error / path length, attitude error in radians)`.
 The estimate is re-based by its complete pose, so that the disagreement does not depend on the world frame.

@@ -4,9 +4,11 @@
 results that the records of a score show without limits as well. `judging.incomplete` finds the shortfalls of a score by
 both tables. Limits on completeness and the check of stored scores (`raw_values`) follow from `SHORTFALLS`.
 
-To add a shortfall, add its line to `SHORTFALLS` and to `catalogue`, and compute its row (`drive_completeness`,
-`completeness`, `copies`). A shortfall with the rule `MISSED` also requires a function in `judging.incomplete`. Scores
-that were stored without the row are then refused.
+To add a shortfall, add its line to `SHORTFALLS` and to `catalogue`, and compute its row. The rows of a drive are
+computed in `drive_completeness`, `copies`, `other_frames` and `standing`, those of maps, calls and live runs in
+`completeness`, those of an external node in `calls`, and those of a missing part in `scoring.score_parts`. A shortfall
+with the rule `JUDGED` also requires its text in `TEXTS`, and with the rule `MISSED` a function in `judging.incomplete`.
+Scores that were stored without the row are then refused.
 
 To add a scope, add it to `row_part.Scope`, compute its row `judged`, and state in `judging.limit_scope` which limits
 require the scope.
@@ -28,8 +30,10 @@ class Rule(StrEnum):
     """
 
     EVIDENT = "evident"  #: With and without limits.
-    JUDGED = "judged"  #: If limits judge the scope, and the figure exceeds `most`.
-    MISSED = "missed"  #: If the figure exceeds `most`, and a limit is missed by the data that the figure counts.
+    JUDGED = "judged"  #: If there are limits, and the figure of a scope in `limit_scope.judged_parts` exceeds `most`.
+    #: If the figure exceeds `most`, and the errors at the other frames (`errors_beyond`) or of the moving rover
+    #: (`standing`) miss a limit. Too few independent errors of the moving rover also count.
+    MISSED = "missed"
     STATED = "stated"  #: Only if the figure is limited, but is unknown because the state of a pose is unknown.
     NEVER = "never"  #: The figure can be limited, but is no shortfall otherwise.
 

@@ -55,7 +55,7 @@ def with_missing_results(score: Score, missing: str) -> Score:
     is unchanged.
 
     The figures of the result do not contain what is missing, so that the check of stored scores refuses the result. It
-    is only displayed (`live.live_report.LiveReport.ended`).
+    is only displayed (`live.live_report.LiveReport.with_missing`).
     """
     rules = score.rules
     allows = rules is not None and (rules.partial or rules.allow_missing)
