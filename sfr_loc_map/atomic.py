@@ -37,8 +37,21 @@ def atomic_path(path: Path, *, any_folder: bool = False) -> Iterator[Path]:
         with _scratch(target) as scratch:
             yield scratch / target.name
             with deferred_signals():  # a signal waits until the replaced output is removed
-                exchange(scratch / target.name, target) if any_folder else replace(scratch / target.name, target)
+                if any_folder:
+                    exchange(scratch / target.name, target, scratch / BEFORE)
+                else:
+                    replace(scratch / target.name, target)
                 shutil.rmtree(scratch, ignore_errors=True)
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+
+
+def replace_by(new: Path, path: Path) -> None:
+    """Replace an output, also a folder that is not empty, by a complete one beside it, which is kept if this fails."""
+    target = output_target(path, any_folder=True)
+    try:
+        with deferred_signals(), _scratch(target) as scratch:  # a signal waits until the replaced output is removed
+            exchange(new, target, scratch / BEFORE)
     except OSError as error:
         raise _cannot_write(path, error) from error
 
@@ -55,15 +68,14 @@ def replace(new: Path, target: Path) -> None:
     os.replace(new, target)
 
 
-def exchange(new: Path, target: Path) -> None:
-    """Move a new file or folder to a target. An existing target is first moved to `BEFORE` beside the new one.
+def exchange(new: Path, target: Path, before: Path) -> None:
+    """Move a new file or folder to a target. An existing target is first moved to `before`, in a folder of `_scratch`.
 
     If the process ends between these two steps, the next call of `_scratch` restores the target.
     """
     if not target.exists():
         os.replace(new, target)
         return
-    before = new.with_name(BEFORE)
     os.rename(target, before)
     try:
         os.rename(new, target)

@@ -101,9 +101,9 @@ def test_a_signal_while_the_new_one_takes_its_place_comes_after_it(
     place.mkdir()
     (place / "old").touch()
 
-    def interrupted(new: Path, target: Path) -> None:
+    def interrupted(new: Path, target: Path, before: Path) -> None:
         signal.raise_signal(signal.SIGINT)
-        exchange(new, target)
+        exchange(new, target, before)
 
     monkeypatch.setattr(atomic, "exchange", interrupted)
     with pytest.raises(KeyboardInterrupt), atomic_path(place, any_folder=True) as new:  # noqa: PT012

@@ -6,7 +6,6 @@ Only a regular file, or a folder that contains only a data set or a bag, can be 
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +15,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from sfr_loc_map.atomic import atomic_path, check_output, exchange, output_target, write_text
+from sfr_loc_map.atomic import atomic_path, check_output, output_target, replace_by, write_text
 from sfr_loc_map.cli.app import current_run
 from sfr_loc_map.errors import OutputError, SfrError
 from sfr_loc_map.inputs import one_line, printable
@@ -95,8 +94,7 @@ def output_folder(
     target = output_target(path, any_folder=True)
     new = target.with_name(f".{target.name}.unfinished")
     yield new
-    exchange(new, target)
-    shutil.rmtree(new) if new.is_dir() else new.unlink(missing_ok=True)
+    replace_by(new, path)
 
 
 @contextmanager

@@ -11,6 +11,7 @@ import pytest
 
 from helpers import broken_sources as broken
 from helpers.cli_result import Sfr
+from sfr_loc_map.cli.output import output_folder
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 
@@ -93,6 +94,21 @@ def test_a_folder_that_holds_something_else_stays(sfr: Sfr, made_once: MadeOnce,
         within = sfr("convert", place / "loc", destination, "--overwrite")
         assert within.code == 2
         assert "it is or contains an input of this command; choose another name" in within.err
+
+
+def test_a_resumable_output_is_overwritten_repeatedly_and_leaves_nothing_beside_it(
+    made_once: MadeOnce, out: Path
+) -> None:
+    place, mine = out / "drive", out / "before"
+    shutil.copytree(made_once(broken.good_folder), place)
+    mine.write_text("precious")
+    for number in range(2):
+        with output_folder(place, overwrite=True, resumable=True) as new:
+            shutil.copytree(place, new)
+            (new / "loc" / "times.txt").write_text(str(number))
+        assert (place / "loc" / "times.txt").read_text() == str(number)
+        assert sorted(path.name for path in out.iterdir()) == ["before", "drive"]
+    assert mine.read_text() == "precious"
 
 
 def test_no_input_is_overwritten(sfr: Sfr, made_once: MadeOnce, out: Path) -> None:
