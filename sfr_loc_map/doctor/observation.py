@@ -232,7 +232,7 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
         others={name: (kind,) for name, kind in bag.topics.items()},
         extrinsics_given=config.extrinsics.transform() is not None,
         extrinsics_in_tf=in_tf,
-        truth_has_attitude=TRUE_POSES in read and not {FIX, POINT} & set(read[TRUE_POSES].types),
+        truth_has_attitude=TRUE_POSES in read and not {FIX, POINT} & set(topics[TRUE_POSES].types),
         broken=broken,
         unfinished=bag.unfinished,
     )

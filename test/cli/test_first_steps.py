@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from helpers import broken_sources as broken
 from helpers.cli_result import Sfr
 from helpers.made_scores import whole_score
 from sfr_loc_map.config import parameters, read_config
@@ -77,3 +78,8 @@ def test_no_next_step_is_printed_beside_json(hints: Sfr, tmp_path: Path) -> None
     report = ("report", score, "-o", tmp_path / "page.html")
     assert hints(*report).err.splitlines()[-1].startswith("next: open ")
     assert "next:" not in hints(*report, "--overwrite", "--json", "-").err
+
+
+def test_the_next_step_of_a_recording_with_true_attitudes_starts_at_the_truth(hints: Sfr, tmp_path: Path) -> None:
+    for source in (broken.good_bag(tmp_path / "x.mcap"), broken.good_folder(tmp_path / "drive")):
+        assert f"next: sfr replay {source} --start truth --out out" in hints("info", source).err
