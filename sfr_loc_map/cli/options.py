@@ -127,15 +127,15 @@ def parse_settings(settings: Sequence[str] | None) -> dict[str, Any]:
 
 
 def columns_of(texts: Sequence[str] | None) -> tuple[str, str]:
-    """Return the columns of the estimate and of the truth; empty if not given."""
-    found = {"estimate": "", "truth": ""}
+    """Return the columns of the estimate and of the truth; empty if not given. Several texts of a side are joined."""
+    found: dict[str, list[str]] = {"estimate": [], "truth": []}
     for text in texts or ():
         side, separator, columns = text.partition(":")
         if separator and side in found:
-            found[side] = columns
+            found[side].append(columns)
         else:
-            found["estimate"] = text
-    return found["estimate"], found["truth"]
+            found["estimate"].append(text)
+    return ",".join(found["estimate"]), ",".join(found["truth"])
 
 
 def announced_config(source: Path) -> Path | None:

@@ -147,3 +147,11 @@ def test_ctrl_c_keeps_the_pairs_that_were_localised(sfr: Sfr, tmp_path: Path, mo
     nothing = sfr("localise", source, "-o", tmp_path / "none.csv")
     assert (nothing.code, nothing.err) == (ExitCode.INTERRUPTED, "sfr: interrupted: nothing was finished\n")
     assert not (tmp_path / "none.csv").exists()
+
+
+def test_several_columns_of_a_table_are_joined(sfr: Sfr, tmp_path: Path) -> None:
+    table, poses = tmp_path / "table.csv", tmp_path / "poses.csv"
+    table.write_text("Time,East,North,Up\n" + "".join(f"{k},{2 * k},{3 * k},{4 * k}\n" for k in range(1, 4)))
+    columns = ("--columns=t=Time[s]", "--columns=x=North,y=East", "--columns=z=Up")
+    assert sfr("convert", table, poses, *columns).code == 0
+    assert read_trajectory_file(poses).trajectory.positions.tolist() == [[3.0 * k, 2.0 * k, 4.0 * k] for k in (1, 2, 3)]
