@@ -209,7 +209,7 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
     place = truth.path if isinstance(truth, Source) else truth
     if isinstance(estimate, PointCloud):
         if isinstance(place, Trajectory):
-            raise ConfigError("a cloud is scored against a source with mapping pairs and truth, not a trajectory")
+            raise ConfigError("a cloud requires a source with mapping pairs and truth; a trajectory was given")
         read = [*load_run(ScoreInputs(stats=stats)).stats, *_own_stats(estimate)]
         loaded = with_fusion_flag(LoadedCloud(estimate.xyz.astype(np.float64), estimate), fused, "the cloud")
         truths, nav_stamps_ns = load_map_truth(Path(place), estimate.pair_stamps_ns)

@@ -233,7 +233,9 @@ NODE_SECTIONS = {
     "sync": NodeSection("input", (_LOCALISER, _MAPPER)),
 }
 """Sections that contain node parameters."""
-SIMILAR = 0.8  #: Smallest similarity of the misspelt name of a section (`difflib`); parameters differ more from all.
+SIMILAR = 0.8
+"""Minimum similarity (`difflib`) of an unknown name to the name of a section that it misspells. No parameter is as
+similar to the name of a section."""
 ROS_PARAMETERS = "ros__parameters"  #: Name of the parameters of a node in a ROS parameter file.
 _SECTION_OF_PREFIX = {known.prefix: name for name, known in NODE_SECTIONS.items() if known.prefix}
 

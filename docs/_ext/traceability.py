@@ -176,11 +176,11 @@ CLAUSES = (
         "Error over a sub-trajectory",
         "The error that the estimate already has at the start does not count.",
         ("metrics/formulas.py", "metrics/config.py"),
-        "note below the figures: re-based by; readings side by side",
+        "note below the figures: re-based by; interpretations side by side",
         'The document does not define how the error is "taken into account". `pose` is the default, because a heading '
         "error from before N is an error from before N. `displacement` follows 4.1.1 and 4.2.3.1 literally. `position` "
-        "removes the position error at N, but not the attitude error at N. All three readings are computed, and a "
-        "verdict that depends on the reading is reported.",
+        "removes the position error at N, but not the attitude error at N. All three interpretations are computed, and "
+        "a verdict that depends on the interpretation is reported.",
         "pose by default; displacement, position",
     ),
     Clause(
@@ -222,8 +222,8 @@ CLAUSES = (
         "the norm of the mean vector. Sigma is the norm of the standard deviations of the axes.",
         ("metrics/formulas.py", "metrics/trajectory_errors.py"),
         "row position error over a condition",
-        "The literal reading is `displacement`: displacements in DS without a rotation. With `pose`, the estimated "
-        "displacement is rotated by the attitude error at N before the comparison (4.1.2).",
+        "The literal interpretation is `displacement`: displacements in DS without a rotation. With `pose`, the "
+        "estimated displacement is rotated by the attitude error at N before the comparison (4.1.2).",
         "pose by default; displacement is literal",
     ),
     Clause(

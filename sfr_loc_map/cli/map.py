@@ -48,7 +48,7 @@ def map_cloud(
         list[Path] | None,
         Option(
             metavar="FILE",
-            help="Also write the elevation grid of the topics: *.tif (GeoTIFF), *.npz, *.png; repeatable.",
+            help="Also write the elevation grid that the node publishes: *.tif (GeoTIFF), *.npz, *.png; repeatable.",
         ),
     ] = None,
     covariance: Annotated[

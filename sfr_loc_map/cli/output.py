@@ -84,7 +84,7 @@ def output_folder(
         raise OutputError(f"cannot write '{path}': {what} exists; remove it, choose another name or give --overwrite")
     if path.is_dir() and not has_only_data_set(path):
         raise OutputError(
-            f"cannot write '{path}': the folder has files that belong to neither a data set nor a bag, so that "
+            f"cannot write '{path}': the folder has files that belong to neither a data set nor a bag, so "
             "--overwrite does not replace it; choose another name"
         )
     if not resumable:

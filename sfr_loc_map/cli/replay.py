@@ -90,7 +90,7 @@ def replay(
         ),
     ] = 0.0,
     start_offset: Annotated[
-        float, Option(min=0.0, metavar="S", rich_help_panel=PLAYED, help="Seconds of the source that are skipped.")
+        float, Option(min=0.0, metavar="S", rich_help_panel=PLAYED, help="Seconds to skip at the start of the source.")
     ] = 0.0,
     duration: Annotated[
         float | None,
@@ -138,7 +138,7 @@ def replay(
         Option(
             metavar="PARENT,CHILD",
             rich_help_panel=UNDER_TEST,
-            help="Required frames of the answers; others are ignored (default: those of the first answer).",
+            help="Required frame ids of the answers; others are ignored (default: as in the first answer).",
         ),
     ] = "",
     answer_timeout: Annotated[

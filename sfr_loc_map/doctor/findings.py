@@ -47,6 +47,6 @@ class Finding:
     command: str = ""  #: Command line that removes the cause; empty if there is none.
 
     def as_dict(self) -> dict[str, str | bool]:
-        """Return the finding for JSON. The keys `stops` and `cure` are public, so that they stay."""
+        """Return the finding for JSON. The keys `stops` and `cure` are public, so they stay."""
         public = {"cause": self.cause.value, "stops": self.is_blocking, "where": self.where}
         return public | {"text": self.text, "cure": self.fix}

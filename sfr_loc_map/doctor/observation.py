@@ -33,7 +33,7 @@ EXPECTED: Mapping[str, tuple[str, ...]] = {
     **{name: (TOPICS[name].msgtype,) for name in names(Role.INPUT, Role.TRUTH)},
     TRUE_POSES: tuple(TRUTH_TYPES),
 }
-"""Types of the observed topics by name in the suite."""
+"""Type of each observed topic; the key is the topic name in the suite."""
 MESSAGES_KEPT = 4  #: Number of messages that are kept for each topic.
 
 
@@ -89,7 +89,7 @@ class Observation:
     subject: str  # name of the source in messages
     kind: SourceKind = SourceKind.BAG
     prefix: str = ""  # prefix of the suite's names in the graph
-    topics: Mapping[str, ObservedTopic] = field(default_factory=dict)  # existing topics by name in the suite
+    topics: Mapping[str, ObservedTopic] = field(default_factory=dict)  # existing topics by suite name
     ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # possible topics
     others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # types of all topics by name
     extrinsics_given: bool = False  # whether a parameter file gives the extrinsics

@@ -2,7 +2,7 @@
 
 Both runs share the calibration. A wrong baseline, focal length or mounting moves both equally and is unobservable. The
 predicted covariance `Q_a + Q_b` therefore contains the steps and the noise of the poses, without systematic errors.
-Runs that share images have common noise, so that their difference is smaller than predicted. Only a difference that is
+Runs that share images have common noise, so their difference is smaller than predicted. Only a difference that is
 too large is a finding. At least one of the runs has an error of at least half of the difference.
 """
 

@@ -127,7 +127,7 @@ class SourceConfig:
 
     @property
     def topics(self) -> dict[str, str]:
-        """Topics of a ROS graph by name in the suite; the name of the truth is ground_truth/odometry."""
+        """The ROS topic for each topic name of the suite; the name of the truth is ground_truth/odometry."""
         truth = {"ground_truth/odometry": self.truth.source} if TOPIC.fullmatch(self.truth.source) else {}
         return {name: topic for topic, name in self.remap.items()} | truth
 

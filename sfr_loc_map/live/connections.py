@@ -12,7 +12,7 @@ MAX_SILENT = 256
 class BoundedConnections:
     """Protocol factory for `loop.create_server` that creates aiohttp's handlers, with a bound on silent connections.
 
-    Each open socket uses a file descriptor, so that clients that connect and send nothing could lock out all others.
+    Each open socket uses a file descriptor, so clients that connect and send nothing could lock out all others.
     """
 
     def __init__(self, server: web.Server) -> None:

@@ -1,4 +1,4 @@
-"""Reduce images, clouds and maps from above for a screen."""
+"""Reduce images, clouds and top-view maps for a screen."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def cloud_samples(
     *,
     with_grid: bool = True,
 ) -> tuple[CloudSample, ElevationSample | None]:
-    """Return a cloud `(N, 3)` thinned for the screen, and a map from above with the means of each cell.
+    """Return a cloud `(N, 3)` thinned for the screen, and a top-view map with the means of each cell.
 
     Points that are not finite are ignored. `sigma` and `error`, the distance to the truth, are `(N,)` in m, NaN or None
     if unknown. An empty cloud has no map.

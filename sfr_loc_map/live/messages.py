@@ -9,7 +9,7 @@ Text messages of the server are JSON objects with their kind as `type`:
     path      whole, rows, before_m      new poses; if `whole`, all poses, which replace the earlier ones
     calls     calls                      new calls
 
-`live`, `report` and `events` are equal for all pages (`CommonTexts`). Binary messages are images and maps from above
+`live`, `report` and `events` are equal for all pages (`CommonTexts`). Binary messages are images and top-view maps
 (`binary_message`). A page sends only `{"type": "want", "media": [...]}` with the media that it displays.
 """
 
@@ -37,7 +37,7 @@ def text_message(kind: str, content: dict[str, Any]) -> str:
 
 @lru_cache(maxsize=16)
 def binary_message(media: PageMedia) -> bytes:
-    """Return the message of an image or a map from above.
+    """Return the message of an image or a top-view map.
 
     bytes 0..3     length of the header with its padding, unsigned, little endian
     bytes 4..      header: UTF-8 JSON, padded with spaces to a multiple of four bytes

@@ -182,7 +182,7 @@ class LiveState:
     def _age_of_verdict_s(self, now_s: float) -> float | None:
         """Return the time since the last report or the last result, whichever is older; None without a report.
 
-        A report is latched, so that it may be received without any pose or call.
+        A report is latched, so it may be received without any pose or call.
         """
         if self.report is None:
             return None

@@ -148,7 +148,7 @@ class Timeline:
         self._open[lane] = self._add(Event(lane, at_s, None, kind, text[:MAX_TEXT]))
 
     def _before_flicker(self, ended: Event, kind: EventKind, at_s: float) -> Event | None:
-        """Return the event that continues if an event of its kind follows short tracking; None otherwise."""
+        """Return the event before a short tracking event if it has the given kind: this event continues. Else None."""
         if ended.kind is not EventKind.TRACKING or at_s - ended.from_s >= FLICKER_S:
             return None
         recent = [event for event in self.events[-RECENT:] if event.lane == ended.lane]

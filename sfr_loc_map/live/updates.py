@@ -139,7 +139,7 @@ class CloudSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ElevationSample:
-    """A map from above, thinned for the screen; its layers are named height, sigma, error, hazard, ..."""
+    """A top-view map, thinned for the screen; its layers are named height, sigma, error, hazard, ..."""
 
     kind: ClassVar[MediaKind] = MediaKind.MAPS
     topic: str

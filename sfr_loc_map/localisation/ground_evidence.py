@@ -58,7 +58,7 @@ CLEAR_RATIO = 1.4
 hand. If larger, more pairs are ambiguous and degraded with a larger covariance. If smaller, a wrong motion is accepted
 as clear."""
 SEARCHED_UNEXPLAINED = 0.03
-"""Fraction of unexplained landmarks from which a second exposure is searched for, to save the 0.3 ms of the search. The
+"""Minimum fraction of unexplained landmarks for the search for a second exposure, which takes 0.3 ms. The
 fraction is at least 0.04 with ghosts of 30 to 69 %, and smaller in most pairs of clean drives."""
 MIXTURE_LANDMARKS = 64
 """Number of landmarks in which a second exposure is searched for. Chosen by hand: the standard error of the weight

@@ -75,12 +75,12 @@ TYPICAL_FACTOR = 1.25
 Chosen by hand. If larger, fewer faults are reported on drives with many outliers. If smaller, clean pairs of such
 drives are degraded."""
 RISING_GAIN = 0.1
-"""Gain of the typical fraction for a pair with a larger fraction. Chosen by hand. If larger, a fault becomes typical
-before it is reported. If smaller, rougher ground is reported for longer."""
+"""Update gain of the typical fraction if the fraction of a pair is larger. Chosen by hand. If the gain is larger, a
+fault becomes typical before it is reported. If it is smaller, rougher ground is reported for longer."""
 FALLING_GAIN = 0.5
-"""Gain of the typical fraction for a pair with a smaller fraction. Chosen by hand, so that a fault at the start has no
-effect after a few pairs. If larger, one clean pair makes the next pairs unusual. If smaller, later faults are hidden
-for longer."""
+"""Update gain of the typical fraction if the fraction of a pair is smaller. Chosen by hand, so that a fault at the
+start has no effect after a few pairs. If the gain is larger, one clean pair makes the next pairs unusual. If the gain
+is smaller, later faults are hidden for longer."""
 
 
 class Phase(Enum):

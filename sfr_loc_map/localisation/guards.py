@@ -41,7 +41,7 @@ MIN_STEREO_FRACTION: Final = 0.3
 images, so that both images of a good pair show most landmarks."""
 MAX_SHEAR: Final = 7.0
 """Maximum ratio of the squared shear of the rows to its variance, per degree of freedom, for rows exposed at one time.
-The ratio is at most 6.4 on clean drives and 7 to 250 for a shear of 1 px, so that some shears of 1 px are not
+The ratio is at most 6.4 on clean drives and 7 to 250 for a shear of 1 px, so some shears of 1 px are not
 reported."""
 MAX_MEAN_SHEAR: Final = 1.4
 """Maximum mean of this ratio for rows exposed at one time. The mean is at most 1.3 on clean drives and 2 to 5 for a

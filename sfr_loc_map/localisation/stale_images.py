@@ -36,7 +36,7 @@ ROW_STEPS: Final = (16, 1)  #: Row steps of the comparison: all rows are compare
 MAX_NOISE: Final = 12.0
 """Maximum standard deviation of the difference of two images of the same view, grey levels. Chosen by hand: 11.3 grey
 levels is the difference of two exposures with a noise of 8 grey levels. If larger, more pairs require the full test. If
-smaller, noisy frozen images count as new."""
+smaller, frozen images with noise count as new."""
 NOISE_MARGIN: Final = 1.1
 """Factor on the maximum variance in the first test, which only saves time. The second test does not use this factor.
 Chosen by hand above 1, because images are rounded. If larger, more pairs require the second test."""
@@ -71,7 +71,8 @@ class StaleRows(NamedTuple):
     """Rows of one image that repeat the previous image."""
 
     rows: Mask  #: `(H,)` textured rows that are bit-identical; all rows if the image is repeated with new noise.
-    #: Whether all textured rows are repeated; False if too few rows are textured. One frozen image is blanked.
+    #: Whether all textured rows are repeated; False if too few rows are textured. If
+    #: only one image of a pair is frozen, this image is blanked.
     is_frozen: bool
     #: Whether the whole image is repeated, textured or not, possibly with new noise. Two such images make the pair a
     #: repeated pair.

@@ -25,7 +25,7 @@ class SearchRange:
     max_disparity_px: float
     #: Number of integer disparities from 0 that reaches the limit, a multiple of `DISPARITY_STEP`. In wide images,
     #: `semi_global_matching` rounds the number up to a multiple of `2 * DISPARITY_STEP` and searches every second
-    #: disparity, so that the largest one may be missed.
+    #: disparity, so the largest one may be missed.
     count: int
 
 

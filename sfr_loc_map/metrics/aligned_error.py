@@ -118,7 +118,7 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
     mine, theirs = (long, short) if estimate_is_longer else (short, long)
     if not len(mine):
         raise MetricsError(
-            f"no stamps of estimate and truth are within {config.max_difference_s:g} s of each other, so that there is "
+            f"no stamps of estimate and truth are within {config.max_difference_s:g} s of each other, so there is "
             "no APE: increase the option max_difference, or omit the option align"
         )
     est, true = (
@@ -148,7 +148,7 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
 def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Similarity:
     """Return the least-squares similarity from points `(N, 3)` to their targets (equations of Umeyama 1991).
 
-    MetricsError if the points are collinear or coincide, so that the rotation is undetermined.
+    MetricsError if the points are collinear or coincide, so the rotation is undetermined.
     """
     mean_p, mean_t = points.mean(axis=0), targets.mean(axis=0)
     p, t = points - mean_p, targets - mean_t

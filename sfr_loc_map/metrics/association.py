@@ -36,7 +36,7 @@ class Estimates:
     """Estimated poses with their states, covariances and steps."""
 
     trajectory: Trajectory  #: Estimated poses of RB in DS, in any order.
-    lost: Mask  #: `(N,)` bool: whether the localiser was lost, so that the pose is repeated.
+    lost: Mask  #: `(N,)` bool: whether the localiser was lost, so the pose is repeated.
     degraded: Mask  #: `(N,)` bool: whether a check of the localiser reported a problem with the pose.
     is_lost_known: Mask  #: `(N,)` bool: whether the source of the estimate reports if the pose is lost.
     is_degraded_known: Mask  #: `(N,)` bool: whether the source of the estimate reports if the pose is degraded.

@@ -10,7 +10,7 @@ that were stored without a new statistic remain readable.
 
 Three things have to be changed separately: the topics that `config/sros2_policy.xml` allows by name, the plots, which
 draw mean, mean + 3 sigma, p50 and p95, and the quantiles over the drives of a suite, which is judged by its worst
-drive. A statistic that is added to `compared` adds a test to comparisons and histories, so that the Holm correction of
+drive. A statistic that is added to `compared` adds a test to comparisons and histories, so the Holm correction of
 all other tests changes.
 """
 
@@ -69,13 +69,13 @@ class FigureKind(NamedTuple):
     shown: tuple[str, ...] = ()
     compared: tuple[str, ...] = ()  #: Statistics by which runs are compared; the first one ranks them.
     topic: str = ""  #: Topic below `metrics/` on which the monitor publishes the shown statistics; empty for none.
-    is_unsigned: bool = False  #: Whether the errors cannot be negative, so that their distribution is skewed.
+    is_unsigned: bool = False  #: Whether the errors cannot be negative, so their distribution is skewed.
     is_one_number: bool = False  #: Whether its rows have one number (`value`) instead of the statistics of many values.
     is_count: bool = False  #: Whether a figure of unit `1` is a count instead of a fraction.
     is_better_if_larger: bool = False  #: Whether a larger value is better, unlike errors, times and memory.
     #: Errors of sub-trajectories, `(M,)` or vectors `(M, d)`, that the figure is about; None for any other figure.
     errors_of: Callable[[SubTrajectories], FloatArray] | None = None
-    is_of_all_readings: bool = False  #: Whether these errors do not depend on the reading of the document.
+    is_of_all_readings: bool = False  #: Whether these errors do not depend on the interpretation of the document.
     is_without_height: bool = False  #: Whether only a ground truth without heights has the figure.
 
 

@@ -29,7 +29,7 @@ def truth_caveats(about: TruthRecord) -> Iterator[str]:
         tilt = "" if about.tilt_deg is None else f", tilt {about.tilt_deg:.3g} deg"
         yield (
             "the truth has only positions: attitude and heading errors are unknown; the estimate was aligned with the "
-            f"truth over the drive (yaw {about.yaw_deg or 0.0:.3g} deg{tilt}, and a translation), so that attitude "
+            f"truth over the drive (yaw {about.yaw_deg or 0.0:.3g} deg{tilt}, and a translation), so attitude "
             "errors from before a sub-trajectory count in its position error (chord errors need no alignment)"
         )
     if not (about.height and about.tilt):
@@ -46,12 +46,13 @@ def truth_caveats(about: TruthRecord) -> Iterator[str]:
 
 
 def reading_caveats(score: Score) -> Iterator[str]:
-    """Yield a sentence if verdicts depend on the reading of the document."""
+    """Yield a sentence if verdicts depend on the interpretation of the document."""
     differ = [item for item in score.verdicts if len(set(item.by_reading.values())) > 1]
     if not differ or score.contradiction is not None:
         return
     first = differ[0]
     each = ", ".join(f"{reading} {state}" for reading, state in first.by_reading.items())
     over = f" over {label_of(first.condition)}" if first.condition else ""
-    text = f"{len(differ)} of {len(score.verdicts)} verdicts depend on the reading of the document (rebase), the first"
-    yield f"{text} {first.name}{over}: {each} (displacement and position need an estimate that starts at a true pose)"
+    text = f"{len(differ)} of {len(score.verdicts)} verdicts depend on the interpretation of the document (rebase)"
+    starts = "displacement and position require an estimate that starts at a true pose"
+    yield f"{text}, the first {first.name}{over}: {each} ({starts})"

@@ -276,7 +276,7 @@ def score_nearest(
 ) -> MapResult:
     """Return the score of points with unknown pixels, by the distance to the nearest true point.
 
-    The nearest true point is rarely the observed point, so that these distances underestimate the errors. Points at the
+    The nearest true point is rarely the observed point, so these distances underestimate the errors. Points at the
     position of an earlier point, and points in excess of the number of pixels of all pairs, count as repeated.
     """
     from scipy.spatial import cKDTree  # slow to import, and nodes rarely need it

@@ -129,7 +129,7 @@ def group_moments(offsets: FloatArray, size: int) -> Moments:
 
 
 def joined(parts: Moments) -> Moments:
-    """Return the moments of series that are concatenated along the last axis of n.
+    """Return the moments of series that are concatenated along the last axis of `n`.
 
     Squares are summed about the common mean to avoid cancellation (Chan, Golub, LeVeque 1983).
     """

@@ -187,7 +187,8 @@ class Limit(Record, frozen=True, kw_only=True):
         is_bound = self.limited.statistic == BOUND
         if is_bound != (self.terms is not None) or is_bound != bool(given):
             terms = "prob, confidence and interpretation"
-            raise ValueError(f"'{self.name}': a limit on a tolerance bound has {terms}, and no other limit has them")
+            rule = f"requires {terms}" if is_bound else f"does not accept {terms}; only a tolerance bound has them"
+            raise ValueError(f"'{self.name}': the limit {rule}")
         if (fault := fault_of_terms(given)) is not None:
             raise ValueError(f"'{self.name}': {fault}")
 
@@ -211,7 +212,7 @@ class Limit(Record, frozen=True, kw_only=True):
 
     @property
     def is_on_one_call(self) -> bool:
-        """Whether a single call is sufficient, so that no minimum number of values is required."""
+        """Whether a single call is sufficient, so no minimum number of values is required."""
         return self.name in ("mapping_call_s", "mapping_call_max_s")
 
     @property

@@ -1,4 +1,4 @@
-"""Frames of estimate and ground truth, and the reading of the document by which they are compared.
+"""Frames of estimate and ground truth, and the interpretation of the document by which they are compared.
 
 An estimate is associated with the truth by its stamps. If the truth has no attitudes, the estimate is also aligned with
 the true positions.
@@ -32,7 +32,7 @@ READINGS: dict[Rebase, Reading] = {
     Rebase.DISPLACEMENT: formulas.displacement_reading,
     Rebase.POSITION: formulas.position_reading,
 }
-"""The readings of the document; see `Rebase`."""
+"""The function that computes the errors by each interpretation of the requirements document; see `Rebase`."""
 MIN_TILT_DEG, TILT_GAIN = 0.1, 3.0
 """Smallest tilt of z, deg, and smallest reduction of the residual for which the complete rotation is fitted."""
 ROLL_GAIN = 1.1  #: Smallest reduction of the residual for which a rotation about the line of the drive is fitted.
@@ -47,7 +47,7 @@ class Placement(NamedTuple):
 
 
 class PlacedFrames(NamedTuple):
-    """Frames, how they were associated, and the reading of the document by which they are judged."""
+    """Frames, how they were associated, and the interpretation of the document by which they are judged."""
 
     frames: Frames
     association: Association
@@ -98,7 +98,7 @@ def placed_frames(
 
 
 def of_known(truth: Truth, reading: Reading) -> Reading:
-    """Return a reading whose attitude errors are unknown (NaN) if roll and pitch of the truth are unknown."""
+    """Return an interpretation whose attitude errors are unknown (NaN) if roll and pitch of the truth are unknown."""
     if truth.has_tilt:
         return reading
 

@@ -217,7 +217,7 @@ def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Trans
     known = np.flatnonzero(~estimates.lost[frames.estimate_rows])
     if not len(known):
         raise MetricsError(
-            "no estimated pose has a true pose at its stamp, so that the world frame cannot be aligned: check the "
+            "no estimated pose has a true pose at its stamp, so the world frame cannot be aligned: check the "
             "stamps, or set world=ds"
         )
     first = int(known[0])

@@ -88,7 +88,7 @@ class CloudRecord(Record, frozen=True, kw_only=True):
     """How a cloud was compared with the ground truth."""
 
     kind: CloudKind | None = None  #: Whether the cloud is fused; null if the pixels of the points are unknown.
-    #: Whether the pixels of the points are unknown, so that only distances to the nearest true points are known.
+    #: Whether the pixels of the points are unknown, so only distances to the nearest true points are known.
     nearest_only: bool = False
     scored_range_m: tuple[float, float]  #: Range [low, high) of the true points in the coverage, m.
 
@@ -193,10 +193,10 @@ class AnswerCounts(Record, frozen=True, kw_only=True, omit_defaults=False):
     """Numbers of the pairs that were published to an external node, and of its answers by category."""
 
     pairs: int = 0  #: Pairs that were published to the node.
-    answered: int = 0  #: Pairs with a usable answer of the same stamp within the time to answer.
-    missing: int = 0  #: Pairs without a usable answer within the time to answer.
+    answered: int = 0  #: Pairs with a usable answer that has the same stamp and arrived within the answer timeout.
+    missing: int = 0  #: Pairs without a usable answer within the answer timeout.
     early: int = 0  #: Answers before the last image of their pair was published.
-    late: int = 0  #: Answers that were ignored because they came after the time to answer.
+    late: int = 0  #: Answers that were ignored because they arrived after the answer timeout.
     doubled: int = 0  #: Answers with a stamp that had been answered before.
     other_stamp: int = 0  #: Answers whose stamp is not that of a pair; poses are scored with an interpolated truth.
     other_frame: int = 0  #: Answers that were ignored because they have other frame ids.

@@ -143,6 +143,6 @@ TEXTS = {
 """Why a scope is incomplete by a figure with the rule `JUDGED`; `percent`, `value` and `part` (the calls) are inserted.
 `judging.incomplete` composes the text of `missing`, which has other figures as well."""
 TEXTS_IF_UNKNOWN = {
-    "pixels_without_point": "no mapping pair has a true pixel in the scored range, so that no point was required"
+    "pixels_without_point": "no mapping pair has a true pixel in the scored range, so no point was required"
 }
 """Why a scope is incomplete by an unknown figure with the rule `JUDGED`; any other unknown figure is accepted."""

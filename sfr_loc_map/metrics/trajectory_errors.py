@@ -98,7 +98,7 @@ def error_row(
 def error_rows(
     condition: str, sub_trajectories: SubTrajectories, overlap: float, placed: PlacedFrames, truth: Trajectory
 ) -> Iterator[Figure]:
-    """Yield the errors of one condition by the judged reading, by direction, and by the other readings."""
+    """Yield the errors of one condition by the judged interpretation, by direction, and by the others."""
     known, rebase = known_of(truth), placed.association.rebase
     kinds = error_figures(has_height=known.has_height)
     for kind in kinds:

@@ -256,7 +256,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
             self._tf.publish(self._tf.msg_type(transforms=[messages.transform_msg(header, self._rb_frame, pose)]))
         stamp_ns, before_ns = estimate.stamp_ns, self._path_ns
         self._path.add(stamp_ns, estimate.T_ds_rb, PoseStamped(header=header, pose=pose))
-        # A path may have 2000 poses, so that it is published once a second.
+        # A path may have 2000 poses, so it is published once a second.
         if before_ns is None or not before_ns <= stamp_ns < before_ns + NS_PER_S:
             self._path_publisher.publish(PathMsg(header=header, poses=list(self._path.poses)))
             self._path_ns = stamp_ns

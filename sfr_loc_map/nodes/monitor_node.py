@@ -273,7 +273,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self._score_maps()
             self._note(call.stamp_ns)
 
-        # Mapper calls of different states may have the same stamp, so that each state is a source.
+        # Mapper calls of different states may have the same stamp, so each state is a source.
         source = task if task is Task.LOCALISATION else call.state
         self._add_in_order(source, call.stamp_ns, add)
 

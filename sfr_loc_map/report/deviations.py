@@ -51,7 +51,7 @@ def _spacing(score: Score) -> Iterator[str]:
 
 
 def _reading(score: Score) -> Iterator[str]:
-    """Yield a reading that differs from the literal definition of the document, with the errors by both readings."""
+    """Yield an interpretation that differs from the literal one, with the errors by both."""
     association = score.association
     if association is None or association.rebase is Rebase.DISPLACEMENT:
         return
@@ -66,8 +66,8 @@ def _reading(score: Score) -> Iterator[str]:
         literal_text = f"{number(literal, unit=unit)} {unit.symbol}"
         compared.append(f"mean + 3 sigma over {label_of(condition)} {used_text}, by displacements {literal_text}")
     yield (
-        f"Errors are computed by the reading '{association.rebase}'. Literally, the document compares displacements "
-        f"[4.2.3.1]{': ' if compared else ''}{'; '.join(compared)}."
+        f"Errors are computed by the interpretation '{association.rebase}'. Literally, the document compares "
+        f"displacements [4.2.3.1]{': ' if compared else ''}{'; '.join(compared)}."
     )
 
 

@@ -21,8 +21,8 @@ READINGS = {
     Rebase.POSITION: "the estimate is re-based at the start by its position only; earlier attitude errors count",
 }
 DS_IS_COMMON = (
-    "The readings by displacement and by position compare vectors in DS. They require an estimate that starts at a "
-    "true pose (--start truth, initialpose)."
+    "The interpretations by displacement and by position compare vectors in DS. They require an estimate that starts "
+    "at a true pose (--start truth, initialpose)."
 )
 
 
@@ -43,19 +43,19 @@ def covered_note(score: Score) -> str:
 
 
 def readings_note(score: Score) -> str:
-    """Return the definitions of the readings, and the verdicts that depend on the reading."""
+    """Return the definitions of the interpretations, and the verdicts that depend on them."""
     note = "".join(f"{rebase.capitalize()}: {text}. " for rebase, text in READINGS.items())
     judged = [item for item in score.verdicts if item.by_reading]
     if not judged:
         return note
     said = [f"{name_of(item)}: {readings_text(item)}" for item in judged if len(set(item.by_reading.values())) > 1]
     if not said:
-        return note + "Each reading gives the same verdicts."
-    return f"{note}The verdict depends on the reading: {'; '.join(said)}. {DS_IS_COMMON}"
+        return note + "Each interpretation gives the same verdicts."
+    return f"{note}The verdict depends on the interpretation: {'; '.join(said)}. {DS_IS_COMMON}"
 
 
 def readings_text(item: Verdict) -> str:
-    """Return the verdict by each reading of the document."""
+    """Return the verdict by each interpretation of the document."""
     return ", ".join(f"{state} by {name}" for name, state in item.by_reading.items())
 
 

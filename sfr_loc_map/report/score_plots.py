@@ -289,7 +289,7 @@ class _Panel(NamedTuple):
     errors: Values
     row: Figure | None
     limits: Sequence[PlottedLimit] = ()
-    is_signed: bool = False  #: Whether errors have a sign, so that the limits are drawn with both signs.
+    is_signed: bool = False  #: Whether errors have a sign, so the limits are drawn with both signs.
 
 
 def _directions(score: Score, plotted: PlottedCondition) -> Plot:

@@ -77,7 +77,7 @@ def is_limited(score: Score, row: Figure) -> bool:
 
 
 def is_of_a_reading(score: Score, row: Figure) -> bool:
-    """Return whether a row has the errors of sub-trajectories by one reading of the document."""
+    """Return whether a row has the errors of sub-trajectories by one interpretation of the document."""
     return row.subject is Subject.TRAJECTORY and row.condition is not None and row.part in [*Rebase]
 
 
@@ -136,7 +136,7 @@ COVERED = View("covered", "Completeness", about(Subject.COMPLETENESS), notes.cov
 VIEWS = (
     View("headline", "Figures", is_headline, notes.headline_note, shown_statistics),
     COVERED,
-    View("readings", "Each reading of the document", is_of_a_reading, notes.readings_note, compared_statistics),
+    View("readings", "Each interpretation of the document", is_of_a_reading, notes.readings_note, compared_statistics),
     View("aligned", "Absolute and relative pose error", lambda score, row: row.figure in ALIGNED, notes.aligned_note),
     View("growth", "Error against the length of the sub-trajectory", is_growth),
     View("directions", "Position error by direction", is_by_direction, notes.directions_note),

@@ -34,7 +34,7 @@ from sfr_loc_map.report.tables import (
 )
 
 MOST_SHOWN = 10.0  #: Largest displayed fraction of a limit.
-WITHOUT_NAME = (None, *Rebase)  #: Parts that are omitted in the name of a limit: the readings of the document.
+WITHOUT_NAME = (None, *Rebase)  #: Parts that are omitted in the name of a limit: the interpretations of the document.
 
 
 @dataclass(frozen=True, slots=True)

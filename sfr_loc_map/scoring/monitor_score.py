@@ -123,7 +123,7 @@ class _CallRows(_Rows):
 
 
 class _Latest(OrderedDict[int, T]):
-    """The most recent values by stamp."""
+    """The most recently set values; the keys are stamps."""
 
     def __setitem__(self, stamp_ns: int, value: T) -> None:
         super().__setitem__(stamp_ns, value)

@@ -99,7 +99,7 @@ def result_without_poses(images: int) -> TrajectoryResult:
 
 
 def _uneven_estimates(drive: DriveToScore, association: Association) -> Iterator[str]:
-    """Yield a caveat if the spacing of the estimates varies although the images are unknown."""
+    """Yield a caveat if the spacing of the estimates varies and the images are unknown."""
     share = 0.0 if association.images else uneven_share(drive.estimates.trajectory.stamps_ns)
     if share > UNEVEN_SHARE:
         yield (

@@ -31,7 +31,7 @@ from sfr_loc_map.source_setup.topic_guess import guess_topics, seen_topics
 from sfr_loc_map.stamp_pairing import below_half_period
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
-SHORT_M = 12.0  #: Shorter drives, m, have too few sub-trajectories of 5 m, so that 1 m is proposed.
+SHORT_M = 12.0  #: Shorter drives, m, have too few sub-trajectories of 5 m, so 1 m is proposed.
 FEWEST_STAMPS = 3  #: Smallest number of stamps of a side from which an offset is inferred.
 STEADY = 0.1  #: Largest variation of a constant offset of the right stamps, as a fraction of the period.
 

@@ -70,7 +70,7 @@ def seen_topics(bag: Bag) -> list[SeenTopic]:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """Names in the recording by name in the suite, each with its reason and certainty."""
+    """The recorded topic for each topic name of the suite, with the reason for each choice."""
 
     topics: dict[str, str]
     reasons: dict[str, str]
@@ -132,7 +132,7 @@ class _Rig(NamedTuple):
 
 @dataclass(slots=True)
 class _Choices:
-    """The topics chosen so far by name in the suite, each with its reason."""
+    """The recorded topics chosen so far for topic names of the suite, with the reason for each choice."""
 
     found: dict[str, tuple[str, str]] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)

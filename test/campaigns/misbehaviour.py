@@ -98,7 +98,7 @@ CASES = (
     python("keeps 500 MB in a child process", "child", "out of memory", daily=True),
     python("leaks 3 MB a call behind a saw-tooth of 90 MB", "sawtooth", "leaking", pairs=52, daily=True),
     Case("works on in 8 threads while its result is read", "class", "later", (), STANDING, (0, 3)),
-    slow("works when its result is read", "lazy", 0.35, "misstated"),
+    slow("defers its work until its result is read", "lazy", 0.35, "misstated"),
     slow("slows its clock to a tenth", "clock", 0.4, "misstated"),
     slow("works while images are written, with a lease on its log", "lease", 0.35),
     large("takes 211 MB and tries to reset the mark of its memory", "marks", says="opened 0"),

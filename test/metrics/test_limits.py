@@ -240,9 +240,9 @@ def test_a_limit_on_horizontal_errors_is_judged_by_each_reading() -> None:
     ("name", "changed", "words"),
     [
         ("position_bound_m", {"prob": 0.3}, "'prob' is 0.3: a number from 0.5 to below 1 is required"),
-        ("position_bound_m", {"prob": None}, "a limit on a tolerance bound has prob"),
+        ("position_bound_m", {"prob": None}, "the limit requires prob"),
         ("position_bound_m", {"good": 0.001}, "the interpretation ensemble or mixed is required"),
-        ("position_mean_m", {"prob": 0.9}, "no other limit has them"),
+        ("position_mean_m", {"prob": 0.9}, "only a tolerance bound has them"),
         ("position_mean_m", {"condition": None}, "have a condition"),
     ],
 )

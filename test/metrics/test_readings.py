@@ -1,4 +1,4 @@
-"""The three readings of the document against an oracle of matrices, which shares no code with the package."""
+"""The three interpretations of the document against an oracle of matrices, which shares no code with the package."""
 
 import numpy as np
 import pytest

@@ -213,7 +213,7 @@ def test_each_limit_that_is_neither_met_nor_missed_is_an_open_point() -> None:
 def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
     score = scores()[0]
     note = table_of(score, "readings").note
-    assert note.endswith("Each reading gives the same verdicts.")
+    assert note.endswith("Each interpretation gives the same verdicts.")
     first = score.verdicts[0]
     other = replace(first, by_reading={"pose": VerdictState.PASS, "position": VerdictState.FAIL})
     said = table_of(replace(score, verdicts=(other,)), "readings").note

@@ -94,7 +94,8 @@ def chain_above(frames: Mapping[str, Frame], name: str, end: str = "") -> list[s
     chain: list[str] = []
     while name in frames and name != end:
         if name in chain:
-            raise ValueError(f"frame '{name}' is above itself: {' in '.join((*chain[chain.index(name) :], name))}")
+            loop = " in ".join((*chain[chain.index(name) :], name))
+            raise ValueError(f"the frame tree has a loop at '{name}': {loop}; remove one of these transforms")
         chain.append(name)
         if others := frames[name].other_parents:
             parents = " and ".join(sorted((frames[name].parent, *others)))

@@ -52,8 +52,8 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> StereoCalibration:
         reader = next((reader for reader in READERS if reader.recognises(opened)), None)
         if reader is None:
             *known, last = (reader.shown for reader in READERS)
-            names = ", ".join(opened.shown_names[:8]) or "none of these names"
-            raise InputError(f"{where}: a file of {', '.join(known)} or {last} is required, it has {names}")
+            names = ", ".join(opened.shown_names[:8]) or "no names"
+            raise InputError(f"{where}: the file has {names}; a file of {', '.join(known)} or {last} is required")
         left, right, text, T_rb_sb = reader.read(opened)
     if len(sizes := {left.size, right.size, size or left.size}) > 1:
         shown = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
@@ -70,6 +70,6 @@ def _only_file(folder: Path) -> Path:
     files = sorted(file for file in files if file.suffix.lower() in ENDINGS)
     found = [file for file in files if (other := partner_of(file)) and file < other] or files
     if len(found) != 1:
-        names = ", ".join(str(file.relative_to(folder.absolute())) for file in found[:8]) or "none"
-        raise InputError(f"calibration '{folder}': one calibration is required, it has {names}; name the file")
+        names = ", ".join(str(file.relative_to(folder.absolute())) for file in found[:8]) or "no calibration file"
+        raise InputError(f"calibration '{folder}': the folder has {names}; give the path of one calibration file")
     return found[0]

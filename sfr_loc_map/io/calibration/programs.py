@@ -143,7 +143,8 @@ def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera, where: str) -> Tran
     if by_imu is not None and np.abs(by_imu.matrix - pose.matrix).max() > SAME_POSE:
         baselines = " and ".join(f"{np.linalg.norm(each.translation):.4g}" for each in (pose, by_imu))
         _log.warning(
-            f"{where}: T_cn_cnm1 of cam1 is used, which differs from the poses in the IMU (baselines of {baselines} m)"
+            f"{where}: T_cn_cnm1 of cam1 differs from the camera poses in the IMU frame (baselines of {baselines} m); "
+            "T_cn_cnm1 is used"
         )
     return pose
 

@@ -89,7 +89,7 @@ class PosedCamera:
 def rectified_cameras(name: str, left: PosedCamera, right: PosedCamera) -> tuple[RectifiableCamera, RectifiableCamera]:
     """Return both cameras with the R and P that rectify them; R = I if the pair is already rectified."""
     if left.size != right.size:
-        raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}: both must have one size")
+        raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}; equal sizes are required")
     if (left.model in FISHEYE) != (right.model in FISHEYE):
         raise InputError(
             f"{name}: the left lens is {left.model}, the right {right.model}: calibrate both with one model"

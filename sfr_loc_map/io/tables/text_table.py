@@ -24,7 +24,7 @@ from sfr_loc_map.io.tables.stamps import STAMP_LENGTH, parse_stamps
 BOM = b"\xef\xbb\xbf"
 COMMENTS = ("#", "%", "//")  #: Beginnings of comment lines.
 _COMMENTS = tuple(sign.encode() for sign in COMMENTS)
-NO_VALUE = ("", "nan", "null", "none", "-")  #: Cells without a value (target not observed), in lower case.
+NO_VALUE = ("", "nan", "null", "none", "-")  #: Spellings of a missing value, in lower case.
 MAX_BROKEN = 0.1  #: Largest fraction of invalid lines that are skipped.
 
 

@@ -27,7 +27,7 @@ from sfr_loc_map.localisation.frontend.right_camera import RightOffset, RightShi
 
 MIN_SHIFTS: Final = 8
 """Minimum number of consecutive pairs from which a drift is detected. A line fitted to eight shifts has six degrees of
-freedom, so that its standard error is accurate to 29 %."""
+freedom, so its standard error is accurate to 29 %."""
 MAX_SHIFTS: Final = 16
 """Maximum number of consecutive pairs from which a drift is detected: 1.6 s at 10 Hz, over which a drift is nearly
 linear."""

@@ -19,7 +19,7 @@ CELL_SIDE: Final = 8  #: Side of a cell, px of the level. A cell covers 16 x 16 
 CELL: Final = CELL_SIDE << LEVEL  #: Side of a cell, pixels of the image.
 NOISE_CORRELATION: Final = 0.35
 """Maximum correlation of neighbouring pixels in a residual of pure noise. The standard error of a correlation from 49
-products is 0.14, so that noise exceeds 0.35 in about one of a hundred cells."""
+products is 0.14, so noise exceeds 0.35 in about one of a hundred cells."""
 MIN_CHANGE: Final = 0.03
 """Minimum ratio of the covariance of neighbouring residuals to the gradient variance (`_gradient_variance`) in a
 changed cell. Content that moves by a third of a pixel exceeds this ratio."""

@@ -19,7 +19,7 @@ MIN_DISTANCE_RATIO = 0.6
 larger ratio, the gap that a lost landmark leaves is not filled; with a smaller one, neighbouring patches share more
 pixels and thus more errors."""
 MIN_STRENGTH_RATIO = 0.04
-"""Minimum ratio of the strength of a corner to the median strength. The strength is a squared gradient, so that 0.04 is
+"""Minimum ratio of the strength of a corner to the median strength. The strength is a squared gradient, so 0.04 is
 a fifth of the median gradient. Chosen by hand. With a larger ratio, smooth ground beside stones has no landmarks; with
 a smaller one, image noise in a textureless cell becomes a landmark."""
 

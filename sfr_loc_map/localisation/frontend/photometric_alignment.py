@@ -50,7 +50,7 @@ MAX_DETERMINANT = 20.0
 """Maximum determinant of a warp, which is the area, px^2, that a pixel of the host covers in the target. At 20, a patch
 of 7 x 7 px covers 31 x 31 px, and its samples skip most of the texture there."""
 MIN_PATCHES = 8
-"""Minimum number of patches in view. Each patch gives two equations, so that 8 patches give more than twice the six
+"""Minimum number of patches in view. Each patch gives two equations, so 8 patches give more than twice the six
 equations that are required."""
 RESIDUAL_FLOOR = 4.0
 """Variance added to the residual variance of a patch, grey levels squared: a noise of two grey levels. It prevents a

@@ -21,7 +21,7 @@ from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure
 
 SHIFT_SCALE = 4.0
 """Scale of the Geman-McClure weight: the squared residual per degree of freedom at which the weight is a quarter. It
-corresponds to two standard deviations. The pose is already solved, so that a larger scale is not required."""
+corresponds to two standard deviations. The pose is already solved, so a larger scale is not required."""
 MIN_INLIER_WEIGHT = 0.5
 """Minimum weight of a landmark that agrees with the pose. It corresponds to a residual of 1.3 standard deviations."""
 MIN_SHIFT_LANDMARKS = 9  #: Minimum number of landmarks with a weight: one for each unknown of the step.

@@ -155,7 +155,7 @@ def _update_direction(
         last = min(BLOCK_ROWS * (block + 1), rows)
         top = max(first - 2, 0)
         end = min(last + 2, rows)
-        extended = np.empty((end - top, cols), F)  # rows top to end of the direction
+        extended = np.empty((end - top, cols), F)  # rows `top` to `end` of the direction
         for i in range(top, end):
             out = extended[i - top]
             factor = preconditioner[i]

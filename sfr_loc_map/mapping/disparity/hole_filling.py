@@ -16,8 +16,8 @@ order of their evaluation:
    matching costs are ambiguous, and the pixel is not filled.
 6. The hypothesis is confirmed: its surface is on opposite sides of the pixel, or the matcher agrees, or its cost is
    lower by the margin than at disparities `ALTERNATIVE_PX` to either side (`_is_confirmed`).
-7. With the pixels that the pass proposes, at least `MIN_SAME_SURFACE` neighbours are on its surface, and its
-   corresponding pixel still belongs to no other surface (`_on_their_surface`).
+7. At least `MIN_SAME_SURFACE` of its neighbours are valid or proposed by the same pass, and are on its surface. Its
+   corresponding pixel still belongs to no other surface if the proposed pixels are included (`_on_their_surface`).
 8. After all passes, its depth is less than `MAX_DEPTH_RATIO` times that of a nearby surface (`fill_holes`).
 
 Limits and alternatives are described in measurements/mapper_trials.md.
@@ -54,7 +54,7 @@ PASSES = 2
 adds less than 0.001 to the density."""
 COST_PERCENTILE = 93.0
 """The maximum cost of a filled pixel is this percentile of the costs of valid pixels beside holes. Real images match
-less well than rendered images, so that no fixed cost suits both (measurements/mapper_trials.md).
+less well than rendered images, so no fixed cost suits both (measurements/mapper_trials.md).
 """
 BESIDE_HOLE_PX = 3
 """Distance within which a valid pixel is beside a hole, pixels: its window then reaches into the hole."""

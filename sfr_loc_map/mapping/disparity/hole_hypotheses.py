@@ -44,7 +44,7 @@ class Hypotheses(NamedTuple):
 def find_hypotheses(scene: HoleScene, y: int, x: int) -> Hypotheses:
     """Return the nearest surface along each direction, extrapolated to the pixel as a plane.
 
-    All pixels nearer than `distance` are invalid, so that the search along a direction advances by `distance`.
+    All pixels nearer than `distance` are invalid, so the search along a direction advances by `distance`.
     """
     rows, cols = scene.disparity.shape
     planes = np.full((3, DIRECTION_COUNT), F(np.nan))

@@ -18,8 +18,8 @@ SMOOTHING_PX = 0.5
 _SIDE = math.exp(-0.5 / SMOOTHING_PX**2) / (1.0 + 2.0 * math.exp(-0.5 / SMOOTHING_PX**2))
 SMOOTHING_SIDE = F(_SIDE)  #: Side tap of that Gaussian over three pixels.
 SMOOTHING_CENTRE = F(1.0 - 2.0 * _SIDE)  #: Centre tap of that Gaussian.
-DERIVATIVE_NEAR = F(0.5 * (1.0 - 2.0 * _SIDE))  #: Tap at one pixel of a central difference after that Gaussian.
-DERIVATIVE_FAR = F(0.5 * _SIDE)  #: Tap at two pixels of that central difference.
+DERIVATIVE_NEAR = F(0.5 * (1.0 - 2.0 * _SIDE))  #: Tap at an offset of 1 px: that Gaussian, then a central difference.
+DERIVATIVE_FAR = F(0.5 * _SIDE)  #: Tap at an offset of 2 px.
 SLOPE_NOISE_GAIN = float(
     (SMOOTHING_CENTRE**2 + 2.0 * SMOOTHING_SIDE**2) * 2.0 * (DERIVATIVE_NEAR**2 + DERIVATIVE_FAR**2)
 )

@@ -13,9 +13,9 @@ StatusImage = NDArray[np.uint8]  #: `(H, W)`, the `PixelStatus` of each pixel.
 
 
 class PixelStatus(IntEnum):
-    """Status of a pixel. The reason of an invalid pixel is the first failed test in the order of `validity`.
+    """Status of a pixel. The reason for an invalid pixel is the first failed test in the order of `validity`.
 
-    A pixel that is saturated and fails an earlier test has the reason of that test. Like all saturated pixels, it is
+    If a saturated pixel also fails an earlier test, the reason is that test. Like all saturated pixels, it is
     not filled. A filled pixel does not keep its reason.
 
     The status is that of one pair, and the fusion does not change it. A valid pixel may therefore have no point in a

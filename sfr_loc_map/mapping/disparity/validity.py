@@ -15,8 +15,8 @@ The tests in the order of the calls, with the `PixelStatus` of the pixels that f
 10. BEYOND_RANGE: the point is beyond the maximum depth. `Mapper.process` calls this test (`within_range`) after holes
     are filled and the roll is removed, so that it applies to the final disparities.
 
-A pixel has the reason of the first test that it fails. `hole_filling` may make any invalid pixel valid again, except
-in saturated neighbourhoods (`Saturation.square_saturated`).
+The reason for an invalid pixel is the first test that it fails. `hole_filling` may make any invalid pixel valid again,
+except in saturated neighbourhoods (`Saturation.square_saturated`).
 
 To add a test of the pixels of one pair:
 

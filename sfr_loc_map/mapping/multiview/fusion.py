@@ -8,7 +8,7 @@ agreement with a third pair, because a missing point is preferred to a wrong poi
 `1 / sigma^2`, reduced near the image border. If both weights are equal, the earlier pair is preferred.
 
 The remaining points are kept, each on the ray of its own pixel. At grazing angles, the rows of one image are
-centimetres apart on the ground, and the rows of another pair are between them, so that keeping all points increases
+centimetres apart on the ground, and the rows of another pair are between them, so keeping all points increases
 the density there. If two points sample the same spot, the point with the larger weight is kept.
 
 A pair that observes a point from much farther away than the point's own pair (`MAX_RANGE_FACTOR`) is ignored at that

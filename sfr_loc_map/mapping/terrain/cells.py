@@ -44,7 +44,7 @@ class CellGrid:
     def over(cls, xyz: FloatArray32, cell_m: float, within: Square | None = None) -> CellGrid:
         """Return the grid that covers the points `(N, 3)` in LM that are in the square `within`.
 
-        The grid consists of complete cells, so that it may extend beyond the square by less than one cell.
+        The grid consists of complete cells, so it may extend beyond the square by less than one cell.
 
         Raises MappingError if the cell size is not positive, no points exist or all are on one side of the square, a
         coordinate is not finite, or there would be too many cells.

@@ -63,7 +63,7 @@ def elevation_model(
     variance of a height (`_height_variance_ratio`). The variance of a cell is the sum of three parts:
 
     - the harmonic mean of the random variances of its heights, `n / sum w`: the errors of neighbouring points are
-      correlated, so that averaging does not reduce them;
+      correlated, so averaging does not reduce them;
     - the variance of the mean due to different heights h within the cell, `sum w (h - mean)^2 / sum w / n`;
     - the weighted mean of the common variance of the heights, which is the total minus the random variance.
     """

@@ -42,7 +42,7 @@ UNKNOWN = "the expected items of the {part} are unknown: score against the sourc
 NO_CALL = "no {part} call was measured: give the calls of the run (option stats)"
 NO_MEMORY = "the memory of {percent} % of the {part} calls was not measured"
 NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (option stats)"
-NO_STAMP = "the {part} calls have no stamps, so that their pairs are unknown"
+NO_STAMP = "the {part} calls have no stamps, so their pairs are unknown"
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
 KIND_OF = {kind.figure: kind for kind in SHORTFALLS}

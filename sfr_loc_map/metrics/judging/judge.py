@@ -161,7 +161,7 @@ def verdict_on(limit: Limit, figure: LimitedValue, limits: Limits) -> Verdict:
 def is_certain(limit: Limit, value: float, interval: Interval | None) -> bool | None:
     """Return whether the complete interval is on the side of the limit on which the value is; None without one.
 
-    Only upper limits have an interval. The center of the interval is corrected for bias, so that the value itself can
+    Only upper limits have an interval. The center of the interval is corrected for bias, so the value itself can
     be outside the interval.
     """
     if interval is None:
@@ -232,13 +232,13 @@ def bound_rows(proofs: Mapping[Limit, Proof]) -> Iterator[Figure]:
 
 
 def _by_reading(limit: Limit, score: Score, limits: Limits) -> dict[str, VerdictState]:
-    """Return the verdict by each reading, without `certain`, because only the judged reading has an interval."""
+    """Return the verdict by each interpretation, without `certain`: only the judged one has an interval."""
     if limit.condition is None or limit.section is not LimitSection.TRAJECTORY:
         return {}
     loose = struct_replace(limit, certain=False)
     found = {str(reading): value_of(limit, score, reading) for reading in Rebase if not reading.is_fit}
-    if any(figure.row is None for figure in found.values()):  # chord errors do not depend on the reading
+    if any(figure.row is None for figure in found.values()):  # chord errors do not depend on it
         return {}
-    independent = value_of(limit, score).independent  # all readings have the same sub-trajectories
+    independent = value_of(limit, score).independent  # all interpretations have the same sub-trajectories
     found = {name: figure._replace(independent=independent) for name, figure in found.items()}
     return {name: verdict_on(loose, figure, limits).state for name, figure in found.items()}

@@ -38,7 +38,7 @@ class LimitedValue(NamedTuple):
 
 
 def value_of(limit: Limit, score: Score, reading: Rebase | None = None) -> LimitedValue:
-    """Return the limited number by the judged reading, or by another reading of the document if one is given."""
+    """Return the limited number by the judged interpretation of the document, or by another one if it is given."""
     limited = limit.limited
     row = limited_row(limit, score, limited.part if reading is None else RowPart(reading))
     if row is None:
@@ -72,7 +72,7 @@ def limited_row(limit: Limit, score: Score, part: RowPart | None) -> Figure | No
 def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> float:
     """Return the largest change of a limited number that errors of the truth at both ends of a sub-trajectory cause.
 
-    The reading `pose` rotates the estimate by the true attitude at the start, whose error also moves the end.
+    The interpretation `pose` rotates the estimate by the true attitude at the start, whose error also moves the end.
     """
     if limit.section is not LimitSection.TRAJECTORY:
         return 0.0

@@ -112,7 +112,7 @@ def _limits_of(section: LimitSection, block: object, origin: str, condition: str
         made.append(Limit(section=where, name=key, limit=float(bound), condition=over, **stated, **entry))
     if of_all and not made:
         named = ", ".join(f"{key} {value!r}" for key, value in of_all.items())
-        raise ConfigError(f"{origin}: {named} has no limit, so that nothing would be judged: give a limit or omit it")
+        raise ConfigError(f"{origin}: {named} has no limit, so nothing would be judged: give a limit or omit it")
     return made
 
 

@@ -112,7 +112,7 @@ class _Recorder(Peer):
         except NodeError as error:
             self._say(f"{name} is not recorded: {error}")
             return
-        definition, digest = "", "RIHS01_unknown"  # unknown to the library, so that readers need the type's package
+        definition, digest = "", "RIHS01_unknown"  # unknown to the library, so readers need the type's package
         if msgtype in TYPESTORE.fielddefs:
             definition, digest = TYPESTORE.generate_msgdef(msgtype, ros_version=2)[0], TYPESTORE.hash_rihs01(msgtype)
         topic = bag.add_topic(name, msgtype, definition, digest, [_offered_qos(info) for info in infos])

@@ -159,7 +159,10 @@ class StereoInput:
         self._depth = SampleDepth(self._status.info, self._name, self._config.sample_bits)
 
     def subscribe(self) -> None:
-        """Subscribe to images and camera_info of both cameras, which may have changed since the last activation."""
+        """Subscribe to images and camera_info of both cameras.
+
+        The cameras may differ from those of the last activation.
+        """
         self._forget_cameras()
         add_subscription = self._endpoints.add_subscription
         qos = profile(self._config.reliability, self._config.queue_depth)

@@ -20,7 +20,7 @@ from sfr_loc_map.signals import stopping
 class LiveProcess(AbstractContextManager["LiveProcess"]):
     """The process of the live page, whose exit does not affect the run; a context manager.
 
-    The page prints its address to standard output, and the reason of an error to standard error.
+    The page prints its address to standard output, and the reason for an error to standard error.
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:

@@ -4,7 +4,7 @@ Programs read the calls on `<node>/call` (`runs.calls`).
 
 Levels. OK: the node works normally. WARN: the node works, but data are lost, late or suspect. ERROR: the node cannot do
 its work (tracking lost, unusable input, a failed transition). STALE: the node is active but has not received input for
-`stale_after_s`, so that its figures are outdated.
+`stale_after_s`, so its figures are outdated.
 """
 
 from __future__ import annotations

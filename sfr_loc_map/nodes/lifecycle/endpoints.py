@@ -69,7 +69,7 @@ class Endpoints:
         full_name = self._node.resolve_topic_name(topic)
         prefix = f"qos_overrides.{full_name}.subscription."
         incompatible = self._warning(
-            f"a publisher of {full_name} offers weaker {{}} than this node requests, so that nothing is received from "
+            f"a publisher of {full_name} offers weaker {{}} than this node requests, so nothing is received from "
             f"it: set the parameter {prefix}{{parameter}} to the offered value, or change the publisher"
         )
         # Only given parameters: rclpy would declare the others and keep the default of this activation.

@@ -56,7 +56,7 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
     except Exception:
         if not has_ros_started or ok():
             raise
-        # A signal has shut ROS down while a callback ran, so that its next use of ROS failed.
+        # A signal has shut ROS down while a callback ran, so its next use of ROS failed.
     finally:
         _set_handlers(signal.SIG_IGN)  # a second signal must not interrupt the shutdown
         if node is not None:

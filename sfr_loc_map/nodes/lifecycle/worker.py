@@ -11,7 +11,8 @@ from threading import Condition, Thread
 
 Work = Callable[[], None]
 OnFault = Callable[[Exception, bool], None]
-MAX_WAITING_BYTES = 256_000_000  #: Maximum total size of the waiting messages with a size: sixteen clouds of 1 Mpx.
+MAX_WAITING_BYTES = 256_000_000
+"""Maximum total size of the waiting messages that are limited by size, bytes: sixteen clouds of 1 Mpx."""
 
 
 class Overload(StrEnum):

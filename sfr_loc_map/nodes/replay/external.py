@@ -92,7 +92,7 @@ class ExternalNode(ABC):
         self._answers.note_sent(stamp_ns, sent_s)
 
     def note_call(self, call: CallRecord) -> None:
-        """Note a call that the node has reported, which may state its version."""
+        """Note a call that the node has reported, and the version of the node if the call states it."""
         self._version = call.version or self._version
 
     def wait_until_ready(self, topics: Iterable[str]) -> None:
@@ -301,7 +301,7 @@ class ExternalMapper(ExternalNode):
             return points
         if stamp_ns not in self._poses:
             raise InputError(
-                f"no pair has the stamp {stamp_ns} of the cloud, so that its points cannot be transformed to LM: "
+                f"no pair has the stamp {stamp_ns} of the cloud, so its points cannot be transformed to LM: "
                 "publish the cloud with the stamp of its pair"
             )
         return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)

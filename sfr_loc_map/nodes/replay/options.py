@@ -36,7 +36,7 @@ class ExternalOptions:
     command: str = ""  #: Command that starts the node; empty: the user starts it.
     #: Process whose CPU and memory are measured: process id or part of a command line; empty: the process of `command`.
     watch: str = ""
-    #: Required frames of the answers: `parent -> child` of a pose, `parent` of a cloud. Empty: as in the first answer.
+    #: Required frame ids of the answers: `parent -> child` of a pose, `parent` of a cloud. Empty: those of the first.
     frames: str = ""
     timeout_s: float = 5.0  #: Timeout of the answer to a pair, also the wait in lock step; later answers are late.
     start_timeout_s: float = 60.0  #: Timeout of its subscription to images.

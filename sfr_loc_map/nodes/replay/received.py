@@ -112,9 +112,11 @@ class ReceivedResults:
         return ReplayResult(self.trajectory, cloud, self.records, mapped_ns, self.external, points)
 
     def external_map(self) -> tuple[PointCloud | None, FloatArray | None, tuple[int, ...]]:
-        """Return the map of an external node: its cloud, or its points if they have no pixels, and stamps of its pairs.
+        """Return the map of an external node as a cloud or as points, and the stamps of its pairs.
 
-        If each played pair has a cloud, the clouds are concatenated. Otherwise the last cloud is the map of all pairs.
+        The map is a cloud if the pixel of each point is known. Otherwise the cloud is None and the points are
+        returned. If each played pair has a cloud, the clouds are concatenated. Otherwise the last cloud is the map of
+        all pairs.
         """
         pairs = tuple(self.sent_stamps(Task.MAPPING.rig))
         points, clouds = dict(self.points), dict(self.clouds)

@@ -60,7 +60,7 @@ _cached: dict[tuple[Path, Callable[[Path], object]], tuple[str, object]] = {}
 
 
 def cached(path: Path, read: Callable[[Path], T]) -> T:
-    """Return the content of a file or folder, which is cached until the `file_state` changes."""
+    """Return the result of `read` for a path. The result is cached until the `file_state` of the path changes."""
     state = file_state(path)
     if (before := _cached.get((path, read))) is None or before[0] != state:
         before = _cached[path, read] = state, read(path)

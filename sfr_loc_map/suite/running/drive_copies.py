@@ -32,7 +32,8 @@ WINDOW = 4  #: Number of successive steps that are compared together.
 SAME_STEP = 0.001
 """Largest difference between two copies of a step, as a fraction of a long step. Steps of two drives at equal speed
 differ by more, because slip and the noise of the ground truth differ."""
-COMMON_SHARE = 0.5  #: Fraction of the windows of the shorter drive that make two sources one drive.
+COMMON_SHARE = 0.5
+"""Minimum fraction of the windows of the shorter drive that must agree for two sources to count as one drive."""
 LONG_STEP = 0.9  #: Quantile of the step lengths that is the length of a long step.
 MOVING_SHARE = 0.1  #: The rover moves in a step that exceeds this fraction of a long step.
 MAX_STEPS = 20_000  #: Largest number of compared steps, which bounds memory and time.

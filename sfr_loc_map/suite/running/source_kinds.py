@@ -158,7 +158,7 @@ SOURCE_KINDS: Mapping[SourceKind, KindOfSource] = {
     SourceKind.ESTIMATE: EstimateSource(),
     SourceKind.SIMULATED: SimulatedSource(),
 }
-"""The kinds of sources. The first kind that accepts an entry reads it, so that URLs precede paths."""
+"""The kinds of sources. The first kind that accepts an entry reads it, so URLs precede paths."""
 
 
 def read_sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:

@@ -1,6 +1,6 @@
 """Variants of a scenario for an error budget: with all sources of error, with none, with one, and with all but one.
 
-The drives of one seed share terrain, path and light in all variants, so that differences are paired by seed. The
+The drives of one seed share terrain, path and light in all variants, so differences are paired by seed. The
 errors are evaluated in `suite/statistics/budget.py`.
 """
 

@@ -145,7 +145,7 @@ def _search(specification: SearchSpecification, points: _Points, *, at_random: b
     tried = list(search_worst(chooser, points.evaluate, chosen.runs, chosen.batch))
     if not tried:
         last_reason = [*points.left_out.values()][-1]
-        raise InputError(f"{specification.path}: no point can be run; reason of the last point: {last_reason}")
+        raise InputError(f"{specification.path}: no point can be run; reason for the last point: {last_reason}")
     found = max(tried, key=lambda item: item.ratio)
     case = reduced(found, parameters, points.evaluate)
     slices = slices_of(parameters, case, tried, chosen.slices, points.evaluate) if chosen.slices else []

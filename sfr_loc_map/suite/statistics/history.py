@@ -385,14 +385,14 @@ class _DriveShifts:
 
     @classmethod
     def of(cls, before: FloatArray, after: FloatArray, scale: Scale) -> _DriveShifts:
-        """Return the shifts from reference nights `(D, N)` to nights `(D, W)`."""
+        """Return the shifts of the compared nights, `after` `(D, W)`, from the reference nights, `before` `(D, N)`."""
         usual, present = _mean(before.T), _mean(after.T)
         indices = np.flatnonzero(np.isfinite(present - usual))
         deviations = before[indices] - usual[indices, None]
         nights = np.asarray(np.isfinite(deviations).sum(axis=1), np.float64)
         variances = np.nansum(np.square(deviations), axis=1) / np.maximum(nights - 1, 1)
         is_long = nights >= MIN_REFERENCE
-        if is_long.any():  # a drive that never varied gets the median variance
+        if is_long.any():  # variances below the median, such as that of a drive that never varied, become the median
             variances = np.maximum(variances, np.median(variances[is_long]))
         variances = np.maximum(variances, scale.floor**2)
         sigmas = np.sqrt(variances * (1.0 / after.shape[1] + 1.0 / nights))

@@ -138,7 +138,7 @@ class Summary:
 
     @property
     def is_decided(self) -> bool:
-        """Whether sequential tests have decided all limits, so that no more drives are required."""
+        """Whether sequential tests have decided all limits, so no more drives are required."""
         return are_decided(self.groups, self.planned_groups)
 
     @property

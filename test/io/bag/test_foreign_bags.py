@@ -275,8 +275,8 @@ def folder_of_bags(path: Path) -> Path:
 UNREADABLE: dict[str, tuple[Callable[[Path], Path], TruthConfig, str]] = {
     "two types": (two_types, TruthConfig(source="/gt"), "several types, geometry_msgs/msg/PoseStamped and nav_msgs"),
     "compressed": (compressed_messages, TruthConfig(source="/gt"), "zstd, which only metadata.yaml states"),
-    "a frame in itself": (frames(("base", "base")), TruthConfig(frame="base"), "'base' is above itself: base in base"),
-    "a loop": (frames(("a", "b"), ("b", "a")), TruthConfig(frame="b"), "'b' is above itself: b in a in b"),
+    "a frame in itself": (frames(("base", "base")), TruthConfig(frame="base"), "a loop at 'base': base in base"),
+    "a loop": (frames(("a", "b"), ("b", "a")), TruthConfig(frame="b"), "a loop at 'b': b in a in b"),
     "no bag": (folder_of_bags, TruthConfig(source="/gt"), "is not a bag: give a file, or a topic of a bag"),
 }
 

@@ -292,10 +292,10 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
         edited(colmap, ("OPENCV", "FOV")),
         "camera model FOV is not supported; supported are SIMPLE_PINHOLE",
     ),
-    "a foreign file": (text_file("a: 1\nb: 2\n"), "or a rig.json is required, it has a, b"),
+    "a foreign file": (text_file("a: 1\nb: 2\n"), "the file has a, b; a file of"),
     "no file": (lambda folder: folder / "left.yaml", "No such file or directory"),
-    "an empty folder": (lambda folder: folder, "one calibration is required, it has none; name the file"),
-    "an empty file": (text_file(""), "it has none of these names"),
+    "an empty folder": (lambda folder: folder, "the folder has no calibration file; give the path"),
+    "an empty file": (text_file(""), "the file has no names"),
     "no text": (lambda folder: storage(folder / "a.yml.gz", lenses(Pair())), "it is a binary file"),
     "XML with entities": (text_file('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "a.xml"), "XML with declarations"),
     "half an XML": (text_file("<?xml version='1.0'?><opencv_storage><M1>", "a.xml"), "no element found"),
@@ -334,7 +334,10 @@ def contradictory_poses(folder: Path) -> Path:
 
 REPORTED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "further cameras": (chain_of_eleven, "cam0 and cam1 are used, not cam10, cam2"),
-    "poses that differ": (contradictory_poses, "differs from the poses in the IMU (baselines of 0.1201 and 0.2401 m)"),
+    "poses that differ": (
+        contradictory_poses,
+        "differs from the camera poses in the IMU frame (baselines of 0.1201 and 0.2401 m)",
+    ),
     "four coefficients": (edited(opencv("yml"), ("fisheye_model: 0", "made: 2026")), "are read as k1, k2, p1, p2"),
 }
 
