@@ -265,9 +265,8 @@ class LiveState:
             raise InputError(f"{REPORT} has {length} characters: at most {MAX_REPORT_CHARACTERS} are read")
         report = LiveReport(from_json(update.text, REPORT), update.received_s)
         self.report = report.with_missing(self._missing) if self.ended else report
-        verdicts = self.report.score.verdicts
         bars = sorted(self.report.bars, key=lambda bar: bar.place)
-        self.timeline.judge(((verdicts[bar.place], bar.text) for bar in bars), update.received_s)
+        self.timeline.judge(bars, update.received_s)
         if (drive := self.report.score.association) is not None:
             self.path.note_length(drive.path_length_m)
 

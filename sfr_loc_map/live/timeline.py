@@ -13,7 +13,8 @@ from sfr_loc_map.live.freshness import LiveTopic
 from sfr_loc_map.live.live_node import LOCALISATION_NODE, state_of_pose
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.message_types import Level, StatusKind
-from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.report.limit_bars import LimitBar
 from sfr_loc_map.runs.calls import CallRecord
 
 MAX_EVENTS = 400  #: Maximum number of events.
@@ -120,11 +121,11 @@ class Timeline:
         for node, since_s in silent.items():
             self.note(node, since_s, EventKind.SILENT, f"{node}: silent")
 
-    def judge(self, verdicts: Iterable[tuple[Verdict, str]], at_s: float) -> None:
-        """Add events for missed limits, each with its text."""
-        for item, text in verdicts:
-            missed = EventKind.LIMIT if item.state == "fail" else None
-            self.note(f"limit {item.name} {item.condition}", at_s, missed, text)
+    def judge(self, bars: Iterable[LimitBar], at_s: float) -> None:
+        """Add events for missed limits; several limits may be on the same number."""
+        for bar in bars:
+            missed = EventKind.LIMIT if bar.state == VerdictState.FAIL else None
+            self.note(f"limit {bar.place}", at_s, missed, bar.text)
 
     def note(self, lane: str, at_s: float, kind: EventKind | None, text: str = "") -> None:
         """Start the event of a lane, update its text, or end it if `kind` is None."""

@@ -141,3 +141,14 @@ def test_events_are_bounded() -> None:
     assert len(line.to_plain()) == MAX_EVENTS
     assert line.to_plain()[-1]["from"] == 3 * MAX_EVENTS - 1
     assert STEP_NS == 10**8
+
+
+def test_two_limits_on_one_number_have_events_of_their_own() -> None:
+    """With one lane for both, each report begins and ends the event of the missed limit."""
+    state = LiveState()
+    missed, met = ({"condition": "distance=5", "position_mean_plus_3sigma_m": bound} for bound in (1e-6, 1e3))
+    limits = parse_limits({"trajectory": [missed, met], "minimum_independent": 1}, "test")
+    for at_s in (1.0, 2.0, 3.0):
+        state.put(Report(to_json(judged(whole_score(100, 48, 2), limits)), at_s))
+    events = [(event["from"], event["to"]) for event in state.events_to_plain() if event["kind"] == EventKind.LIMIT]
+    assert events == [(1.0, None)]
