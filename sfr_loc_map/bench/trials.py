@@ -135,12 +135,14 @@ class LocaliserTrial(Trial[StereoPair, IsolatedLocaliser, Transform | None]):
         if self.sequence.ground_truth is None:
             return
         estimates = Estimates.of(rover_trajectory(results, self.sequence, self.T_ds_rb), is_lost)
-        score = Score(figures=score_trajectory(estimates, self.sequence.ground_truth, self.scoring).figures)
+        scored = score_trajectory(estimates, self.sequence.ground_truth, self.scoring)
+        assert scored.association is not None  # set by score_trajectory
+        score, part = Score(figures=scored.figures), scored.association.rebase
         for condition in self.scoring.conditions:
-            position = score.figure("position", condition=condition, part=self.scoring.rebase)
+            position = score.figure("position", condition=condition, part=part)
             yield FigureRow((ACCURACY, condition, "count"), 0 if position is None else position.n)
             for figure, key in (("position", "position_m"), ("attitude", "attitude_deg"), ("heading", "heading_deg")):
-                value = score.number(figure, "mean_plus_3sigma", condition=condition, part=self.scoring.rebase)
+                value = score.number(figure, "mean_plus_3sigma", condition=condition, part=part)
                 yield FigureRow((ACCURACY, condition, key), value)
 
 

@@ -72,7 +72,7 @@ def localise(
     from sfr_loc_map.bench.method_benchmark import compare_methods, methods_to_compare
     from sfr_loc_map.bench.trials import LocaliserTrial
     from sfr_loc_map.io.sequence import drive_of
-    from sfr_loc_map.runs.offline import start_pose
+    from sfr_loc_map.runs.offline import true_start
 
     propose("sfr localise SRC -o T.csv --stats S.csv --method NAME", why="runs one method, with files to score")
     if peer_python is None:
@@ -85,7 +85,7 @@ def localise(
     methods, missing = methods_to_compare(Task.LOCALISATION, parameters, peer_python, vocabulary, method or ())
     trial = LocaliserTrial(
         sequence=sequence,
-        T_ds_rb=start_pose(sequence, "identity" if sequence.ground_truth is None else "truth").T_ds_rb,
+        T_ds_rb=true_start(sequence).T_ds_rb,
         scoring=scoring,
         rate_hz=rate,
         hidden=opened.truth_paths(),
@@ -159,6 +159,8 @@ def faults(
     localiser, drive = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
     if drive.ground_truth is None:
         raise InputError(f"'{source}' has no drive with ground truth: give a source that has one")
+    if not drive.ground_truth.has_attitude:
+        raise InputError(f"the ground truth of '{source}' has only positions: give a source that has true attitudes")
     check_conditions(drive.ground_truth, (condition,), lenient=lenient)
     scoring = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing)
     with progress_bar("faults") as bar:

@@ -133,15 +133,13 @@ def _convert_cloud(source: Path, destination: Path, *, overwrite: bool) -> None:
 def _convert_pairs(
     source: Path, destination: Path, remap: list[str] | None, config: Path | None, *, overwrite: bool
 ) -> None:
-    """Write the pairs of a source for a target board; a drive with a truth starts at its first true pose."""
+    """Write the pairs of a source for a target board; a drive starts at its first true pose, if known."""
     from sfr_loc_map.io.layouts.board_file import write_pairs
-    from sfr_loc_map.runs.offline import start_pose
+    from sfr_loc_map.runs.offline import true_start
 
     check_outputs(destination, inputs=(source, config), overwrite=overwrite)
     opened, _ = open_as(source, remap, config)
-    start = None
-    if opened.loc is not None and opened.truth is not None:
-        start = start_pose(opened.loc, "truth").T_ds_rb
+    start = None if opened.loc is None else true_start(opened.loc).T_ds_rb
     with naming(source), progress_bar("pairs") as bar:
         total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
         task = bar.add_task("converting", total=total)

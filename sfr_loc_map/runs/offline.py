@@ -125,6 +125,13 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
     return StartPose(interpolated(truth.pose(after - 1), truth.pose(after), fraction), stamp_ns=wanted_ns)
 
 
+def true_start(sequence: LocSequence) -> StartPose:
+    """Return the pose at which a drive starts: the true pose, or the identity without true attitudes."""
+    truth = sequence.ground_truth
+    has_attitude = truth is not None and len(truth) > 0 and truth.has_attitude
+    return start_pose(sequence, "truth" if has_attitude else "identity")
+
+
 def run_localiser(
     sequence: LocSequence,
     how: LocalisationConfig | UnderTest,

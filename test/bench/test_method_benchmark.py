@@ -22,10 +22,11 @@ from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.source_config import source_config
 from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.records import MethodKind
-from sfr_loc_map.runs.offline import start_pose
+from sfr_loc_map.runs.offline import start_pose, true_start
 
 SCORING = TrajectoryScoreConfig(conditions=("frames=3",), spacing=2)
 METHOD = """
@@ -69,6 +70,22 @@ def made_method(
 def trial_of(sequence: Any, rate_hz: float | None = None) -> LocaliserTrial:
     start = start_pose(sequence, "truth").T_ds_rb
     return LocaliserTrial(sequence=sequence, T_ds_rb=start, scoring=SCORING, rate_hz=rate_hz, hidden=())
+
+
+def test_an_accuracy_is_also_computed_from_true_positions(drive: Path, tmp_path: Path, sfr: Sfr) -> None:
+    (config := tmp_path / "sfr.yaml").write_text("truth: {attitude: 'no'}\n")
+    loc, known = open_source(drive, source_config(drive, config)).loc, open_source(drive).truth
+    assert loc is not None
+    assert known is not None
+    T_left_rb, T_first = loc.rig.T_rb_left.inverse(), known.pose(0)
+    moves = (T_first.inverse() @ known.pose(k) for k in range(len(known)))
+    poses = [T_left_rb @ move @ loc.rig.T_rb_left for move in moves]
+    trial = LocaliserTrial(sequence=loc, T_ds_rb=true_start(loc).T_ds_rb, scoring=SCORING, rate_hz=None, hidden=())
+    found = {row.keys: row.value for row in trial.figures(poses)}
+    assert found["accuracy", "frames=3", "position_m"] is not None
+    assert sfr("convert", drive, tmp_path / "pairs.sfrp", "--config", config).code == 0
+    refused = sfr("bench", "faults", drive, "--config", config, "--condition", "frames=3")
+    assert (refused.code, "has only positions: give a source that has true attitudes" in refused.err) == (2, True)
 
 
 @pytest.mark.slow

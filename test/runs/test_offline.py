@@ -19,7 +19,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.visualisation import STRIP
-from sfr_loc_map.runs.offline import localise, start_pose
+from sfr_loc_map.runs.offline import localise, start_pose, true_start
 from sfr_loc_map.runs.track_video import track_video
 
 FIRST_NS = 1_000_000_000_000
@@ -81,6 +81,8 @@ def test_a_start_at_the_truth_requires_true_attitudes() -> None:
     pair = OnePair((0.0, 1.0), has_attitude=False)
     with pytest.raises(InputError, match="the ground truth has only positions: use --start identity"):
         start_pose(pair, "truth")
+    assert true_start(pair).stamp_ns is None
+    assert true_start(OnePair((2.0, 3.0))).T_ds_rb.translation[0] == 2.0
 
 
 @pytest.mark.parametrize("ending", [".avi", ".mp4"])
