@@ -112,8 +112,12 @@ class Plot:
 
 
 def plain(text: str) -> str:
-    """Return a text of a user, such as a name, with HTML tags escaped, which plotly would interpret."""
-    return escape(printable(text), quote=False)
+    """Return a text of a user, such as a name, with HTML tags escaped, which plotly would interpret.
+
+    A leading `@` is escaped, too, because it marks the name of a colour in the data of a plot.
+    """
+    escaped = escape(printable(text), quote=False)
+    return f"&#64;{escaped[1:]}" if escaped.startswith("@") else escaped
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever plotly takes

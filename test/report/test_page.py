@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
@@ -15,6 +16,7 @@ from helpers.made_scores import HOSTILE, dig, json_of, place_of, whole_score, wi
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_plain
 from sfr_loc_map.report.page import render_page
+from sfr_loc_map.report.path_plot import Curve, path_plot
 from sfr_loc_map.report.plots import PALETTES, to_figure
 from sfr_loc_map.report.printed_plot import printed_plots
 from sfr_loc_map.report.score_plots import score_plots
@@ -240,6 +242,14 @@ def test_a_notebook_shows_a_cloud_in_the_colours_of_the_page() -> None:
     scene, light = to_figure(plots["cloud"]).layout.scene, PALETTES["light"]
     assert {scene[name].gridcolor for name in ("xaxis", "yaxis", "zaxis")} == {light["grid"]}
     assert scene.xaxis.title.text == "x of LM, m", "the settings of the plot remain"
+
+
+@pytest.mark.parametrize("name", ["@drive.csv", "@truth"])
+def test_the_name_of_a_file_is_not_read_as_a_colour(name: str) -> None:
+    curve = Curve(name, "@one", np.arange(3.0), np.zeros((3, 3)))
+    trace = to_figure(path_plot([curve])).data[0]
+    assert trace.name == f"&#64;{name[1:]}"
+    assert trace.line.color == PALETTES["light"]["one"]
 
 
 def test_two_requirements_on_one_statistic_are_both_drawn() -> None:
