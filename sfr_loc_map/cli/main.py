@@ -93,6 +93,7 @@ def _run() -> int:
     except SystemExit:  # the reader of the output (`| head`) has closed it
         return ExitCode.INTERRUPTED
     except (KeyboardInterrupt, typer.Abort):
+        hold()  # a second signal must not interrupt the message
         code = ExitCode.INTERRUPTED
     except Exception as error:
         if not isinstance(error.__cause__, KeyboardInterrupt):  # else an import failed by an interrupt

@@ -66,7 +66,7 @@ def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: 
     assert kinds == {"crashed", "doubled answer", "another frame", "not finite", "missing answer"}
     for kind in kinds:
         assert f"method external_odometry: {kind}" in replay.text
-    assert sfr("report", out / "report.json").code != 2  # the score is not refused as contradictory
+    assert sfr("report", out / "report.json", "-o", tmp_path / "page.html").code == 1  # a failure, no refusal
     # the same trajectory, converted offline as declared
     published = out / "estimate_as_published.csv"
     words = ["score", published, source, *CONVENTION, *SCORED, "--json", tmp_path / "offline.json", "--overwrite"]
