@@ -217,7 +217,7 @@ def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
     first = score.verdicts[0]
     other = replace(first, by_reading={"pose": VerdictState.PASS, "position": VerdictState.FAIL})
     said = table_of(replace(score, verdicts=(other,)), "readings").note
-    assert "The verdict depends on the reading: position error over 5 m, mean + 3 sigma: " in said
+    assert "The verdict depends on the interpretation: position error over 5 m, mean + 3 sigma: " in said
     assert "fail by position" in said
 
 
