@@ -103,7 +103,8 @@ def play_and_collect(source: Source, options: ReplayOptions, participants: Parti
 def publish_final_figures(peer: ReplayPeer, results: ReceivedResults) -> bool:
     """Let the monitor publish its figures until they contain all received results; return whether they do.
 
-    The monitor has subscriptions of its own and may receive a result later than the collector.
+    The monitor has subscriptions of its own and may receive a result later than the collector. The cloud of a map may
+    arrive later than its call.
     """
     reports: deque[str] = deque(maxlen=1)
     peer.subscribe(String, REPORT, lambda report, _: reports.append(report.data), LATCHED)
@@ -113,7 +114,7 @@ def publish_final_figures(peer: ReplayPeer, results: ReceivedResults) -> bool:
         if not reports:
             return False
         score = decoded(reports[-1])
-        return _has_all_calls(score, results) and (_has_map(score) or not is_map_judged)
+        return _has_all_calls(score, results) and (score.has(Subject.MAP) or not is_map_judged)
 
     for _ in range(FIGURE_REQUESTS):
         peer.call_trigger(f"{MONITOR_NODE}/finish", f"{MONITOR_NODE} did not publish its figures")
@@ -127,11 +128,6 @@ def _has_all_calls(score: Score, results: ReceivedResults) -> bool:
     timed = (call for call in results.records if math.isfinite(call.processing_time_s))
     counts = Counter(STATE_KINDS.get(call.state, CallKind.LOCALISATION) for call in timed)
     return all((score.number(kind, "n", part=None) or 0) >= count for kind, count in counts.items())
-
-
-def _has_map(score: Score) -> bool:
-    """Return whether a score contains the errors of a map, whose cloud may arrive later than its call."""
-    return any(row.subject is Subject.MAP for row in score.figures)
 
 
 @contextmanager
