@@ -54,15 +54,16 @@ class DriveTrace:
         """Return whether both traces are of one drive; False without ground truth.
 
         The paths agree, or a large fraction of the steps is common. Steps depend neither on the frame nor on the first
-        pose nor on the stamps. The first images are compared if the drives start with the same steps.
+        pose nor on the stamps. The paths are also compared because rounding changes the steps, but hardly the path, and
+        because a short drive has too few steps. The first images are compared if the drives start with the same steps.
         """
         if not self.poses or not other.poses or len(self.grey) != len(other.grey) or self.terrain != other.terrain:
             return False
-        has_same_path = self._has_same_path(other)
-        if not has_same_path and not self._shares_steps(other):
-            return False
-        if not has_same_path and not self._starts_like(other):
-            return True
+        if not self._has_same_path(other):
+            if not self._shares_steps(other):
+                return False
+            if not self._starts_like(other):
+                return True
         return bool((np.abs(np.subtract(self.grey, other.grey)) <= SAME_GREY).all())
 
     def _has_same_path(self, other: DriveTrace) -> bool:
@@ -73,15 +74,14 @@ class DriveTrace:
 
     def _shares_steps(self, other: DriveTrace) -> bool:
         """Return whether the drive with fewer moving windows has a large fraction of them in common with the other."""
-        shorter, longer = sorted((self, other), key=lambda trace: len(trace._moving_windows))
-        if not len(shorter._moving_windows):
+        traces = [(trace._moving_windows, trace) for trace in (self, other)]
+        (windows, shorter), (longer_windows, _) = sorted(traces, key=lambda item: len(item[0]))
+        if not len(windows):
             return False
         from scipy.spatial import KDTree  # slow import
 
         tolerance_m = SAME_STEP * shorter._long_step_m
-        apart_m, _ = KDTree(longer._moving_windows).query(
-            shorter._moving_windows, p=np.inf, distance_upper_bound=tolerance_m
-        )
+        apart_m, _ = KDTree(longer_windows).query(windows, p=np.inf, distance_upper_bound=tolerance_m)
         return bool(np.mean(np.isfinite(apart_m)) >= COMMON_SHARE)
 
     def _starts_like(self, other: DriveTrace) -> bool:

@@ -55,6 +55,13 @@ def test_a_turned_copy_is_a_copy() -> None:
     assert _trace(turned, GREY).is_copy_of(ORIGINAL)
 
 
+def test_a_copy_with_rounded_positions_and_a_copy_of_a_short_drive_are_copies() -> None:
+    """Rounding to 1 mm changes the steps by more than their tolerance, and three poses have too few steps."""
+    rounded = Trajectory(TRUTH.stamps_ns, np.round(TRUTH.positions, 3), TRUTH.quats_xyzw)
+    assert _trace(rounded, GREY).is_copy_of(ORIGINAL)
+    assert _trace(moved(1e-9)[:3], GREY).is_copy_of(_trace(TRUTH[:3], GREY))
+
+
 def test_a_copy_with_another_attitude_of_its_first_pose_is_a_copy() -> None:
     """The frame of the first pose turns the end of the path by 20 mm."""
     quats = TRUTH.quats_xyzw.copy()
