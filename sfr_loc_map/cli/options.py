@@ -77,7 +77,7 @@ GraphConfigOption = Annotated[
     Path | None, Option("--config", metavar="F.yaml", help="Configuration of a recording, written by sfr init.")
 ]
 RemapOption = Annotated[
-    list[str] | None, Option(metavar="FOUND:=EXPECTED", help="Topic name in the bag and expected name; repeatable.")
+    list[str] | None, Option(metavar="FOUND:=EXPECTED", help="Found and expected name of a topic; repeatable.")
 ]
 CalibrationOption = Annotated[
     Path | None, Option(metavar="F", help="Calibration file of Kalibr, OpenCV, ROS or COLMAP, or a rig.json.")

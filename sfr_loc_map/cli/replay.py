@@ -122,7 +122,7 @@ def replay(
         Option(
             metavar="PID|NAME",
             rich_help_panel=UNDER_TEST,
-            help="External process whose CPU and memory are measured (default: that of CMD).",
+            help="External process whose CPU and memory are measured, in addition to that of CMD.",
         ),
     ] = "",
     answers: Annotated[

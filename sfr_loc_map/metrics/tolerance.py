@@ -3,7 +3,8 @@
 A tolerance bound exceeds a fraction `prob` of all errors with a given `confidence`. For normal errors a small sample
 suffices, and the bound is `norm(mean) + k norm(sigma)`, as the document's mean + 3 sigma. For other errors the bound is
 an order statistic: the largest of n values exceeds the fraction p of all errors with the confidence `1 - p^n` (Wilks
-1941). n is the number of independent values and need not be an integer.
+1941). n is the number of independent values. For the factor n need not be an integer; for the order statistic n is the
+length of the shortest series (`Sample.series_count`).
 
 The factor k is computed from samples of normal errors with the observed ratio of sigmas. Two cases bound the factor. If
 the mean is zero, errors of both signs are outside the bound. If the mean dominates along the main axis, the one-sided

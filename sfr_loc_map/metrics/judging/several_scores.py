@@ -32,8 +32,9 @@ SETTINGS_OF = {Scope.DRIVE: ("trajectory", "localisation"), Scope.MAP: ("map", "
 def common_verdict(scores: Sequence[Score]) -> Common:
     """Return the verdict over scores: the worst verdict, which can be a pass only if all scores are of one run.
 
-    Scores are of one run if all have the same item under test, version, configuration and ground truth. Several drives
-    have a common verdict only in a suite, which counts the planned drives.
+    Scores are of one run if all have the same item under test, version, configuration, images and ground truth, and if
+    a drive and a map are of one recording. Several drives have a common verdict only in a suite, which counts the
+    planned drives.
     """
     states = [score.verdict for score in scores]
     worst = worst_of(state for state in states if state is not None)

@@ -34,7 +34,7 @@ class ExternalOptions:
     task: Task  #: Task of the node.
     topic: str  #: Topic of its results.
     command: str = ""  #: Command that starts the node; empty: the user starts it.
-    #: Process whose CPU and memory are measured: process id or part of a command line; empty: the process of `command`.
+    #: Process whose CPU and memory are measured in addition to that of `command`: process id or part of a command line.
     watch: str = ""
     #: Required frame ids of the answers: `parent -> child` of a pose, `parent` of a cloud. Empty: those of the first.
     frames: str = ""
