@@ -133,17 +133,13 @@ def _relaxed_rules(score: Score) -> Iterator[str]:
         return
     if rules.partial:
         yield "An incomplete result is judged as if it were complete (--partial)."
-    strict = {kind.figure: kind.most for kind in SHORTFALLS if kind.has_most}
+    strict = {kind.limit_name: kind.most for kind in SHORTFALLS if kind.has_most}
+    usual_coverage = 1.0 - strict["pixels_without_point_max_share"]
     for item in rules.limits:
-        name = item.name.removesuffix("_max_share")
-        if name in strict and item.limit > strict[name]:
-            yield f"The limits allow {item.name} {item.limit:g}; the default is {strict[name]:g}."
-        # the uncovered fraction is the shortfall `pixels_without_point`
-        if item.name == COVERAGE_MIN and item.limit < 1.0 - strict["pixels_without_point"]:
-            yield (
-                f"The limits require {item.name} {item.limit:g}; the default is "
-                f"{1.0 - strict['pixels_without_point']:g}."
-            )
+        if item.name in strict and item.limit > strict[item.name]:
+            yield f"The limits allow {item.name} {item.limit:g}; the default is {strict[item.name]:g}."
+        if item.name == COVERAGE_MIN and item.limit < usual_coverage:
+            yield f"The limits require {item.name} {item.limit:g}; the default is {usual_coverage:g}."
     if rules.minimum_independent < MINIMUM_INDEPENDENT:
         least = f"{rules.minimum_independent:g}"
         usual = f"{MINIMUM_INDEPENDENT:g}"
