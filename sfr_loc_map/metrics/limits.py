@@ -103,7 +103,6 @@ class LimitedNumber(NamedTuple):
 
 
 BOUND = "bound"  #: Statistic of a limit that is judged by a tolerance bound.
-MISSING = "missing_max_share"  #: Limit on the fraction of a drive that may be missing.
 COVERAGE_MIN = "coverage_min"  #: The only limit that is a lower bound.
 MINIMUM_COUNT = 2  #: Default minimum number of values for a verdict.
 MINIMUM_INDEPENDENT = 5.0  #: Default minimum number of independent sub-trajectories for a verdict.
@@ -243,11 +242,6 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
         limits = [item for item in self.limits if item.section is LimitSection.TRAJECTORY]
         pairs = ((item.limited.figure, item.condition) for item in limits)
         return frozenset((figure, condition) for figure, condition in pairs if condition is not None)
-
-    @property
-    def allow_missing(self) -> bool:
-        """Whether a limit states which fraction of the drive may be missing."""
-        return any(item.name == MISSING for item in self.limits)
 
 
 class Rules(Limits, frozen=True, kw_only=True, omit_defaults=False):

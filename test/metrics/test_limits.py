@@ -348,6 +348,9 @@ def test_what_a_live_run_misses_at_its_end_leaves_no_pass() -> None:
     assert [item.state for item in ended.on_limits] == ["incomplete", "pass"], "the second needs no complete drive"
     partial = judged(with_position(0.4), parse_limits(LIMIT, "limits"), partial=True)
     assert with_missing_results(partial, "3 pairs") == partial
+    allowed = judged(with_position(0.4), parse_limits({**LIMIT, "completeness": {"missing_max_share": 0.1}}, "limits"))
+    assert allowed.incomplete is None
+    assert with_missing_results(allowed, "3 pairs") == allowed
 
 
 def test_a_score_of_a_live_run_that_is_over_is_shown_and_not_stored() -> None:

@@ -84,7 +84,7 @@ def incompleteness(score: Score) -> list[Shortfall]:
     rules = score.rules or Rules()
     found: list[Shortfall] = []
     for item in (*_of_limits(score, rules), *evident_shortfalls(score)):
-        if not _is_accepted(item.kind, score, rules) and not _is_stated(item, found):
+        if not is_accepted(item.kind, score, rules) and not _is_stated(item, found):
             found.append(item)
     return found
 
@@ -102,7 +102,7 @@ def is_lifted_by_partial(score: Score) -> bool:
 # ---- the two filters
 
 
-def _is_accepted(kind: ShortfallKind, score: Score, rules: Rules) -> bool:
+def is_accepted(kind: ShortfallKind, score: Score, rules: Rules) -> bool:
     """Return whether the rules of a score accept a shortfall: by partial judging, or by a limit."""
     if rules.partial and kind.is_lifted_by_partial:
         return True

@@ -17,7 +17,7 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import Rebase, VerdictState, worst_of
 from sfr_loc_map.metrics.intervals import Interval
-from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
+from sfr_loc_map.metrics.judging.incomplete import KIND_OF, incompleteness, is_accepted, text_of
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, needed_part
 from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
@@ -51,20 +51,18 @@ def with_missing_results(score: Score, missing: str) -> Score:
 
     The last score of a live run is computed while results may still arrive, which therefore do not count as missing.
     `missing` states which of these results are missing at the end of the run. A pass of a limit that requires the
-    complete drive then becomes `incomplete`. With `--partial`, or if a limit states how much may be missing, the score
-    is unchanged.
+    complete drive then becomes `incomplete`. The score is unchanged if its rules accept missing results.
 
     The figures of the result do not contain what is missing, so that the check of stored scores refuses the result. It
     is only displayed (`live.live_report.LiveReport.with_missing`).
     """
-    rules = score.rules
-    allows = rules is not None and (rules.partial or rules.allow_missing)
-    if allows or score.incomplete is not None or not missing:
+    rules = score.rules or Rules()
+    if is_accepted(KIND_OF["missing"], score, rules) or score.incomplete is not None or not missing:
         return score
     others = score.verdicts[: len(score.verdicts) - len(score.on_limits)]
     on_limits = [
         of_incomplete(verdict) if needed_part(limit) == RowPart(Scope.DRIVE) else verdict
-        for limit, verdict in zip(() if rules is None else rules.limits, score.on_limits, strict=True)
+        for limit, verdict in zip(rules.limits, score.on_limits, strict=True)
     ]
     verdicts = (*others, *on_limits)
     verdict = overall_verdict(score, [item.state for item in verdicts], missing)
