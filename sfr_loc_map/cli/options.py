@@ -49,11 +49,12 @@ def given_words(context: Context, *names: str) -> list[str]:
 def _given(context: Context, names: Iterable[str]) -> Iterator[tuple[str, Any]]:
     """Yield the long name and the value of each of the parameters that was given, in the order of the help."""
     wanted = set(names)
-    for parameter in context.command.params:
-        name = str(parameter.name)
+    options = {str(parameter.name): max(parameter.opts, key=len) for parameter in context.command.params}
+    assert wanted <= options.keys(), f"{context.command_path} has no parameters {wanted - options.keys()}"
+    for name, option in options.items():
         source = context.get_parameter_source(name)
         if name in wanted and source is not None and source.name == "COMMANDLINE":
-            yield max(parameter.opts, key=len), context.params[name]
+            yield option, context.params[name]
 
 
 # ---- sources and their configuration
@@ -187,6 +188,9 @@ MemoryLimitOption = Annotated[
     int, Option(metavar="MB", rich_help_panel=METHOD, help="Maximum resident memory of a method under test.")
 ]
 
+OF_OUR_METHOD = {Task.LOCALISATION: ("video",), Task.MAPPING: ("refine_poses",)}
+"""Options of the command of a task that apply only to our method."""
+
 
 def method_under_test(
     context: Context, task: Task, source: Source, config: Path | None, call_timeout_s: float, memory_mb: int
@@ -205,8 +209,7 @@ def method_under_test(
         return None
     values = {"call_timeout_s": call_timeout_s, "memory_mb": memory_mb}
     limits = build(MethodLimits, values, origin="'--call-timeout', '--memory-limit'")
-    of_ours = ("video", "refine_poses")
-    refuse_given(context, of_ours, f"applies to our method: omit it with --method {name}")
+    refuse_given(context, OF_OUR_METHOD[task], f"applies to our method: omit it with --method {name}")
     if name == EXTERNAL:
         raise ConfigError("'--method external': a node is scored by sfr replay SRC --external TASK")
     return UnderTest(find_method(name, task, config_text(config)), limits, hidden=source.truth_paths())

@@ -11,6 +11,7 @@ import typer
 
 from helpers.cli_result import Sfr
 from sfr_loc_map.cli.main import app
+from sfr_loc_map.cli.options import refuse_given
 
 ROOT: Any = typer.main.get_command(app)
 
@@ -36,6 +37,12 @@ def test_examples_are_taken_by_the_command(name: str) -> None:
         assert (sfr, " ".join(words[: len(name.split())])) == ("sfr", name)
         with COMMANDS[name].make_context(name, words[len(name.split()) :], help_option_names=["-h", "--help"]):
             pass
+
+
+def test_only_options_of_the_command_can_be_refused() -> None:
+    words = ["SRC", "-o", "c.ply"]
+    with COMMANDS["map"].make_context("map", words) as context, pytest.raises(AssertionError, match="refine_pose"):
+        refuse_given(context, ("refine_pose",), "has no effect")
 
 
 @pytest.mark.parametrize(("name", "rare"), [("replay", "--external"), ("score", "--target")])
