@@ -62,10 +62,9 @@ OF_TRAJECTORIES = (
 )
 """Options that apply only to trajectories."""
 OF_CLOUDS = ("scored_range", "fused", "points")  #: Options that apply only to clouds.
-OF_DIAGNOSIS = (
-    *("estimate", "truth", "diagnose", "json_path", "overwrite", "lenient"),
-    *("frames", "associate", "max_gap", "columns", "config_file", "settings"),
-)
+OF_COMPARISON = ("frames", "associate", "max_gap", "columns", "config_file", "settings")
+"""Options that determine which poses a score or a diagnosis compares."""
+OF_DIAGNOSIS = ("estimate", "truth", "diagnose", "json_path", "overwrite", "lenient", *OF_COMPARISON)
 """Arguments and options that apply to `--diagnose`."""
 
 
@@ -311,8 +310,7 @@ def _propose_next(context: Context, result: Score) -> None:
     if result.incomplete is not None and is_lifted_by_partial(result):
         propose("... --partial", why="judges the part that the estimate covers")
     elif result.contradiction is not None:
-        read = given_words(context, "associate", "columns", "config_file", "settings")
-        words = ("sfr", "score", estimate, truth, *read, "--diagnose")
+        words = ("sfr", "score", estimate, truth, *given_words(context, *OF_COMPARISON), "--diagnose")
         propose(*words, why="finds the convention mismatch and its correction")
     elif html is not None:
         propose(f"open {html} in a browser")

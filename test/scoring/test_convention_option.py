@@ -101,6 +101,17 @@ def test_a_diagnosis_associates_as_a_score_does_and_refuses_what_it_does_not_mak
         assert f"'{option}' has no effect with --diagnose" in refused.err
 
 
+def test_the_proposed_diagnosis_compares_the_poses_of_the_score(
+    sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("SFR_HINTS")
+    wrong = Trajectory(estimate.stamps_ns, 1e3 * estimate.positions, estimate.quats_xyzw)
+    save_trajectory(tmp_path / "mm.csv", wrong)
+    words = ("score", tmp_path / "mm.csv", source, "--frames", "images", "--max-gap", "2.5")
+    scored = sfr(*words, "--condition", "frames=4", "--spacing", "1")
+    assert f"next: sfr {' '.join(map(str, words))} --diagnose" in scored.err
+
+
 def test_a_diagnosis_is_applied_only_where_asked_for_and_the_score_says_so(
     sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory
 ) -> None:
