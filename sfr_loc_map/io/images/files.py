@@ -37,7 +37,8 @@ def complete_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImageP
     missing = [file for entry in entries for file in (entry.left, entry.right) if not file.is_file()]
     if not missing:
         return list(entries), ()
-    incomplete_ns = {entry.stamp_ns for entry in entries if not {entry.left, entry.right}.isdisjoint(missing)}
+    absent = set(missing)
+    incomplete_ns = {entry.stamp_ns for entry in entries if entry.left in absent or entry.right in absent}
     complete = [entry for entry in entries if entry.stamp_ns not in incomplete_ns]
     rest = f" and {len(missing) - NAMED_FILES} more" if len(missing) > NAMED_FILES else ""
     files = f"{', '.join(map(str, missing[:NAMED_FILES]))}{rest}"
