@@ -376,7 +376,7 @@ MUTATIONS = (
         "value is None and kind.figure in TEXTS_IF",
         "value is None and kind.figure not in TEXTS_IF",
     ),
-    Mutation("metrics/judging/incomplete.py", "(share.value or 0.0) <= STANDING_MOST", "(share.value or 0.0) <= 1.0"),
+    Mutation("metrics/judging/incomplete.py", "(share.value or 0.0) <= kind.most", "(share.value or 0.0) <= 1.0"),
     Mutation(
         "metrics/judging/incomplete.py",
         " or not meets(limit, value):\n        text = standing",

@@ -22,11 +22,9 @@ from sfr_loc_map.metrics.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES,
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.shortfall_kinds import (
     ANSWERS,
-    BEYOND_MOST,
     EVIDENT,
     JUDGED,
     SHORTFALLS,
-    STANDING_MOST,
     TEXTS,
     TEXTS_IF_UNKNOWN,
     UNKNOWN_ITEMS,
@@ -162,20 +160,20 @@ def _of_scope(score: Score, part: RowPart) -> Iterator[Shortfall]:
 def _beyond_the_judged(score: Score, limit: Limit, rules: Rules) -> Iterator[Shortfall]:
     """Yield a shortfall if the errors at the other frames miss a limit.
 
-    A fraction above `BEYOND_MOST` of the frames must also have an error far above the largest judged error, because
-    the figure always depends somewhat on the choice of the starts.
+    A fraction of the frames above `most` must also have an error far above the largest judged error, because the figure
+    always depends somewhat on the choice of the starts.
     """
     if limit.section is not LimitSection.TRAJECTORY:
         return
+    kind = KIND_OF[ERRORS_BEYOND]
     limited = limit.limited
     share = score.figure(ERRORS_BEYOND, condition=limit.condition, part=limited.figure)
     others = score.figure(limited.figure, condition=limit.condition, part=OTHER_FRAMES)
-    if share is None or share.value is None or share.value <= BEYOND_MOST or others is None:
+    if share is None or share.value is None or share.value <= kind.most or others is None:
         return
     value = others.statistic(statistic_of(limit))
     if value is not None and not meets(limit, value):
         text = beyond_text(score, limit, share.value, value)
-        kind = KIND_OF[ERRORS_BEYOND]
         yield Shortfall(kind, RowPart(Scope.DRIVE), kind.most, share.value, text, score.index_of(share))
 
 
@@ -185,15 +183,15 @@ def _met_by_standing(score: Score, limit: Limit, rules: Rules) -> Iterator[Short
     The errors of the other sub-trajectories miss the limit, or are too few for a verdict. A drive in which the rover is
     stationary throughout is judged like any other.
     """
+    kind = KIND_OF[STANDING]
     figure, condition = limit.limited.figure, limit.condition
     share = score.figure(STANDING, condition=condition, part=SUB_TRAJECTORIES) if condition is not None else None
     moving = score.figure(figure, condition=condition, part=MOVING)
-    if share is None or moving is None or (share.value or 0.0) <= STANDING_MOST:
+    if share is None or moving is None or (share.value or 0.0) <= kind.most:
         return
     value, independent = moving.statistic(statistic_of(limit)), moving.independent or 0.0
     if value is None or independent < rules.minimum_independent or not meets(limit, value):
         text = standing_text(limit, share, moving, value)
-        kind = KIND_OF[STANDING]
         yield Shortfall(kind, RowPart(Scope.DRIVE), kind.most, share.value, text, score.index_of(share))
 
 
