@@ -121,5 +121,5 @@ def read_truth(path: Path, config: TruthConfig | None = None, remap: Mapping[str
     found = open_source(path, beside if config is None else replace(beside, truth=config)).truth
     if found is None:
         raise InputError(f"'{path}' has no true poses (groundtruth.csv): give a source with truth")
-    assert isinstance(found, Truth)  # of every source in files
+    assert isinstance(found, Truth)  # `open_source` converts every truth
     return found

@@ -76,7 +76,7 @@ def load_cloud(path: Path) -> LoadedCloud:
         grid = None
     if grid is not None:
         columns = _with_pixels(columns, *grid)
-        fused = bool(fused)
+        fused = bool(fused)  # an organised cloud is not fused unless a comment states it
     with np.errstate(invalid="ignore"):  # signalling NaN
         xyz = np.column_stack([np.asarray(columns[name], np.float64) for name in "xyz"])
     finite = np.asarray(np.isfinite(xyz).all(axis=1))
