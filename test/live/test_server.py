@@ -156,7 +156,8 @@ def test_open_sockets_cost_nothing(capfd: pytest.CaptureFixture[str], monkeypatc
             if number % 100 == 99:
                 took_s.append(await get_s())
         assert statistics.median(took_s) < 0.02 + 5.0 * statistics.median(alone_s)  # a busy host answers later
-        assert max(took_s) < 5.0  # a lost request of a connection is repeated after seconds
+        assert sorted(took_s)[-2] < 1.0
+        assert max(took_s) < 5.0  # a busy host may lose one request of a connection, which is repeated after seconds
         cut = [await asyncio.wait_for(reader.read(), 20) for reader, _ in opened[: 2000 - MAX_SILENT]]
         assert set(cut) == {b""}
         await asyncio.wait_for(opened[-1][0].read(), 3 * server.IDLE_TIMEOUT_S)  # also the last ones, after a time
