@@ -55,7 +55,8 @@ class DriveTrace:
 
         The paths agree, or a large fraction of the steps is common. Steps depend neither on the frame nor on the first
         pose nor on the stamps. The paths are also compared because rounding changes the steps, but hardly the path, and
-        because a short drive has too few steps. The first images are compared if the drives start with the same steps.
+        because a short drive has too few steps. The first images are compared if the paths agree or the drives start
+        with the same steps.
         """
         if not self.poses or not other.poses or len(self.grey) != len(other.grey) or self.terrain != other.terrain:
             return False
