@@ -14,6 +14,7 @@ FLOORS = (
     {
         *("__init__", "atomic", "display", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"),
         *("host_clock", "memory_mark", "message_types", "run_order", "stamp_pairing", "topics"),
+        *("graph_endpoints", "issues"),
         *("hashes", "json_yaml", "package_commit"),
     },
     {"geometry"},

@@ -5,7 +5,7 @@
             └─► score, replay, ...     the command of the same name: interpret the options, call the lower layers, print
 
 Shared parts of the commands are `options` (options and their values; an option without an effect is refused by
-`refuse_given`), `output` (files, JSON, tables, progress), `verdict` and `findings` (output and exit codes of judgements
+`refuse_given`), `output` (files, JSON, tables, progress), `verdict` and `issues` (output and exit codes of judgements
 and of diagnoses), `live_option` (`--live`) and `former` (names of version 0.2). Everything that is not about words on
 the command line is a function of a lower layer, which the Python interface and the nodes also call.
 """

@@ -7,8 +7,8 @@ from typing import Annotated
 from typer import Option
 
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.findings import FindingsReport
 from sfr_loc_map.cli.former import FormerArgument, check_doctor
+from sfr_loc_map.cli.issues import IssueList
 from sfr_loc_map.cli.options import (
     GraphConfigOption,
     JsonOption,
@@ -47,6 +47,6 @@ def doctor(
     extrinsics_given = given.extrinsics.transform() is not None
     with GraphObserver({topic: name for name, topic in given.topics.items()}) as observer:
         seen = observer.observe(seconds, namespace, extrinsics_given=extrinsics_given)
-    report = FindingsReport(seen.subject, examine(seen))
-    report.propose(["sfr", "record", "drive"], why="records inputs and outputs to a bag")
-    report.show(json_path, {}, [])
+    found = IssueList(seen.subject, examine(seen))
+    found.propose(["sfr", "record", "drive"], why="records inputs and outputs to a bag")
+    found.show(json_path, {}, [])

@@ -8,7 +8,7 @@ from typer import Context, Option
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.findings import FindingsReport
+from sfr_loc_map.cli.issues import IssueList
 from sfr_loc_map.cli.options import (
     CalibrationOption,
     ConfigOption,
@@ -73,19 +73,19 @@ def info(
     with progress_bar("pairs") as bar:
         task = bar.add_task("reading", total=None)
         seen = observe(source, how, lambda: bar.advance(task))
-    findings = examine(seen)
-    if not write and any(finding.is_blocking for finding in findings):
+    issues = examine(seen)
+    if not write and any(issue.is_blocking for issue in issues):
         given = given_words(context, "config", "calibration", "settings", "remap")
         words = ["sfr", "info", str(source), "--write", *given]
-        findings = with_fix(source, sections, path, findings, words)
-    report = FindingsReport(seen.subject, findings)
+        issues = with_fix(source, sections, path, issues, words)
+    found = IssueList(seen.subject, issues)
     facts = {"configuration": None if path is None else str(path)} | facts_of(source, how)
-    if "cannot be read" in facts and not report.stops:
+    if "cannot be read" in facts and not found.blocking:
         raise InputError(facts["cannot be read"])
     start = ["--start", "truth"] if seen.truth_has_attitude else []
     after = ["sfr", "replay", str(source), *given_words(context, "config"), *start, "--out", "out"]
-    report.propose(after, why="plays it to the nodes and scores the results")
-    report.show(json_path, facts, facts_tables(facts))
+    found.propose(after, why="plays it to the nodes and scores the results")
+    found.show(json_path, facts, facts_tables(facts))
 
 
 def _write(source: Path, sections: dict[str, Any], path: Path | None) -> tuple[Path, SourceConfig]:

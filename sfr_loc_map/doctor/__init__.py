@@ -4,8 +4,8 @@
     sfr doctor      nodes/graph/observer.py (a graph, over some time)      ──┴─► Observation
                                                                                     │ examination.examine
                                                                                     ▼
-                    fixes.with_fix (sfr info: the command that removes the cause) ◄─ list of Finding
+                    fixes.with_fix (sfr info: the command that removes the cause) ◄─ list of issues
 
-An `Observation` has only values, and the checks of `examination` are functions of an observation. `silence` and
-`transport` have findings that nodes and `sfr record` also report, with the same words.
+An `Observation` has only values, and the checks of `examination` are functions of an observation. `issues.Issue` and
+`graph_endpoints.silence_of` are below this folder, because nodes and `sfr record` report the same issues.
 """

@@ -1,4 +1,4 @@
-"""Checks of an observation: pure functions that return findings, each with its fix."""
+"""Checks of an observation: pure functions that return issues, each with its fix."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from sfr_loc_map.doctor.findings import Cause, Finding
 from sfr_loc_map.doctor.observation import EXPECTED, Observation, ObservedTopic, SourceKind, allowed_types
-from sfr_loc_map.doctor.silence import Publisher, Reliability, silence_of
 from sfr_loc_map.doctor.swapped_images import StampedImage, are_swapped
-from sfr_loc_map.doctor.transport import COMPARABLE_NS, MUCH_LOST, loss_fix
 from sfr_loc_map.errors import InputError, split_advice
 from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.graph_endpoints import COMPARABLE_NS, MUCH_LOST, Publisher, Reliability, loss_fix, silence_of
 from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
+from sfr_loc_map.issues import Cause, Issue
 from sfr_loc_map.message_types import COMPRESSED, IMAGE
 from sfr_loc_map.metrics.association import nearest_stamps
 from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
@@ -32,19 +31,19 @@ PAIRED = 0.5  #: Minimum fraction of stamps with a partner for a useful result.
 COMPLETE = 0.9  #: Minimum fraction of stamps with a partner without a warning.
 EDGE = 0.1  #: Fraction of the observed time at each end that is ignored, because partners may be outside.
 
-Findings = Iterator[Finding]
+Issues = Iterator[Issue]
 
 
-def examine(seen: Observation) -> list[Finding]:
-    """Return the findings of all checks, blocking ones first."""
+def examine(seen: Observation) -> list[Issue]:
+    """Return the issues of all checks, blocking ones first."""
     checks = [_source]
     if seen.topics or not seen.broken:
         checks += [_names, _waiting, _rigs, _extrinsics, _order, _poses, _truth, _nodes, _host_clock]
-    found = [finding for check in checks for finding in check(seen)]
-    return sorted(found, key=lambda finding: not finding.is_blocking)
+    found = [issue for check in checks for issue in check(seen)]
+    return sorted(found, key=lambda issue: not issue.is_blocking)
 
 
-def _rigs(seen: Observation) -> Findings:
+def _rigs(seen: Observation) -> Issues:
     for rig in seen.rigs:
         yield from _camera_topics(seen, rig)
         if seen.has_images(rig):
@@ -55,29 +54,29 @@ def _rigs(seen: Observation) -> Findings:
 # ---- the source and its topics
 
 
-def _source(seen: Observation) -> Findings:
+def _source(seen: Observation) -> Issues:
     if seen.broken:
         text, fix = split_advice(seen.broken)
         if not fix.startswith("sfr "):
             text, fix = seen.broken, "correct, record or copy it again"
-        yield Finding(Cause.BROKEN, seen.subject, text, fix)
+        yield Issue(Cause.BROKEN, seen.subject, text, fix)
     if seen.skipped_pairs:
         text = f"{seen.skipped_pairs} listed pairs are skipped because their images are missing"
         fix = "restore the files, or remove the pairs from the list"
-        yield Finding(Cause.MISSING_IMAGES, seen.subject, text, fix, False)
+        yield Issue(Cause.MISSING_IMAGES, seen.subject, text, fix, False)
     if seen.unfinished:
         text = "the bag was not closed: it has no end record"
-        yield Finding(Cause.UNFINISHED, seen.subject, text, "rewrite it for other readers: sfr convert", False)
+        yield Issue(Cause.UNFINISHED, seen.subject, text, "rewrite it for other readers: sfr convert", False)
 
 
-def _names(seen: Observation) -> Findings:
+def _names(seen: Observation) -> Issues:
     for name, found in seen.ambiguous.items():
         fix = "choose one topic with --remap FOUND:=EXPECTED"
-        yield Finding(Cause.AMBIGUOUS, name, f"several topics are possible: {', '.join(found)}", fix)
+        yield Issue(Cause.AMBIGUOUS, name, f"several topics are possible: {', '.join(found)}", fix)
     if not seen.rigs and not seen.ambiguous:
         others, fix = _other_images(seen)
         text = f"neither loc/left/image_rect nor nav/left/image_rect exists (nor image_raw); {others}"
-        yield Finding(Cause.NO_TOPIC, seen.subject, text, fix)
+        yield Issue(Cause.NO_TOPIC, seen.subject, text, fix)
 
 
 def _other_images(seen: Observation) -> tuple[str, str]:
@@ -93,14 +92,14 @@ def _other_images(seen: Observation) -> tuple[str, str]:
     return "no topic has images", "start the cameras" if seen.is_live else "give a bag with images of both cameras"
 
 
-def _waiting(seen: Observation) -> Findings:
+def _waiting(seen: Observation) -> Issues:
     for node in seen.waiting:
         text = "the node waits because none of its cameras is on the graph"
         fix = "start the cameras, or name their topics (sfr run --config); otherwise omit the node"
-        yield Finding(Cause.NO_PUBLISHER, node.name, text, fix, False)
+        yield Issue(Cause.NO_PUBLISHER, node.name, text, fix, False)
 
 
-def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Findings:
+def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Issues:
     if name in seen.ambiguous:
         return
     if topic is None or not topic.is_published:
@@ -112,8 +111,8 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Finding
         yield found
 
 
-def _missing(seen: Observation, name: str, topic: ObservedTopic | None) -> Finding:
-    """Return the finding of a topic that is not in the recording, or has no publisher on the graph."""
+def _missing(seen: Observation, name: str, topic: ObservedTopic | None) -> Issue:
+    """Return the issue of a topic that is not in the recording, or has no publisher on the graph."""
     where = topic.source_name if topic is not None else f"{seen.prefix}{name}"
     hint = "or name it with --remap FOUND:=EXPECTED"
     if where.endswith(RECTIFIED) and where.removesuffix(RECTIFIED) + RAW in seen.others:
@@ -121,10 +120,10 @@ def _missing(seen: Observation, name: str, topic: ObservedTopic | None) -> Findi
     fix = f"publish or record it, {hint}"
     if seen.is_live:
         return replace(silence_of(where, allowed_types(name), ()), fix=fix)
-    return Finding(Cause.NO_TOPIC, where, "the topic is not in the bag", fix)
+    return Issue(Cause.NO_TOPIC, where, "the topic is not in the bag", fix)
 
 
-def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Finding:
+def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Issue:
     """Return why no message of a topic is received, by the doctor or by a node that requests more reliability."""
     publishers = topic.publishers
     if publishers is None:  # a recording has the types of the messages
@@ -133,11 +132,11 @@ def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Finding:
     requested = Reliability.RELIABLE if strict else Reliability.BEST_EFFORT
     found = silence_of(topic.source_name, allowed_types(name), publishers, requested)
     if found.cause is Cause.SILENT and not seen.is_live:
-        return Finding(Cause.SILENT, topic.source_name, "the bag has no message on this topic", "record it again")
+        return Issue(Cause.SILENT, topic.source_name, "the bag has no message on this topic", "record it again")
     return found
 
 
-def _camera_topics(seen: Observation, rig: str) -> Findings:
+def _camera_topics(seen: Observation, rig: str) -> Issues:
     for side in SIDES:
         yield from _topic(seen, f"{rig}/{side}/{seen.image_name(rig)}", seen.images(rig, side))
         name = f"{rig}/{side}/camera_info"
@@ -145,21 +144,21 @@ def _camera_topics(seen: Observation, rig: str) -> Findings:
     node = seen.node(rig)
     if seen.is_idle(rig) and not (node is not None and node.has_worked):
         fix = "if pairs are expected, observe longer (--seconds) or record again"
-        yield Finding(Cause.SILENT, seen.both_images(rig), "no pair was received", fix, False)
+        yield Issue(Cause.SILENT, seen.both_images(rig), "no pair was received", fix, False)
 
 
 # ---- images of both sides
 
 
-def _transport(seen: Observation, rig: str) -> Findings:
+def _transport(seen: Observation, rig: str) -> Issues:
     share = seen.lost_share(rig)
     if share > FEW_LOST:
         text = f"{share:.0%} of the images are lost between their publisher and this process"
         fix = loss_fix(seen.export_line)
-        yield Finding(Cause.TRANSPORT, seen.both_images(rig), text, fix, share > MUCH_LOST)
+        yield Issue(Cause.TRANSPORT, seen.both_images(rig), text, fix, share > MUCH_LOST)
 
 
-def _pairs(seen: Observation, rig: str) -> Findings:
+def _pairs(seen: Observation, rig: str) -> Issues:
     node = seen.node(rig)
     tolerance_ns = node.stamp_tolerance_ns if node is not None else 0
     left, right = (seen.image_stamps(rig, side) for side in SIDES)
@@ -170,16 +169,16 @@ def _pairs(seen: Observation, rig: str) -> Findings:
     text = f"{share:.0%} of the left images have a right image with the same stamp"
     if PAIRED <= share < COMPLETE:
         fix = "check for lost images: transport, quality of service, load"
-        yield Finding(Cause.UNPAIRED, seen.both_images(rig), text, fix, False)
+        yield Issue(Cause.UNPAIRED, seen.both_images(rig), text, fix, False)
     elif share < PAIRED:
         off_s = f"{typical_ns / NS_PER_S:.3g}"
         fix = "stamp both images by one trigger"
         if typical_ns <= NS_PER_S // 2:
             fix += f"; or set input.stamp_tolerance_s above {off_s}, if the motion in this time is negligible"
-        yield Finding(Cause.UNSYNCHRONISED, seen.both_images(rig), f"{text}, typically {off_s} s off", fix)
+        yield Issue(Cause.UNSYNCHRONISED, seen.both_images(rig), f"{text}, typically {off_s} s off", fix)
 
 
-def _stereo(seen: Observation, rig: str) -> Findings:
+def _stereo(seen: Observation, rig: str) -> Issues:
     """Examine the calibration and the first images of a rig, which must be readable to detect swapped cameras."""
     rectifier: StereoRectifier | None = None
     size: tuple[int, int] | None = None
@@ -191,14 +190,14 @@ def _stereo(seen: Observation, rig: str) -> Findings:
             size = cameras.width, cameras.height
         except InputError as error:
             text, fix = split_advice(str(error))
-            yield Finding(Cause.CAMERA_INFO, f"{rig}/left/camera_info, {rig}/right/camera_info", text, fix)
+            yield Issue(Cause.CAMERA_INFO, f"{rig}/left/camera_info, {rig}/right/camera_info", text, fix)
     images: list[list[StampedImage]] = []
     depth = SampleDepth(lambda _: None, rig)
     for side in SIDES:
         if (topic := seen.images(rig, side)) is None:
             return
         of_side = _images_of(topic, depth, size)
-        if isinstance(of_side, Finding):
+        if isinstance(of_side, Issue):
             yield of_side
             return
         images.append(of_side)
@@ -206,11 +205,11 @@ def _stereo(seen: Observation, rig: str) -> Findings:
     if are_swapped(left, right):
         text = "objects are further right in the right images: left and right are swapped"
         where = f"{rig}/left/{seen.image_name(rig)}"
-        yield Finding(Cause.SWAPPED, where, text, "swap the topics (cables, remaps)")
+        yield Issue(Cause.SWAPPED, where, text, "swap the topics (cables, remaps)")
 
 
-def _images_of(topic: ObservedTopic, depth: SampleDepth, size: tuple[int, int] | None) -> list[StampedImage] | Finding:
-    """Return the images of a topic with their stamps; a finding if they are unreadable or differ from a known size.
+def _images_of(topic: ObservedTopic, depth: SampleDepth, size: tuple[int, int] | None) -> list[StampedImage] | Issue:
+    """Return the images of a topic with their stamps; a issue if they are unreadable or differ from a known size.
 
     `size` is the width and height in camera_info.
     """
@@ -218,11 +217,11 @@ def _images_of(topic: ObservedTopic, depth: SampleDepth, size: tuple[int, int] |
         read = depth.grey(*map(samples_of, topic.messages))
     except InputError as error:
         fix = "publish mono8, mono16, rgb8, bgr8, a Bayer mosaic or yuv422, or JPEG or PNG"
-        return Finding(Cause.ENCODING, topic.source_name, str(error), fix)
+        return Issue(Cause.ENCODING, topic.source_name, str(error), fix)
     height, width = read[0].shape
     if size is not None and (width, height) != size:
         text = f"its images are {width} x {height}, but camera_info states {size[0]} x {size[1]}"
-        return Finding(Cause.IMAGE_SIZE, topic.source_name, text, "publish the camera_info of these images")
+        return Issue(Cause.IMAGE_SIZE, topic.source_name, text, "publish the camera_info of these images")
     return [(stamp_of(message), image) for message, image in zip(topic.messages, read, strict=True)]
 
 
@@ -240,7 +239,7 @@ def _rectified(
 # ---- stamps, truth, extrinsics, nodes
 
 
-def _extrinsics(seen: Observation) -> Findings:
+def _extrinsics(seen: Observation) -> Issues:
     node = seen.node("loc")
     given = seen.extrinsics_given or seen.extrinsics_in_tf or (node is not None and node.extrinsics_given)
     unknown = seen.broken or (node is not None and not node.state)  # the node may have the extrinsics
@@ -251,10 +250,10 @@ def _extrinsics(seen: Observation) -> Findings:
     if seen.extrinsics_in_tf is None:
         text = "no parameter gives the extrinsics, and /tf_static cannot be read without tf2_msgs"
     fix = f"set T_rb_locsb.translation_m and quat_xyzw of localisation_node (--config), or add them to {place}"
-    yield Finding(Cause.FRAMES, "extrinsics of the localisation rig (T_rb_locsb)", text, fix)
+    yield Issue(Cause.FRAMES, "extrinsics of the localisation rig (T_rb_locsb)", text, fix)
 
 
-def _order(seen: Observation) -> Findings:
+def _order(seen: Observation) -> Issues:
     # on a graph, decreasing stamps begin a new run
     topics = [(topic, 1) for rig in seen.rigs for side in SIDES if (topic := seen.images(rig, side)) is not None]
     if (truth := seen.topics.get(TRUE_POSES)) is not None:
@@ -263,10 +262,10 @@ def _order(seen: Observation) -> Findings:
         if back := int(np.sum(np.diff(topic.stamps_ns) < least_ns)):
             text = f"its stamps go back or repeat at {back} messages, for example because a player restarted"
             fix = "record a single run: start the player after sfr record, without a loop"
-            yield Finding(Cause.STAMP_ORDER, topic.source_name, text, fix)
+            yield Issue(Cause.STAMP_ORDER, topic.source_name, text, fix)
 
 
-def _poses(seen: Observation) -> Findings:
+def _poses(seen: Observation) -> Issues:
     if "nav" not in seen.rigs:
         return
     topic, images = seen.topics.get(NAV_POSE), seen.image_stamps("nav")
@@ -277,10 +276,10 @@ def _poses(seen: Observation) -> Findings:
     if share < COMPLETE:
         text = f"{share:.0%} of the images have a pose with the same stamp, typically {typical_ns / NS_PER_S:.3g} s off"
         fix = "publish nav/pose with the stamp of each pair"
-        yield Finding(Cause.POSE_STAMPS, topic.source_name, text, fix, share < PAIRED)
+        yield Issue(Cause.POSE_STAMPS, topic.source_name, text, fix, share < PAIRED)
 
 
-def _truth(seen: Observation) -> Findings:
+def _truth(seen: Observation) -> Issues:
     for rig, name in (("loc", TRUE_POSES), ("nav", TRUE_POINTS)):
         if rig not in seen.rigs:
             continue
@@ -291,29 +290,29 @@ def _truth(seen: Observation) -> Findings:
             comes_with_pairs = rig == "nav" and topic is not None and topic.is_published
             if not (comes_with_pairs and (seen.is_live or seen.is_idle(rig))):
                 fix = "add it" if seen.kind is SourceKind.FILES else "record or publish it"
-                yield Finding(Cause.TRUTH, name, "there is no truth: nothing can be scored", fix, False)
+                yield Issue(Cause.TRUTH, name, "there is no truth: nothing can be scored", fix, False)
         elif len(images) and (topic.stamps_ns.min() > images.max() or images.min() > topic.stamps_ns.max()):
             off_s = (int(np.median(topic.stamps_ns)) - int(np.median(images))) / NS_PER_S
             text = f"its stamps differ by {off_s:.6g} s from those of the images: nothing can be scored"
-            yield Finding(Cause.TRUTH_CLOCK, topic.source_name, text, "stamp truth and images with one clock", False)
+            yield Issue(Cause.TRUTH_CLOCK, topic.source_name, text, "stamp truth and images with one clock", False)
 
 
-def _nodes(seen: Observation) -> Findings:
+def _nodes(seen: Observation) -> Issues:
     for node in seen.nodes:
         if node.use_sim_time and not seen.has_clock:
             text = "use_sim_time is true but /clock has no publisher: the time of the node does not advance"
             fix = "set use_sim_time to false, or publish /clock (ros2 bag play --clock)"
-            yield Finding(Cause.CLOCK, node.name, text, fix)
+            yield Issue(Cause.CLOCK, node.name, text, fix)
         if not node.state:
             text = "the node does not answer: its parameters are unknown"
-            yield Finding(Cause.SILENT, node.name, text, "run sfr doctor again when the host is less busy", False)
+            yield Issue(Cause.SILENT, node.name, text, "run sfr doctor again when the host is less busy", False)
         elif node.state != "active":
             transition = "activate" if node.state == "inactive" else "configure"
             fix = f"ros2 lifecycle set {node.name} {transition}"
-            yield Finding(Cause.INACTIVE, node.name, f"the node is {node.state}", fix)
+            yield Issue(Cause.INACTIVE, node.name, f"the node is {node.state}", fix)
 
 
-def _host_clock(seen: Observation) -> Findings:
+def _host_clock(seen: Observation) -> Issues:
     if seen.now_ns is None or seen.has_clock:
         return
     for rig in seen.rigs:
@@ -323,7 +322,7 @@ def _host_clock(seen: Observation) -> Findings:
             off_s = f"{off_ns / NS_PER_S:.6g}"
             text = f"stamps differ by {off_s} s from the time of this host: latencies are unknown, tf may reject stamps"
             fix = "synchronise the clocks (chrony, PTP); play a bag with --clock and set use_sim_time"
-            yield Finding(Cause.CLOCKS_APART, f"{rig}/left/{seen.image_name(rig)}", text, fix, False)
+            yield Issue(Cause.CLOCKS_APART, f"{rig}/left/{seen.image_name(rig)}", text, fix, False)
 
 
 def _paired(first: IntArray, second: IntArray, tolerance_ns: int) -> tuple[float, int]:

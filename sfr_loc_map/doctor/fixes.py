@@ -1,4 +1,4 @@
-"""Commands that remove the causes of the findings of a recording."""
+"""Commands that remove the causes of the issues of a recording."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.doctor.examination import examine
-from sfr_loc_map.doctor.findings import Finding
 from sfr_loc_map.doctor.observation import observe
 from sfr_loc_map.errors import SfrError
+from sfr_loc_map.issues import Issue
 from sfr_loc_map.source_setup.proposal import propose_config
 
 
 def with_fix(
-    source: Path, sections: dict[str, Any], path: Path | None, findings: list[Finding], words: list[str]
-) -> list[Finding]:
-    """Return the findings; if the proposed configuration removes one, its fix is the command that writes it (`words`).
+    source: Path, sections: dict[str, Any], path: Path | None, issues: list[Issue], words: list[str]
+) -> list[Issue]:
+    """Return the issues; if the proposed configuration removes one, its fix is the command that writes it (`words`).
 
-    The source is examined with the proposed configuration to determine which findings remain.
+    The source is examined with the proposed configuration to determine which issues remain.
     """
     try:
         found = propose_config(source, sections, path)
-        remaining = {finding.cause for finding in examine(observe(source, found.config)) if finding.is_blocking}
+        remaining = {issue.cause for issue in examine(observe(source, found.config)) if issue.is_blocking}
     except SfrError:
-        return findings
+        return issues
     command = shlex.join(words)
     fix = command
     added = {name: values for name, values in found.sections.items() if values != sections.get(name) and values}
@@ -33,8 +33,8 @@ def with_fix(
         remaps = [word for name, topic in added["topics"].items() for word in ("--remap", f"{topic}:={name}")]
         fix += f"; for a single command: {shlex.join(remaps)}"
     missing = "".join(f"; still missing: {text}" for text in found.missing)
-    is_removed = [finding.is_blocking and finding.cause not in remaining for finding in findings]
+    is_removed = [issue.is_blocking and issue.cause not in remaining for issue in issues]
     return [
-        replace(finding, fix=fix + missing, command=command) if removed else finding
-        for finding, removed in zip(findings, is_removed, strict=True)
+        replace(issue, fix=fix + missing, command=command) if removed else issue
+        for issue, removed in zip(issues, is_removed, strict=True)
     ]

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.doctor.silence import Publisher, Reliability
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.graph_endpoints import Publisher, Reliability
 from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.encoding import TYPESTORE

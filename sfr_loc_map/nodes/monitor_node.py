@@ -22,8 +22,8 @@ from std_msgs.msg import String
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
-from sfr_loc_map.doctor.silence import Reliability
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
+from sfr_loc_map.graph_endpoints import Reliability
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, stamp_of
 from sfr_loc_map.io.calibration.rectification import rig_of_rectified_infos
 from sfr_loc_map.io.clouds.point_image import points_image

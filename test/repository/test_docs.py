@@ -3,7 +3,7 @@
 import re
 
 from helpers import ROOT
-from sfr_loc_map.doctor.findings import Cause
+from sfr_loc_map.issues import Cause
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 MODULE = re.compile(r"(?<![\w/.*}])((?:[a-z_]+/)*[a-z_]+\.py)\b")

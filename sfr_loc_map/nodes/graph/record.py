@@ -13,8 +13,8 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-from sfr_loc_map.doctor.silence import silence_of
 from sfr_loc_map.errors import NodeError
+from sfr_loc_map.graph_endpoints import silence_of
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.writer import BagRecorder
 from sfr_loc_map.nodes.ros import environment

@@ -12,9 +12,9 @@ import numpy as np
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from sfr_loc_map.config import param
-from sfr_loc_map.doctor.transport import MUCH_LOST, loss_fix
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.graph_endpoints import MUCH_LOST, loss_fix
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of

@@ -11,8 +11,8 @@ from typing import Any, Protocol
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from sfr_loc_map.doctor.silence import Reliability, silence_of
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.graph_endpoints import Reliability, silence_of
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.frames import FrameSeries, PoseRow, chain_above, chain_poses, pose_row
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, UNKNOWN, TrueRow, TruthReader

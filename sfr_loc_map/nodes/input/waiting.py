@@ -8,8 +8,8 @@ from typing import Any
 
 from rclpy.node import Node
 
-from sfr_loc_map.doctor.findings import Cause, Finding
-from sfr_loc_map.doctor.silence import Reliability, silence_of
+from sfr_loc_map.graph_endpoints import Reliability, silence_of
+from sfr_loc_map.issues import Cause, Issue
 from sfr_loc_map.nodes.ros.publishers import publishers_of
 
 MORE = "sfr doctor examines the graph"
@@ -32,16 +32,16 @@ def missing_input(node: Node, inputs: Sequence[Input]) -> str:
     found = [_silence(node, item) for item in inputs if not item.received]
     if not found:
         return ""
-    cause = min((finding.cause for finding in found), key=ORDER.index)
+    cause = min((issue.cause for issue in found), key=ORDER.index)
     texts = dict[tuple[str, str], list[str]]()
-    for finding in found:
-        if finding.cause is cause:
-            texts.setdefault((finding.text, finding.fix), []).append(finding.where)
+    for issue in found:
+        if issue.cause is cause:
+            texts.setdefault((issue.text, issue.fix), []).append(issue.where)
     parts = [f"{_topics(names)} ({text}): {', '.join(names)}; {fix}" for (text, fix), names in texts.items()]
     return f"Waiting for {'; '.join(parts)}; {MORE}"
 
 
-def _silence(node: Node, item: Input) -> Finding:
+def _silence(node: Node, item: Input) -> Issue:
     """Return why an input receives no messages on any of its topics.
 
     The reason is that of a topic with a publisher, otherwise of a remapped topic, otherwise of the first topic.
@@ -53,7 +53,7 @@ def _silence(node: Node, item: Input) -> Finding:
         found.append(silence_of(topic, (type_name(kind),), publishers, Reliability(item.reliability)))
         if topic != node.resolve_topic_name(name, only_expand=True):
             remapped.append(found[-1])
-    published = [finding for finding in found if finding.cause is not Cause.NO_PUBLISHER]
+    published = [issue for issue in found if issue.cause is not Cause.NO_PUBLISHER]
     return (published or remapped or found)[0]
 
 

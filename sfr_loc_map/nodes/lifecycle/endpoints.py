@@ -15,8 +15,8 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, qos_policy_name_from_kind
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from sfr_loc_map.doctor.silence import Publisher
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.graph_endpoints import Publisher
 from sfr_loc_map.nodes.ros.publishers import publishers_of
 from sfr_loc_map.nodes.ros.qos import LATCHED, profile
 

@@ -1,4 +1,4 @@
-"""Findings of the doctor: one for each issue, with its fix."""
+"""Issues of a recording, a ROS graph or a topic, each with its fix."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class Cause(StrEnum):
-    """Kinds of findings. Their values are public: programs read them, and docs/operating.md explains each."""
+    """Causes of issues. Their values are public: programs read them, and docs/operating.md explains each."""
 
     BROKEN = "broken"
     UNFINISHED = "unfinished"
@@ -36,8 +36,8 @@ class Cause(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """An issue: its cause, the topic, node or file, the observation and the fix. It is blocking or a warning."""
+class Issue:
+    """An issue has a cause, the topic, node or file, the observation and the fix. It is blocking or a warning."""
 
     cause: Cause
     where: str
@@ -47,6 +47,6 @@ class Finding:
     command: str = ""  #: Command line that removes the cause; empty if there is none.
 
     def as_dict(self) -> dict[str, str | bool]:
-        """Return the finding for JSON. The keys `stops` and `cure` are public, so they stay."""
+        """Return the issue for JSON. The keys `stops` and `cure` are public, so they stay."""
         public = {"cause": self.cause.value, "stops": self.is_blocking, "where": self.where}
         return public | {"text": self.text, "cure": self.fix}

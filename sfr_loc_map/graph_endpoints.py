@@ -1,7 +1,8 @@
-"""The reason why no message of a topic is received, from the graph; for nodes, `sfr doctor` and `sfr record`.
+"""Publishers of a topic in a ROS graph, and the issues between a publisher and a subscriber.
 
-The reasons are checked in this order: the topic has no publisher; every publisher has another type; every publisher
-offers less reliability than requested; no message arrives, because none is sent or a container has a separate /dev/shm.
+Nodes, `sfr doctor` and `sfr record` report the same issues in the same words. `silence_of` checks the reasons why no
+message is received in this order: the topic has no publisher; every publisher has another type; every publisher offers
+less reliability than requested; no message arrives, because none is sent or a container has a separate /dev/shm.
 """
 
 from __future__ import annotations
@@ -10,8 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from sfr_loc_map.doctor.findings import Cause, Finding
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.issues import Cause, Issue
 from sfr_loc_map.message_types import COMPRESSED, IMAGE
+
+MUCH_LOST = 0.1  #: Fraction of lost messages above which the transport is not configured for them.
+COMPARABLE_NS = 60 * NS_PER_S
+"""Largest difference between comparable clocks, ns. A played recording, or a host whose clock is not set, exceeds this
+difference."""
 
 
 class Reliability(StrEnum):
@@ -34,25 +41,25 @@ class Publisher:
 
 def silence_of(
     topic: str, wanted: Sequence[str], publishers: Sequence[Publisher], requested: Reliability = Reliability.BEST_EFFORT
-) -> Finding:
+) -> Issue:
     """Return why no message of a topic of one of the wanted types is received, and the fix."""
     if not publishers:
         fix = "start the publisher, or remap its topic (sfr run -r EXPECTED:=FOUND)"
-        return Finding(Cause.NO_PUBLISHER, topic, "no publisher", fix)
+        return Issue(Cause.NO_PUBLISHER, topic, "no publisher", fix)
     of_type = [publisher for publisher in publishers if publisher.msgtype in wanted]
     if not of_type:
         found = ", ".join(sorted({publisher.msgtype for publisher in publishers}))
         text = f"the type is {found}: {' or '.join(wanted)} is required"
-        return Finding(Cause.WRONG_TYPE, topic, text, _fix_of_type(topic, wanted, found))
+        return Issue(Cause.WRONG_TYPE, topic, text, _fix_of_type(topic, wanted, found))
     names = ", ".join(sorted({publisher.node for publisher in of_type}))
     offered = {publisher.reliability for publisher in of_type}
     if requested is Reliability.RELIABLE and offered == {Reliability.BEST_EFFORT}:
         text = f"the publisher {names} offers best_effort but reliable is requested: nothing is received"
         fix = "set input.reliability of the node to best_effort, or the publisher's reliability to reliable"
-        return Finding(Cause.QOS, topic, text, fix)
+        return Issue(Cause.QOS, topic, text, fix)
     text = f"the publisher {names} exists, but no message was received"
     fix = "check whether it publishes; a container with --net=host also needs --ipc=host to share /dev/shm"
-    return Finding(Cause.SILENT, topic, text, fix)
+    return Issue(Cause.SILENT, topic, text, fix)
 
 
 def _fix_of_type(topic: str, wanted: Sequence[str], found: str) -> str:
@@ -62,3 +69,12 @@ def _fix_of_type(topic: str, wanted: Sequence[str], found: str) -> str:
     if found == IMAGE and COMPRESSED in wanted:
         return f"name the topic of raw images without /compressed: sfr run -r EXPECTED:={topic}"
     return "publish the required type, or remap another topic (sfr run -r EXPECTED:=FOUND)"
+
+
+def loss_fix(export_line: str) -> str:
+    """Return the fix for messages that are lost between two processes of a host."""
+    return (
+        f"start the process that publishes them (the camera driver) with "
+        f"`{export_line}`: the default shared memory of the publisher is 0.5 MB; "
+        "a container with --net=host needs --ipc=host"
+    )

@@ -1,0 +1,27 @@
+"""The graph gives one reason why no message of a topic is received."""
+
+from __future__ import annotations
+
+import pytest
+
+from sfr_loc_map.graph_endpoints import Publisher, Reliability, silence_of
+from sfr_loc_map.issues import Cause
+from sfr_loc_map.message_types import COMPRESSED, IMAGE
+
+BEST_EFFORT, RELIABLE = Reliability.BEST_EFFORT, Reliability.RELIABLE
+CASES = {
+    "nobody": ([], BEST_EFFORT, Cause.NO_PUBLISHER),
+    "another type": ([Publisher("/a", COMPRESSED)], BEST_EFFORT, Cause.WRONG_TYPE),
+    "another type besides": ([Publisher("/a", COMPRESSED), Publisher("/b", IMAGE)], BEST_EFFORT, Cause.SILENT),
+    "less reliability": ([Publisher("/a", IMAGE, BEST_EFFORT)], RELIABLE, Cause.QOS),
+    "less reliability of one": ([Publisher("/a", IMAGE, BEST_EFFORT), Publisher("/b", IMAGE)], RELIABLE, Cause.SILENT),
+    "nothing arrives": ([Publisher("/a", IMAGE)], BEST_EFFORT, Cause.SILENT),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_one_reason_is_reported(case: str) -> None:
+    publishers, requested, cause = CASES[case]
+    found = silence_of("/loc/left/image_rect", (IMAGE,), publishers, requested)
+    assert found.cause is cause
+    assert found.fix
