@@ -8,6 +8,9 @@ from itertools import pairwise
 from statistics import median_low
 from typing import Generic, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 T = TypeVar("T")
 STAMP_TOLERANCE_S = 0.01
 """Default of the largest stamp difference of a pair, s. The tolerance is also kept below half a period."""
@@ -30,6 +33,17 @@ def match_stamps(left: Sequence[int], right: Sequence[int], tolerance_ns: int) -
     order = sorted([(stamp, 0) for stamp in left] + [(stamp, 1) for stamp in right])
     found = [(pairing.add_right if side else pairing.add_left)(stamp, stamp) for stamp, side in order]
     return dict(pair for pair in found if pair is not None)
+
+
+def nearest_stamps(stamps: NDArray[np.int64], among: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+    """Return the index of the nearest stamp in `among`, which is sorted and not empty, and the difference.
+
+    Of two equally near stamps the earlier is used.
+    """
+    after = np.minimum(np.searchsorted(among, stamps), len(among) - 1)
+    before = np.maximum(after - 1, 0)
+    to_before, to_after = np.abs(stamps - among[before]), np.abs(among[after] - stamps)
+    return np.where(to_before <= to_after, before, after), np.minimum(to_before, to_after)
 
 
 class StampPairing(Generic[T]):

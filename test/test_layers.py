@@ -13,8 +13,17 @@ NAME = PACKAGE.name
 FLOORS = (
     {
         *("__init__", "atomic", "display", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"),
-        *("host_clock", "memory_mark", "message_types", "run_order", "stamp_pairing", "topics"),
-        *("graph_endpoints", "issues"),
+        *(
+            "host_clock",
+            "memory_mark",
+            "parallel",
+            "process_tree",
+            "message_types",
+            "run_order",
+            "stamp_pairing",
+            "topics",
+        ),
+        *("graph_endpoints", "issues", "stamp_pairing", "topics"),
         *("hashes", "json_yaml", "package_commit"),
     },
     {"geometry"},

@@ -481,7 +481,7 @@ MUTATIONS = (
     ),
     Mutation("methods/child/supervisor.py", "(41, 54, 46, 307)", "(54, 46, 307)"),
     Mutation("methods/child/supervisor.py", "(29, 64, 68, 240)", "(64, 68, 240)"),
-    Mutation("methods/process_tree.py", "SOCKET_BYTES if self._is_supervisor else 0", "0"),
+    Mutation("process_tree.py", "SOCKET_BYTES if self._is_supervisor else 0", "0"),
     Mutation("methods/child/loop.py", "np.array(images[: len(", "np.asarray(images[: len("),
     Mutation("methods/child/loop.py", 'return {"fault": "raised", "text": raised}', "pass"),
     Mutation("methods/child/loop.py", 'order["call"] == "set" else', 'order["call"] != "set" else'),

@@ -17,7 +17,7 @@ from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
 from sfr_loc_map.issues import Cause, Issue
 from sfr_loc_map.message_types import COMPRESSED, IMAGE
-from sfr_loc_map.metrics.association import nearest_stamps
+from sfr_loc_map.stamp_pairing import nearest_stamps
 from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
 VIDEO = {

@@ -78,8 +78,8 @@ from sfr_loc_map.localisation.ground_memory import MIN_EXCESS, EarlierImage, Gro
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 from sfr_loc_map.localisation.motion_tools import ComparedPair, MotionTools
-from sfr_loc_map.localisation.parallel import Pending, beside
 from sfr_loc_map.localisation.relocalisation import RecoveryImages
+from sfr_loc_map.parallel import Pending, beside
 
 COMPARED_PX = 3.0
 """Image motion, px, above which cells fixed to the camera are detected, and the compared image is replaced. Chosen by

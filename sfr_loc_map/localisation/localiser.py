@@ -103,11 +103,17 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tra
 from sfr_loc_map.localisation.ground_memory import GroundMemory
 from sfr_loc_map.localisation.ground_motion import Ground, GroundSelector
 from sfr_loc_map.localisation.guards import ShearMean
-from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult, max_corners
+from sfr_loc_map.localisation.keyframes import (
+    BACKGROUND,
+    KEYFRAME_FLOW,
+    KeyframeJob,
+    KeyframeMaker,
+    KeyframeResult,
+    max_corners,
+)
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.motion_tools import MotionTools
 from sfr_loc_map.localisation.pair_statistics import accepted_statistics, displayed, residual_statistics
-from sfr_loc_map.localisation.parallel import BACKGROUND
 from sfr_loc_map.localisation.relocalisation import RESTART_AFTER, RecoveryImages, Relocaliser
 from sfr_loc_map.localisation.rover_model import RoverModel
 from sfr_loc_map.localisation.stage_clock import StageClock

@@ -13,7 +13,7 @@ A method under test (in the documentation also: a candidate) is called through t
                 adapters/*.py                      one module for each interface of methods
                   the method
 
-`registry.py` finds a method by its name. `process_tree.py` reads the resources of all processes of a method.
+`registry.py` finds a method by its name.
 `config_truth.py` refuses a configuration that contains the ground truth. `ours.py` is our method with the interface
 of a candidate.
 

@@ -33,10 +33,10 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.memory_mark import peak_of, reset_peak
 from sfr_loc_map.methods.child.loop import Answer, Camera, Hello, Order, OrderedPair, Pose, Reply, Setup
 from sfr_loc_map.methods.isolation import environment_of, rules_of
-from sfr_loc_map.methods.process_tree import ProcessTree, TreeUsage, bytes_of_files
 from sfr_loc_map.methods.registry import ADAPTERS, CHILD, Method, MethodLimits
 from sfr_loc_map.metrics.call_meter import CallUsage
 from sfr_loc_map.metrics.records import FindingKind
+from sfr_loc_map.process_tree import ProcessTree, TreeUsage, bytes_of_files
 
 EXIT_TIMEOUT_S = 10.0
 POLL_S = 0.05  #: Period of memory checks during a call.

@@ -24,12 +24,13 @@ from sfr_loc_map.geometry.rotation import (
 )
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth, at_point
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.association import nearest_stamps, unique_rows
+from sfr_loc_map.metrics.association import unique_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionKind
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.records import Alignment
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.truth_error import known_of
+from sfr_loc_map.stamp_pairing import nearest_stamps
 
 
 class Similarity(NamedTuple):

@@ -18,6 +18,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
 from sfr_loc_map.metrics.records import Association
+from sfr_loc_map.stamp_pairing import nearest_stamps
 
 Rows = NDArray[np.intp]
 Number = TypeVar("Number", bound=np.generic)
@@ -295,17 +296,6 @@ def nearness_ns(needed: IntArray, tolerance_ns: int = 0) -> int:
     if len(needed) < 2:
         return tolerance_ns
     return max(tolerance_ns, int(IMAGE_PERIOD_SHARE * np.median(np.diff(needed))))
-
-
-def nearest_stamps(stamps: IntArray, among: IntArray) -> tuple[Rows, IntArray]:
-    """Return the index of the nearest stamp in `among`, which is sorted and not empty, and the difference.
-
-    Of two equally near stamps the earlier is used.
-    """
-    after = np.minimum(np.searchsorted(among, stamps), len(among) - 1)
-    before = np.maximum(after - 1, 0)
-    to_before, to_after = np.abs(stamps - among[before]), np.abs(among[after] - stamps)
-    return np.where(to_before <= to_after, before, after), np.minimum(to_before, to_after)
 
 
 def has_near(stamps: IntArray, among: IntArray, near_ns: int) -> Mask:

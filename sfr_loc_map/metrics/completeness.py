@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.metrics.association import has_near, nearest_stamps, nearness_ns
+from sfr_loc_map.metrics.association import has_near, nearness_ns
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
 from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.stamp_pairing import nearest_stamps
 
 
 def expected_row(part: RowPart, judged: int, expected: int | None) -> Figure:

@@ -28,8 +28,8 @@ from sfr_loc_map.localisation.frontend.projection import (
     new_projection,
 )
 from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure_weight
-from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.localisation.small_linalg import fill_inverse_3, retract
+from sfr_loc_map.parallel import both
 
 KERNEL_CHI2 = 6.0
 """Scale of the Geman-McClure weight: the squared Mahalanobis residual of a position (two degrees of freedom) at which

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask, median
 from sfr_loc_map.jit import jit, jit_fast
-from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.localisation.small_linalg import copy_row
+from sfr_loc_map.parallel import both
 
 BLOCK = 7
 """Side of the neighbourhood over which the gradient matrix of a corner is summed, px. It is smaller than a patch (11

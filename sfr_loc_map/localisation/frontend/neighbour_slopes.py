@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.jit import jit, jit_fast
-from sfr_loc_map.localisation.parallel import in_halves
 from sfr_loc_map.localisation.small_linalg import solve
+from sfr_loc_map.parallel import in_halves
 
 NEIGHBOURS = 9  #: Maximum number of points in the fit of a local plane: a corner and its eight nearest neighbours.
 MIN_NEIGHBOURS = 4  #: Minimum number of points in the fit of a local plane, which has three unknowns.

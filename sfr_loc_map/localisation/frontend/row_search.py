@@ -11,7 +11,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.jit import jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.patch import MIN_POWER, Patch, cut_patches, half_width, normalise
 from sfr_loc_map.localisation.frontend.pyramid import Pyramid
-from sfr_loc_map.localisation.parallel import in_halves
+from sfr_loc_map.parallel import in_halves
 
 SEARCH_LEVEL = 1
 """Pyramid level of the search. It halves the number of disparities and quarters the number of pixels. The refinement

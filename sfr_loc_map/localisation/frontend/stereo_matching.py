@@ -22,7 +22,7 @@ from sfr_loc_map.localisation.frontend.patch_slopes import refine_slopes
 from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, TrackingLimits, track_patches
 from sfr_loc_map.localisation.frontend.pyramid import Pyramid
 from sfr_loc_map.localisation.frontend.row_search import search_corners
-from sfr_loc_map.localisation.parallel import in_halves
+from sfr_loc_map.parallel import in_halves
 
 REFINEMENTS = 2
 """Number of fits of slopes, each followed by tracking with these slopes. The first fit uses the disparities of the

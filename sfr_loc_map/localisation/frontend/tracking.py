@@ -25,7 +25,7 @@ from sfr_loc_map.localisation.frontend.plane_warp import plane_homographies
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, solve_pose
 from sfr_loc_map.localisation.frontend.pyramid import LEVELS, Pyramid, build_pyramid
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
-from sfr_loc_map.localisation.parallel import both
+from sfr_loc_map.parallel import both
 
 LIMITS = TrackingLimits(max_shift=2.5, iterations=6, min_correlation=0.6)
 """Limits of a track: maximum shift from the projection, px, Gauss-Newton iterations, and minimum normalised

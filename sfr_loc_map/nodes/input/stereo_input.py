@@ -18,7 +18,6 @@ from sfr_loc_map.graph_endpoints import MUCH_LOST, loss_fix
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of
-from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
 from sfr_loc_map.nodes.input.waiting import Input
 from sfr_loc_map.nodes.lifecycle.diagnostics import StatusReporter
@@ -27,6 +26,7 @@ from sfr_loc_map.nodes.ros.environment import EXPORT_LINE
 from sfr_loc_map.nodes.ros.messages import check_image
 from sfr_loc_map.nodes.ros.qos import RELIABILITIES, profile
 from sfr_loc_map.nodes.ros.transport import TransportGaps
+from sfr_loc_map.parallel import both
 from sfr_loc_map.run_order import RunOrder
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.topics import COMPRESSED_END

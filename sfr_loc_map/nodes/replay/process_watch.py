@@ -10,8 +10,8 @@ from pathlib import Path
 import psutil
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.methods.process_tree import ProcessTree
 from sfr_loc_map.metrics.records import ProcessUsage
+from sfr_loc_map.process_tree import ProcessTree
 
 PERIOD_S = 0.05
 FAST_DDS = (1, 15)

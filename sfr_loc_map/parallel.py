@@ -10,7 +10,6 @@ import ctypes
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache
 from queue import SimpleQueue
@@ -19,13 +18,9 @@ from typing import Any, Generic, NamedTuple, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray
-
 MIN_POINTS = 64  #: Minimum number of points that are divided between threads: fewer take less time than the hand-over.
-BACKGROUND = ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
-"""Thread for keyframes, started with the first task. The tasks may use `both`."""
 R = TypeVar("R")
-Rows = TypeVar("Rows", bound=FloatArray | tuple[NDArray[Any], ...])
+Rows = TypeVar("Rows", bound=NDArray[np.float64] | tuple[NDArray[Any], ...])
 """An array with a row for each point, or a `NamedTuple` of such arrays."""
 _current_core = getattr(ctypes.CDLL(None), "sched_getcpu", None)  #: Core of the calling thread; None on macOS.
 

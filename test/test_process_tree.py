@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from sfr_loc_map.methods.method_process import MB
-from sfr_loc_map.methods.process_tree import bytes_of_files, bytes_of_open_files
+from sfr_loc_map.process_tree import bytes_of_files, bytes_of_open_files
 
 
 def test_memory_in_files_without_a_name_counts_once(tmp_path: Path) -> None:
