@@ -54,12 +54,11 @@ from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibratio
 from sfr_loc_map.localisation.backend.sliding_window import KeyframeMotion
 from sfr_loc_map.localisation.error_sources import ErrorSources
 from sfr_loc_map.localisation.findings import Inflation
-from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
+from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize, Speed, size_of
 from sfr_loc_map.localisation.path_errors import ZERO, DirectedError, PathErrors
 from sfr_loc_map.localisation.rover_model import RoverModel
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
 
-MAX_ANGLE_RAD = np.pi / np.sqrt(3.0)  #: Standard deviation of an unknown angle (uniform over a turn), rad.
 EXPECTED_CHI_MEDIAN = 0.839  #: Median of chi-square with four degrees of freedom, divided by four.
 MIN_VARIANCE = 1e-12  #: Added to the variances of a step, so that each is positive, m^2 and rad^2.
 

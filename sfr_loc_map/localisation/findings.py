@@ -14,7 +14,7 @@ inferred ones. The published reason is therefore not always that of the largest 
 | `IDENTICAL_IMAGES` | `guards.check_wiring` |
 | `UNTEXTURED`, `FROZEN_AND_FEW`, `FEW_LANDMARKS` | `guards.check_landmarks`, `guards.check_tracks` |
 | `CONTRADICTED`, `PARTIAL_TRANSFER`, `DOUBLE_EXPOSURE`, `UNEXPLAINED`, `RECOVERING` | `ground_cases.findings_of` |
-| `GROUND_IN_DOUBT`, `AMBIGUOUS` | `ground_cases.findings_of` |
+| `GROUND_IN_DOUBT`, `AT_REST_IN_DOUBT`, `AMBIGUOUS` | `ground_cases.findings_of` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
 | `AFTER_GAP` | `guards.check_gap` |
@@ -81,6 +81,7 @@ class Finding(Enum):
     RECOVERING = auto()
     ONE_SIDED = auto()  #: Few inliers are observed in both images; both have texture, and one may be stale.
     GROUND_IN_DOUBT = auto()  #: Only one motion was found, but the ground is in doubt (`ground_memory.Phase.IN_DOUBT`).
+    AT_REST_IN_DOUBT = auto()  #: The ground is in doubt, but neither the pose nor the image shows a motion.
     AMBIGUOUS = auto()  #: Two motions were found, and either may be the ground's.
 
 
@@ -148,6 +149,8 @@ RULES: Final = {
     Finding.ONE_SIDED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: the window continues with the more likely motion. The covariance includes the ambiguity.
     Finding.GROUND_IN_DOUBT: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
+    # Keyframe: the pair shows no motion, and the finding ends only when the rover moves.
+    Finding.AT_REST_IN_DOUBT: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS),
     Finding.AMBIGUOUS: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
 }
 """Consequences of each finding, in the order of precedence.
@@ -163,7 +166,8 @@ inflation and in whether the pair may become a keyframe.
 
 Three findings add nothing to the covariance because it already includes what they report: the uncertainty of the yaw
 (`CALIBRATION`), and the unobserved motion before the window (`AFTER_GAP`, `DIVERGED`). Two findings add nothing
-because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). The covariance of a kept pose
+because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). `AT_REST_IN_DOUBT` adds nothing because
+an image without motion shows a rover at rest, whichever of its parts is the ground. The covariance of a kept pose
 (`Action.KEEP`) always grows by the unobserved motion since the pose was estimated (`trajectory.kept`).
 """
 

@@ -29,6 +29,7 @@ class Case(Enum):
     CONTRADICTED = auto()  #: The image changed where the only motion predicts no change. The pose is refused.
     HALF_UNEXPLAINED = auto()  #: About half of the landmarks, or more, do not follow the only motion.
     UNEXPLAINED = auto()  #: The ground is known, and more landmarks than usual do not follow the only motion.
+    AT_REST_IN_DOUBT = auto()  #: Like `STILL_IN_DOUBT`, and the image did not move.
     STILL_IN_DOUBT = auto()  #: There is one motion, but too few pairs have agreed since the ground was in doubt.
     ONE_MOTION = auto()  #: There is one motion. Its tracks are used, without those fixed to the camera.
 
@@ -50,6 +51,8 @@ CASES: Final[tuple[tuple[Case, Callable[[Evidence], bool]], ...]] = (
     # after more pairs than a partial transfer lasts, many landmarks may be on an object
     (Case.HALF_UNEXPLAINED, lambda e: e.is_half_unexplained),
     (Case.UNEXPLAINED, lambda e: e.is_unusual and e.is_known),
+    # an image without motion neither ends the doubt nor hides a motion
+    (Case.AT_REST_IN_DOUBT, lambda e: e.stays_in_doubt and not e.main_motion.moves_image),
     (Case.STILL_IN_DOUBT, lambda e: e.stays_in_doubt),
     (Case.ONE_MOTION, lambda e: True),
 )
@@ -76,6 +79,7 @@ EFFECTS: Final = {
     Case.CONTRADICTED: Effect(Finding.CONTRADICTED, leaves_doubt=True, starts_recovery=True, outlasts_refusal=True),
     Case.HALF_UNEXPLAINED: Effect(Finding.GROUND_IN_DOUBT, leaves_doubt=True, starts_recovery=True),
     Case.UNEXPLAINED: Effect(Finding.UNEXPLAINED),
+    Case.AT_REST_IN_DOUBT: Effect(Finding.AT_REST_IN_DOUBT, starts_recovery=True),
     # earlier pairs caused the doubt, and this pair may end it
     Case.STILL_IN_DOUBT: Effect(Finding.GROUND_IN_DOUBT, starts_recovery=True, confirms=True),
     Case.ONE_MOTION: Effect(confirms=True),

@@ -216,7 +216,9 @@ class GroundSelector:
                 return self._other_of_two(evidence) if evidence.other_wins else self._main_of_two(evidence)
             case Case.UNTRUSTED | Case.PARTIAL_TRANSFER | Case.DOUBLE_EXPOSURE | Case.CONTRADICTED:
                 return Selection(evidence.main, evidence.explained.motion_px)
-            case Case.HALF_UNEXPLAINED | Case.UNEXPLAINED | Case.STILL_IN_DOUBT | Case.ONE_MOTION:
+            case (
+                Case.HALF_UNEXPLAINED | Case.UNEXPLAINED | Case.AT_REST_IN_DOUBT | Case.STILL_IN_DOUBT | Case.ONE_MOTION
+            ):
                 explained = evidence.explained
                 not_ground = evidence.main.landmarks.rows[explained.on_fixed]
                 return Selection(evidence.main, explained.motion_px, not_ground=not_ground, fixed=explained.fixed_cells)

@@ -11,6 +11,8 @@ from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform
 
+MAX_ANGLE_RAD = np.pi / np.sqrt(3.0)  #: Standard deviation of an unknown angle (uniform over a turn), rad.
+
 
 class MotionSize(NamedTuple):
     """Size of a motion, of the difference of two poses, or of an error."""

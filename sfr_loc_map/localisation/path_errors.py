@@ -13,7 +13,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import propagated_covariance
-from sfr_loc_map.localisation.motion_size import MotionSize
+from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
 from sfr_loc_map.localisation.symmetric_matrices import positive_part
 
 ZERO = np.zeros((6, 6))  #: No uncertainty; read only.
@@ -39,6 +39,11 @@ class DisparityBias(NamedTuple):
 
 class DirectedError(MotionSize):
     """Standard deviations of errors that have the same direction in all steps and therefore add up."""
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance `(6, 6)` of the errors; the angle is at most that of an unknown attitude."""
+        return MotionSize(self.metres, min(self.radians, MAX_ANGLE_RAD)).covariance
 
     def plus(self, other: DirectedError) -> DirectedError:
         """Return the sum with a further error."""

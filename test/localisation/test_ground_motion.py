@@ -265,6 +265,23 @@ def test_a_fast_drive_on_a_bare_road_is_not_lost(shared_data: Path) -> None:
     assert states.count(TrackingState.TRACKING) > 0.6 * len(states)
 
 
+def test_a_standstill_in_doubt_adds_nothing_to_the_covariance() -> None:
+    """The ground is in doubt when the rover stops, and the images have new noise."""
+    rng = np.random.default_rng(0)
+    by = Localiser(LOC_RIG, LocalisationConfig(), true_pose(0))
+    run(DRIVE[:12], by)
+    last = DRIVE[11]
+    stop = [
+        StereoPair(last.stamp_ns + k * 10**8, noisy(last.left, 1, rng), noisy(last.right, 1, rng)) for k in range(1, 40)
+    ]
+    run(stop[:12], by)
+    doubt = Confidence(Phase.IN_DOUBT, required_pairs=LONG_DOUBT_PAIRS)
+    by._state = replace(by._state, ground_memory=replace(by._state.ground_memory, confidence=doubt))
+    stopped = run(stop[12:], by)
+    assert {item.state for item in stopped} == {TrackingState.DEGRADED}
+    assert np.trace(stopped[-1].covariance) < 1.1 * np.trace(stopped[0].covariance)
+
+
 def test_nothing_is_left_out_of_a_fault_free_drive_or_of_one_that_stands_still() -> None:
     rng, first = np.random.default_rng(0), DRIVE[0]
     still = [StereoPair(p.stamp_ns, noisy(first.left, 1, rng), noisy(first.right, 1, rng)) for p in DRIVE[:10]]

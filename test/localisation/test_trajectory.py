@@ -22,7 +22,7 @@ from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS
-from sfr_loc_map.localisation.motion_size import MotionSize
+from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
 from sfr_loc_map.localisation.rover_model import RoverModel
 from sfr_loc_map.localisation.trajectory import AcceptedPair, PathState
 
@@ -111,6 +111,14 @@ def of_path(path: PathState, known: OnlineCalibration | None = None) -> np.ndarr
     covariance = pose_covariance(path.errors, position, DEPTH_M, calibration, model_of(IN_CAMERA))
     images = IMAGE + propagated_covariance(IMAGE, position)
     return np.asarray((covariance - path.errors.directed_covariance.covariance - images)[:3, :3])
+
+
+def test_the_angle_of_repeated_ambiguity_is_at_most_that_of_an_unknown_attitude() -> None:
+    path = begun()
+    for number in range(1, 100):
+        path = move(path, number, number * STEP, inflation=Inflation.AMBIGUITY)
+    directed = path.errors.directed_covariance.covariance
+    assert np.sqrt(directed[3, 3]) == pytest.approx(MAX_ANGLE_RAD)
 
 
 # ---- guesses
