@@ -141,11 +141,13 @@ def unobserved_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatA
 
         M = diag(s t, s t, climb_ratio s t, tilt_ratio w t, tilt_ratio w t, w t)^2
 
-    Speed and turn rate are those of the last motion, because the rover may have continued, but at least the configured
-    values. Each angle is at most `MAX_ANGLE_RAD`.
+    Speed and turn rate are those of the last motion, because the rover may have continued. They are at least the
+    configured values of an unobserved motion, and at most the configured maximum values, because two pairs with nearly
+    the same stamp may show any speed. Each angle is at most `MAX_ANGLE_RAD`.
     """
-    metres = max(model.bounds.unseen_speed_m_s, speed.m_s) * seconds
-    heading = max(model.bounds.unseen_turn_rad_s, speed.rad_s) * seconds
+    bounds = model.bounds
+    metres = min(max(bounds.unseen_speed_m_s, speed.m_s), bounds.max_speed_m_s) * seconds
+    heading = min(max(bounds.unseen_turn_rad_s, speed.rad_s), bounds.max_turn_rad_s) * seconds
     tilt = min(model.sources.tilt_ratio * heading, MAX_ANGLE_RAD)
     climb = model.sources.climb_ratio * metres
     return np.diag(np.square([metres, metres, climb, tilt, tilt, min(heading, MAX_ANGLE_RAD)]))

@@ -221,6 +221,16 @@ def test_a_step_from_the_first_pair_of_a_window_does_not_contain_the_motion_befo
     np.testing.assert_allclose(step.covariance, of_first_step.covariance, atol=1e-9)
 
 
+def test_an_unobserved_motion_is_at_most_as_fast_as_the_rover() -> None:
+    """Two pairs 0.1 ms apart show 2 cm: 200 m/s."""
+    bounds = MotionBounds(max_speed_m_s=2.0)
+    model = RoverModel.of(IN_CAMERA, bounds, KEYFRAME_FLOW)
+    pair = pair_at(1, 0.02 * STEP / LENGTH)._replace(stamp_ns=100_000)
+    path = trajectory.accepted(begun(), pair, model)[0]
+    gap = trajectory.kept(path, 100_000 + PERIOD_NS, model)[1]
+    assert np.sqrt(gap.covariance[0, 0]) == pytest.approx(0.1 * bounds.max_speed_m_s)
+
+
 def test_a_step_from_a_kept_pose_contains_the_motion_while_the_pose_was_kept() -> None:
     kept, gap = trajectory.kept(move(begun(), 1, STEP), 2 * PERIOD_NS, model_of(IN_CAMERA))
     step = step_to(kept, 3, 3.0 * STEP)
