@@ -41,4 +41,3 @@ class Datum:
     T_ds_world: Transform  #: Takes points in the world to DS.
     placed: StartPose  #: Last external pose that was applied at the end of the path, not at a past pose.
     pending: PendingPose | None = None  #: External pose that is not applied yet.
-    has_pairs: bool = False  #: Whether a pair has arrived.

@@ -217,12 +217,12 @@ class Localiser:
         """Return the pose at a pair.
 
         The odometry, for example from wheels, is the motion `T_before_now` of RB since the last pair. It is an initial
-        guess only. After a refused pair, the guess lacks the motion up to that pair. The stamps of successive pairs
-        must increase.
+        guess only. After a refused pair, the guess lacks the motion up to that pair.
 
-        LocalisationError if the size of the images is not the rig's.
+        LocalisationError, and no change, if the size of the images is not the rig's, or if the stamp of the pair is not
+        later than that of the previous pair.
         """
-        self._check_size(pair)
+        self._check_pair(pair)
         clock = StageClock()
         with clock.stage("wait"):
             state, findings = self._with_finished_keyframe(self._state, clock)
@@ -516,7 +516,13 @@ class Localiser:
 
     # ---- before and after the stages
 
-    def _check_size(self, pair: StereoPair) -> None:
+    def _check_pair(self, pair: StereoPair) -> None:
+        before_ns = self._state.path.arrived_ns
+        if before_ns is not None and pair.stamp_ns <= before_ns:
+            raise LocalisationError(
+                f"pair {pair.stamp_ns}: the stamp is not later than {before_ns}, the stamp of the previous pair, but "
+                f"stamps must increase. Sort the pairs by stamp, or reset the localiser to start another drive."
+            )
         height, width = pair.left.shape
         if (height, width) != (self._rig.height, self._rig.width):
             raise LocalisationError(

@@ -87,6 +87,7 @@ class PathState:
     published: PublishedPose  #: The pose published last, at which the next step starts.
     history: History = History()  #: Past poses, to which an external pose can be applied.
     window_number: int = 0  #: Number of the present window.
+    arrived_ns: int | None = None  #: Stamp of the newest pair, refused or not; None before the first pair.
 
 
 class AcceptedPair(NamedTuple):
@@ -122,20 +123,21 @@ def started(start: StartPose, model: RoverModel) -> PathState:
 
 
 def arrived(path: PathState, stamp_ns: int) -> PathState:
-    """Return the path after a pair arrived; only the first pair changes it.
+    """Return the path after a pair arrived. The first pair decides when the start pose is valid.
 
     A start pose without a stamp is valid at the first pair. A start pose with a later stamp is used from the first pair
     on, with the uncertainty of the motion until its stamp, and is applied again at its stamp.
     """
-    if path.datum.has_pairs:
+    is_first = path.arrived_ns is None
+    path = replace(path, arrived_ns=stamp_ns)
+    if not is_first:
         return path
-    datum = replace(path.datum, has_pairs=True)
     known_ns = path.last.known_ns
     if known_ns is None or known_ns > stamp_ns + MAX_START_AHEAD_NS:
-        return replace(path, datum=datum, last=path.last.at_stamp(stamp_ns))
+        return replace(path, last=path.last.at_stamp(stamp_ns))
     if known_ns > stamp_ns:
-        datum = replace(datum, pending=PendingPose(datum.placed, MAX_START_AHEAD_NS))
-    return replace(path, datum=datum)
+        return replace(path, datum=replace(path.datum, pending=PendingPose(path.datum.placed, MAX_START_AHEAD_NS)))
+    return path
 
 
 # ---- poses from images
@@ -149,7 +151,8 @@ def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[Pa
     step = _step_to_new_pose(path, pose, published, model)
     last = path.last.tracked(pair.stamp_ns, pose.T_world_left, pose.since, was_known=pair.was_known)
     past = _past_pose(last, errors, path.window_number, model, was_known=pair.was_known)
-    return PathState(last, path.datum, errors, published, path.history.with_pose(past), path.window_number), step
+    path = replace(path, last=last, errors=errors, published=published, history=path.history.with_pose(past))
+    return path, step
 
 
 def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPose:
@@ -254,7 +257,15 @@ def restarted(
     last = path.last.restarted(stamp_ns)
     window_number = path.window_number + 1
     past = _past_pose(last, errors, window_number, model, was_known=False)
-    return PathState(last, path.datum, errors, published, path.history.with_pose(past), window_number), step
+    path = replace(
+        path,
+        last=last,
+        errors=errors,
+        published=published,
+        history=path.history.with_pose(past),
+        window_number=window_number,
+    )
+    return path, step
 
 
 def lost(path: PathState) -> PathState:
@@ -335,7 +346,7 @@ def _step_to_kept_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tup
 
 def given(path: PathState, pose: StartPose, model: RoverModel) -> PathState:
     """Return the path with an external pose. After the first pair, this pose waits for a pair at or after its stamp."""
-    if not path.datum.has_pairs:
+    if path.arrived_ns is None:
         return _placed(path, pose, pose.stamp_ns, model)
     return replace(path, datum=replace(path.datum, pending=PendingPose(pose, MAX_AHEAD_NS)))
 

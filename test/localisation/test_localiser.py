@@ -66,7 +66,7 @@ def test_bits_depend_neither_on_how_fast_pairs_come_nor_on_a_drive_before(estima
     by.reset(true_pose(0))
     for index, pair in enumerate(DRIVE):
         found, wanted = by.process(pair), estimates[index]
-        beside.process(DRIVE[-1 - index])
+        beside.process(replace(DRIVE[-1 - index], stamp_ns=pair.stamp_ns))
         time.sleep(0.03 * (index % 3))
         assert found.T_ds_rb.matrix.tobytes() == wanted.T_ds_rb.matrix.tobytes()
         assert found.covariance.tobytes() == wanted.covariance.tobytes()
@@ -90,7 +90,10 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(estimates: list[PoseEs
     run(DRIVE[:3], by)
     wide = np.zeros((HEIGHT, WIDTH + 1), np.uint8)
     with pytest.raises(LocalisationError, match="161 x 120"):
-        by.process(StereoPair(5, wide, wide))
+        by.process(StereoPair(DRIVE[3].stamp_ns, wide, wide))
+    for earlier in DRIVE[1:3]:
+        with pytest.raises(LocalisationError, match=str(DRIVE[2].stamp_ns)):
+            by.process(earlier)
     assert by.process(DRIVE[3]).T_ds_rb.matrix.tobytes() == estimates[3].T_ds_rb.matrix.tobytes()
     exact = Transform.identity()
     for wrong in (
@@ -386,7 +389,7 @@ import cv2
 import numpy as np
 from numba.core.registry import CPUDispatcher
 import sfr_loc_map.localisation as package
-from helpers.made_scene import LOC_RIG, loc_pair, true_pose
+from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, loc_pair, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
@@ -409,8 +412,9 @@ compiled = {name.rsplit(".", 1)[-1] for name, forms in before.items() if forms}
 assert compiled >= {"align_patches", "track_patches", "solve_pose", "_linearise"}, compiled
 black = np.zeros((LOC_RIG.height, LOC_RIG.width), np.uint8)
 states = set()
-for index in [*range(20), None, *range(21, 30), None, *range(5, 10)]:
+for number, index in enumerate([*range(20), None, *range(21, 30), None, *range(5, 10)]):
     pair = StereoPair(0, black, black) if index is None else loc_pair(index)
+    pair = replace(pair, stamp_ns=START_NS + number * PERIOD_NS)
     for image in (pair.left, pair.right):
         image.flags.writeable = False  # as images of messages are
     states.add(localiser.process(pair).state.value)
