@@ -18,7 +18,7 @@ inferred ones. The published reason is therefore not always that of the largest 
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
 | `AFTER_GAP` | `guards.check_gap` |
-| `DIVERGED` | `guards.check_adjustment` |
+| `DIVERGED` | `guards.check_adjustment`; `_with_finished_keyframe` if the equations are singular |
 | `CALIBRATION`, `SHEARED_ROWS` | `guards.check_calibration`, `guards.check_shear` |
 
 A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, and a call in the localiser:

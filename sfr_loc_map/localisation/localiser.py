@@ -225,8 +225,8 @@ class Localiser:
         self._check_pair(pair)
         clock = StageClock()
         with clock.stage("wait"):
-            state, findings = self._with_finished_keyframe(self._state, clock)
-        outcome = self._locate(state, pair, odometry, findings, clock)
+            self._state, findings = self._with_finished_keyframe(self._state, clock)
+        outcome = self._locate(self._state, pair, odometry, findings, clock)
         self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
         # A keyframe implies an accepted pose. Only an external pose with a later stamp would discard the map.
         assert outcome.keyframe is None or self._state.landmark_map is not None
@@ -539,13 +539,15 @@ class Localiser:
             return state, frozenset()
         pending = self._pending
         self._pending = None
-        result = pending.result()
+        try:
+            result = pending.result()
+        except np.linalg.LinAlgError:
+            return self._without_map(state), frozenset({Finding.DIVERGED})
         clock.seconds["keyframe"] = result.seconds
         window = result.landmark_map.window
         findings = guards.check_adjustment(state.path.last, window.newest_pose, window.covariance)
         if findings:
-            calibration = OnlineCalibration(self._camera, self._config.window_keyframes)
-            return replace(state, landmark_map=None, calibration=calibration), findings
+            return self._without_map(state), findings
         path = trajectory.adjusted(state.path, window.newest_pose, window.covariance, has_yaw_step=result.has_yaw_step)
         state = replace(
             state,
@@ -555,6 +557,12 @@ class Localiser:
             recovery=state.recovery.with_keyframe(result.landmark_map.landmarks),
         )
         return state, findings
+
+    def _without_map(self, state: State) -> State:
+        """Return the state after an adjustment that diverged: the map and the calibration are discarded."""
+        return replace(
+            state, landmark_map=None, calibration=OnlineCalibration(self._camera, self._config.window_keyframes)
+        )
 
     def _with_pose_from_outside(self, state: State, stamp_ns: int) -> State:
         """Apply a pending external pose if its stamp is reached."""

@@ -345,23 +345,46 @@ def test_a_keyframe_is_solved_for_by_all_landmarks_though_some_are_excluded() ->
 # ---- poses that cannot be
 
 
-def test_a_diverged_adjustment_begins_a_window_and_is_reported() -> None:
+def with_pending_keyframe() -> tuple[Localiser, int]:
+    """Return a localiser that makes a keyframe in the background, and the index of the next pair."""
     by = localiser()
     number = 6
     run(DRIVE[:number], by)
     while by._pending is None:
         by.process(DRIVE[number])
         number += 1
+    return by, number
+
+
+@pytest.mark.parametrize("is_singular", [False, True])
+def test_a_diverged_adjustment_begins_a_window_and_is_reported(*, is_singular: bool) -> None:
+    by, number = with_pending_keyframe()
+    assert by._pending is not None
     result = by._pending.result()
-    problem = result.landmark_map.window.problem
-    keyframes = problem.keyframes._replace(positions=problem.keyframes.positions + 2.0)
-    window = replace(result.landmark_map.window, problem=problem._replace(keyframes=keyframes))
     by._pending = Future()
-    by._pending.set_result(replace(result, landmark_map=LandmarkMap(window)))
+    if is_singular:
+        by._pending.set_exception(np.linalg.LinAlgError("singular matrix"))
+    else:
+        problem = result.landmark_map.window.problem
+        keyframes = problem.keyframes._replace(positions=problem.keyframes.positions + 2.0)
+        window = replace(result.landmark_map.window, problem=problem._replace(keyframes=keyframes))
+        by._pending.set_result(replace(result, landmark_map=LandmarkMap(window)))
     begun, later = run(DRIVE[number : number + 2], by)
     assert (begun.state, begun.reason) == (TrackingState.DEGRADED, StateReason.IMPLAUSIBLE_MOTION)
     assert (later.state, later.reason) == (TrackingState.DEGRADED, StateReason.UNSEEN_MOTION)
     assert errors(later, true_pose(number + 1))[0] < 3.0 * sigma(later)
+
+
+def test_a_keyframe_is_kept_although_the_call_that_waited_for_it_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    by, number = with_pending_keyframe()
+    other, _ = with_pending_keyframe()
+    with monkeypatch.context() as patch:
+        patch.setattr(by._tracker, "align", None)
+        with pytest.raises(TypeError):
+            by.process(DRIVE[number])
+    found, wanted = by.process(DRIVE[number]), other.process(DRIVE[number])
+    assert found.T_ds_rb.matrix.tobytes() == wanted.T_ds_rb.matrix.tobytes()
+    assert found.covariance.tobytes() == wanted.covariance.tobytes()
 
 
 @pytest.mark.parametrize("jump_m", [20.0, float("nan")])
