@@ -71,12 +71,13 @@ class StaleRows(NamedTuple):
     """Rows of one image that repeat the previous image."""
 
     rows: Mask  #: `(H,)` textured rows that are bit-identical; all rows if the image is repeated with new noise.
-    #: Whether all textured rows are repeated; False if too few rows are textured. If
-    #: only one image of a pair is frozen, this image is blanked.
-    is_frozen: bool
-    #: Whether the whole image is repeated, textured or not, possibly with new noise. Two such images make the pair a
-    #: repeated pair.
-    is_same: bool
+    is_frozen: bool  #: Whether all textured rows are repeated; False if too few rows are textured.
+    is_same: bool  #: Whether the whole image is repeated, textured or not, possibly with new noise.
+
+    @property
+    def is_repeated(self) -> bool:
+        """Whether no part of the image was exposed again. Two such images make the pair a repeated pair."""
+        return self.is_frozen or self.is_same
 
 
 class ImageMemory(NamedTuple):
@@ -100,7 +101,7 @@ class ImageComparison(NamedTuple):
 
     @property
     def is_one_frozen(self) -> bool:
-        """Whether one image is frozen; False for a repeated pair."""
+        """Whether exactly one image is frozen; False for a repeated pair."""
         return self.is_left_frozen or self.is_right_frozen
 
 
@@ -113,7 +114,7 @@ def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
     before = memory.pair
     left = stale_rows(before.left, pair.left)
     right = stale_rows(before.right, pair.right)
-    if is_swapped_repeat(before, pair) or (left.is_same and right.is_same):
+    if is_swapped_repeat(before, pair) or (left.is_repeated and right.is_repeated):
         return ImageComparison(pair, memory, nothing, is_repeated=True)
     if not (left.rows.any() or right.rows.any()):
         return ImageComparison(pair, ImageMemory(pair, left, right), nothing)

@@ -97,6 +97,19 @@ def test_no_window_begins_with_images_of_two_moments() -> None:
     ]
 
 
+def test_two_frozen_images_are_a_repeated_pair_although_their_sky_changed() -> None:
+    """The sky has no texture, so that only its brightness changes between the two pairs."""
+
+    def with_sky(pair: StereoPair, stamp_ns: int, level: int) -> StereoPair:
+        sides = [np.concatenate((np.full_like(s[:30], level), s[30:])) for s in (pair.left, pair.right)]
+        return StereoPair(stamp_ns, *sides)
+
+    pairs = [with_sky(pair, pair.stamp_ns, 200) for pair in DRIVE[:8]]
+    pairs[6:] = [with_sky(DRIVE[5], DRIVE[number].stamp_ns, 203) for number in (6, 7)]
+    for estimate in run(pairs)[6:]:
+        assert (estimate.state, estimate.reason) == (TrackingState.DEGRADED, StateReason.REPEATED_IMAGES)
+
+
 def test_a_frozen_image_does_not_hide_the_stale_rows_of_the_other_one() -> None:
     new = torn(DRIVE[6], DRIVE[5], HEIGHT // 2)
     memory = compare(DRIVE[5], None).memory
