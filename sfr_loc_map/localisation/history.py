@@ -43,9 +43,12 @@ class History(NamedTuple):
     def at(self, stamp_ns: int) -> tuple[PastPose, float]:
         """Return the pose at a stamp, and the time between the returned pose and the stamp, s.
 
-        The stamp must not be later than the last pose. The pose is interpolated between two pairs if the earlier pose
-        was known, and the errors are those of the later pair. Otherwise the nearest pose is returned.
+        The pose is interpolated between two pairs if the earlier pose was known, and the errors are those of the later
+        pair. Otherwise the nearest pose is returned, which is the last pose for a later stamp.
         """
+        last = self.poses[-1]
+        if stamp_ns > last.stamp_ns:
+            return last, (stamp_ns - last.stamp_ns) / NS_PER_S
         after = bisect_left(self.poses, stamp_ns, key=lambda pose: pose.stamp_ns)
         later = self.poses[after]
         if later.stamp_ns == stamp_ns:

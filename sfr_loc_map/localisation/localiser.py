@@ -59,8 +59,8 @@ Four other events change the state:
 
 - A keyframe of the previous call is finished: path, map, calibration and recovery images. If its adjustment diverged,
   the map is discarded and the calibration is reset instead.
-- An external pose is applied: path. The map is discarded if neither a pose was accepted nor a window began since the
-  stamp of that pose.
+- An external pose is applied: path. The map is discarded if the stamp of that pose is more than one period later than
+  the last pair that was accepted or began a window.
 - The first pair arrives: path.
 - `set_pose` is called: path.
 

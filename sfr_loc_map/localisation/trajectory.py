@@ -354,9 +354,9 @@ def given(path: PathState, pose: StartPose, model: RoverModel) -> PathState:
 def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, bool]:
     """Return the path with the pending external pose applied if its stamp is reached, and whether to discard the map.
 
-    The map is discarded if no pose was accepted since the stamp of the external pose, because the position of the
-    external pose in the map is then unknown.
-    In this case, the motion from that stamp to the pair is unobserved.
+    An external pose that is at most one period later than the last accepted pose applies to that pose, with the
+    covariance of an unobserved motion between the two. If the external pose is still later, its position in the map is
+    unknown. The map is then discarded, and the motion from the stamp of the external pose to the pair is unobserved.
     """
     pending = path.datum.pending
     if pending is None:
@@ -366,7 +366,7 @@ def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tupl
         return path, False
     path = replace(path, datum=replace(path.datum, pending=None))
     last_ns = path.history.last_ns
-    if last_ns is None or at_ns > last_ns:
+    if last_ns is None or at_ns > last_ns + path.last.period_ns:
         placed = _placed(path, pending.pose, at_ns, model)
         unobserved = _unobserved_of_left(placed, stamp_ns, model)
         return replace(placed, errors=placed.errors.kept(unobserved)), True

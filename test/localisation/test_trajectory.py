@@ -295,11 +295,11 @@ def test_the_second_of_two_late_poses_replaces_the_first_and_the_covariance_stay
 def test_a_pose_from_outside_while_a_pose_is_kept_leaves_the_motion_since_its_stamp_uncertain() -> None:
     model = model_of(IN_CAMERA)
     path = trajectory.kept(move(begun(), 1, STEP), 11 * PERIOD_NS, model)[0]
-    exact = StartPose(Transform(np.eye(3), STEP), NOTHING, 2 * PERIOD_NS)
+    exact = StartPose(Transform(np.eye(3), STEP), NOTHING, 3 * PERIOD_NS)
     path, is_map_forgotten = trajectory.with_pending_pose(trajectory.given(path, exact, model), 11 * PERIOD_NS, model)
     assert is_map_forgotten
     at_pair = path.errors.unobserved
-    expected = np.square(model.bounds.unseen_speed_m_s * 0.9)
+    expected = np.square(model.bounds.unseen_speed_m_s * 0.8)
     np.testing.assert_allclose(at_pair[[0, 1], [0, 1]], expected, rtol=1e-6)
     later = trajectory.kept(path, 12 * PERIOD_NS, model)[0].errors.unobserved
     assert np.linalg.eigvalsh(later - at_pair)[0] >= 0.0
