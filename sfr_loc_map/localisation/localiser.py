@@ -204,6 +204,14 @@ class Localiser:
         """
         self._state = replace(self._state, path=trajectory.given(self._state.path, StartPose.of(pose), self._model))
 
+    @property
+    def known_ns(self) -> int | None:
+        """Stamp since which the odometry of the next pair is measured; None if that pair begins a window.
+
+        It is the stamp of the last accepted pair, or of an external pose that was applied later.
+        """
+        return None if self._state.landmark_map is None else self._state.path.last.known_ns
+
     @staticmethod
     def warm_up() -> None:
         """Compile or load all kernels on a small drive, so that later calls need not do this."""
@@ -216,8 +224,8 @@ class Localiser:
     def process(self, pair: StereoPair, odometry: Transform | None = None) -> PoseEstimate:
         """Return the pose at a pair.
 
-        The odometry, for example from wheels, is the motion `T_before_now` of RB since the last pair. It is an initial
-        guess only. After a refused pair, the guess lacks the motion up to that pair.
+        The odometry, for example from wheels, is the motion `T_before_now` of RB since `known_ns`. The odometry is an
+        initial guess only.
 
         LocalisationError, and no change, if the size of the images is not the rig's, or if the stamp of the pair is not
         later than that of the previous pair.

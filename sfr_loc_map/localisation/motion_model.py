@@ -75,8 +75,7 @@ class LastPose:
     def predict(self, stamp_ns: int, odometry: Transform | None, model: RoverModel) -> Guesses:
         """Return the initial guesses of the next pose.
 
-        The odometry is the motion `T_before_now` of RB since the last pair, from another source. The motion is applied
-        to the last known pose. After a refused pair, this guess lacks the motion from that pose to the refused pair.
+        The odometry is the motion `T_before_now` of RB since the last known pose (`known_ns`), from another source.
         """
         last = self.T_world_left
         repeated = last @ self.T_before_last

@@ -29,8 +29,7 @@ LocaliserFactory = Callable[[StereoRig, LocalisationConfig, StartPose], Localise
 class LocalisationSession:
     """Owns the localiser of a node; for use by a single thread.
 
-    `tracked_ns` is the stamp of the last pair that the present localiser tracked, None before the first. If
-    `may_resume`, the next pair starts a localiser at the pose that the previous process saved.
+    If `may_resume`, the next pair starts a localiser at the pose that the previous process saved.
     """
 
     def __init__(
@@ -42,7 +41,6 @@ class LocalisationSession:
     ) -> None:
         """Start at the identity, or at the pose that the previous process saved in a file."""
         self.may_resume = pose_file is not None
-        self.tracked_ns: int | None = None
         self._config, self._pose_file, self._warn, self._make_localiser = config, pose_file, warn, make_localiser
         self._rig: StereoRig | None = None
         self._localiser: Localiser | None = None
@@ -121,7 +119,6 @@ class LocalisationSession:
                     f"localisation resumes at the pose of {gap_s:.1f} s before: the motion since then is unknown"
                 )
         self._localiser, self._localiser_rig = self._make_localiser(rig, self._config, self._start), rig
-        self.tracked_ns = None
         return self._localiser
 
     def accept(self, estimate: PoseEstimate) -> None:
@@ -136,7 +133,6 @@ class LocalisationSession:
             self._start = replace(self._start, stamp_ns=estimate.stamp_ns)
         if estimate.state is TrackingState.LOST:
             return
-        self.tracked_ns = estimate.stamp_ns
         self._last = StartPose(estimate.T_ds_rb, estimate.covariance, estimate.stamp_ns)
         if self._pose_file is not None and self._localiser_rig is not None:
             try:

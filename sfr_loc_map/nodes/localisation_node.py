@@ -234,8 +234,8 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         pair = received.decode()
         conversion_s = time.perf_counter() - begin
         localiser = self._session.localiser_at(pair.stamp_ns, self._extrinsics.T_rb_sb)
-        before_ns, wait_s = self._session.tracked_ns, self.config.motion_prior.wait_s
-        motion = None if before_ns is None else self._motion_prior.between(before_ns, pair.stamp_ns, wait_s)
+        known_ns, wait_s = localiser.known_ns, self.config.motion_prior.wait_s
+        motion = None if known_ns is None else self._motion_prior.between(known_ns, pair.stamp_ns, wait_s)
         with self.meter.measure() as usage:
             estimate = localiser.process(pair, motion)
         self._session.accept(estimate)

@@ -297,6 +297,17 @@ def test_a_pair_that_stays_is_ever_less_certain_until_another_comes() -> None:
     assert errors(estimates[7], true_pose(7))[0] < 0.003
 
 
+def test_wheel_odometry_counts_from_the_last_accepted_pair() -> None:
+    by = localiser()
+    assert by.known_ns is None
+    run(DRIVE[:4], by)
+    for refused in (replace(DRIVE[3], stamp_ns=DRIVE[4].stamp_ns), black(5)):
+        by.process(refused)
+        assert by.known_ns == DRIVE[3].stamp_ns
+    by.process(DRIVE[6])
+    assert by.known_ns == DRIVE[6].stamp_ns
+
+
 @pytest.mark.parametrize("fault", ["swapped", "identical"])
 def test_images_that_are_no_stereo_pair_are_lost_and_begin_no_window(fault: str) -> None:
     def mixed(pair: StereoPair) -> StereoPair:
