@@ -19,10 +19,10 @@ Three values record faults of earlier pairs. They are separate because they answ
 | value | question | set by | reset by |
 |---|---|---|---|
 | `confidence` | is the tracked motion the ground's? | a case with `leaves_doubt` | pairs that agree |
-| `recovering_pairs` | may later images be faulty? | partial transfers; `starts_recovery`; stale rows | moving pairs |
+| `pairs_to_recovery` | may later images be faulty? | partial transfers; `starts_recovery`; stale rows | moving pairs |
 | `transfers` | was the previous pair partially transferred? | partial transfers; stale rows | any other case |
 
-A new window also resets `recovering_pairs` and `transfers`.
+A new window also resets `pairs_to_recovery` and `transfers`.
 """
 
 from __future__ import annotations
@@ -191,7 +191,9 @@ class GroundMemory:
     previous: FloatImage | None = None
     confidence: Confidence = Confidence()
     transfers: int = 0  #: Number of consecutive partially transferred pairs.
-    recovering_pairs: int = 0  #: Number of further moving pairs that stay degraded (`Finding.RECOVERING`).
+    #: Number of moving pairs that must follow until faults of earlier pairs have no more effect. All of these pairs but
+    #: the last are degraded (`Finding.RECOVERING`).
+    pairs_to_recovery: int = 0
     #: Typical fraction of unexplained landmarks; None until a pair of the window confirms.
     typical: float | None = None
 
@@ -203,7 +205,7 @@ class GroundMemory:
     @property
     def is_clear(self) -> bool:
         """Whether faults of earlier pairs have no more effect: no recovery, no partial transfer, no doubt."""
-        return self.recovering_pairs == 0 and self.transfers == 0 and self.confidence.phase is not Phase.IN_DOUBT
+        return self.pairs_to_recovery == 0 and self.transfers == 0 and self.confidence.phase is not Phase.IN_DOUBT
 
     def after(
         self,
@@ -232,7 +234,7 @@ class GroundMemory:
             previous=image,
             confidence=self.confidence_after(effect, main),
             transfers=transfers,
-            recovering_pairs=self.recovering_after(effect, transfers, is_moving=is_moving),
+            pairs_to_recovery=self.recovering_after(effect, transfers, is_moving=is_moving),
             typical=self.typical_after(main.unexplained_fraction) if effect.confirms else self.typical,
         )
 
@@ -282,19 +284,19 @@ class GroundMemory:
         return typical + gain * (unexplained - typical)
 
     def recovering_after(self, effect: Effect, transfers: int, *, is_moving: bool) -> int:
-        """Return for how many pairs with motion after a pair the pose stays degraded.
+        """Return the value of `pairs_to_recovery` after a pair.
 
-        After a partial transfer the number is at least the smaller of `transfers` and `AGREEING_PAIRS`.
+        After a partial transfer, the value is at least the smaller of `transfers` and `AGREEING_PAIRS`.
         """
         if effect.is_transfer:
-            return max(self.recovering_pairs, min(transfers, AGREEING_PAIRS))
+            return max(self.pairs_to_recovery, min(transfers, AGREEING_PAIRS))
         if effect.starts_recovery:
-            return max(self.recovering_pairs, AGREEING_PAIRS)
+            return max(self.pairs_to_recovery, AGREEING_PAIRS)
         return self.still_recovering(is_moving=is_moving)
 
     def still_recovering(self, *, is_moving: bool) -> int:
-        """Return for how many further pairs with motion the pose stays degraded; other pairs do not count."""
-        return max(self.recovering_pairs - 1, 0) if is_moving else self.recovering_pairs
+        """Return the value of `pairs_to_recovery` after a pair without a fault; only moving pairs reduce it."""
+        return max(self.pairs_to_recovery - 1, 0) if is_moving else self.pairs_to_recovery
 
     def in_new_window(self, frame: StereoFrame, pose: Pose) -> GroundMemory:
         """Return the memory in a new window. The ground must be learnt again, and doubt persists."""
@@ -304,7 +306,7 @@ class GroundMemory:
             previous=None,
             confidence=self.confidence.after_interruption(),
             transfers=0,
-            recovering_pairs=0,
+            pairs_to_recovery=0,
             typical=None,
         )
 
@@ -313,4 +315,4 @@ class GroundMemory:
         if not stale.any():
             return self
         pairs = LONG_DOUBT_PAIRS if stale.mean() > MOSTLY_STALE else 1
-        return replace(self, transfers=max(self.transfers, 1), recovering_pairs=max(self.recovering_pairs, pairs))
+        return replace(self, transfers=max(self.transfers, 1), pairs_to_recovery=max(self.pairs_to_recovery, pairs))
