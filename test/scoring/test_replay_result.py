@@ -168,20 +168,37 @@ def test_the_calls_of_a_replay_belong_to_its_estimate(tmp_path: Path) -> None:
     assert score.warnings == score_files(inputs, config).warnings
 
 
+def of_external(source: Source, calls: list[CallRecord], answers: AnswerCounts, config: ScoreConfig) -> ReplayResult:
+    """The result of a replay to an external localiser whose poses are those of the truth, shortened by 0.1 %."""
+    truth = source.loc.ground_truth
+    estimate = Trajectory(truth.stamps_ns, 0.999 * truth.positions, truth.quats_xyzw)
+    node = ExternalScore(task="localisation", topic="t", frames="odom", answers=answers, latency_s=None)
+    run = ExternalResult(MethodRecord(name="n", version=None, kind=MethodKind.EXTERNAL), node, ())
+    return with_converted_poses(ReplayResult(estimate, None, calls, (), run), source, config, Correction())
+
+
 @pytest.mark.parametrize("state", [None, "", "tracking"])
 def test_the_states_of_an_external_node_that_reports_none_are_unknown(tmp_path: Path, state: str | None) -> None:
     source = open_source(write_folder(tmp_path / "source", 12, 0))
-    truth = source.loc.ground_truth
-    estimate = Trajectory(truth.stamps_ns, 0.999 * truth.positions, truth.quats_xyzw)
     seconds = math.nan if state is None else 0.1
-    calls = [CallRecord(int(stamp), seconds, state or "") for stamp in truth.stamps_ns]
-    answers = AnswerCounts(pairs=12, answered=12)
-    node = ExternalScore(task="localisation", topic="t", frames="odom", answers=answers, latency_s=None)
-    run = ExternalResult(MethodRecord(name="n", version=None, kind=MethodKind.EXTERNAL), node, ())
+    calls = [CallRecord(int(stamp), seconds, state or "") for stamp in source.loc.ground_truth.stamps_ns]
     config = score_config(("frames=2",), {})
-    result = with_converted_poses(ReplayResult(estimate, None, calls, (), run), source, config, Correction())
+    result = of_external(source, calls, AnswerCounts(pairs=12, answered=12), config)
     limits = parse_limits({"trajectory": [{"condition": "frames=2", "lost_max_share": 0.0}]}, "limits")
     score = score_replay(source, result, config, limits)
     found = [score.number(name) for name in ("lost", "degraded")]
     assert (found, score.verdict) == (([0.0, 0.0], "pass") if state == "tracking" else ([None, None], "incomplete"))
     assert len(result.records) == 12
+
+
+@pytest.mark.parametrize("doubled", [0, 3])
+def test_a_drive_with_several_answers_to_a_pair_is_incomplete(tmp_path: Path, doubled: int) -> None:
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
+    calls = [CallRecord(int(stamp), 0.1, "tracking") for stamp in source.loc.ground_truth.stamps_ns]
+    config = score_config(("frames=2",), {"trajectory.spacing": 1})
+    result = of_external(source, calls, AnswerCounts(pairs=12, answered=12, doubled=doubled), config)
+    about = {"minimum_independent": 1, "trajectory": [{"condition": "frames=2", "position_mean_m": 1.0}]}
+    verdict = score_replay(source, result, config, parse_limits(about, "limits")).verdict
+    assert verdict == ("incomplete" if doubled else "pass")
+    accepted = {**about, "completeness": [{"calls_doubled_max_share": 0.3}]}
+    assert score_replay(source, result, config, parse_limits(accepted, "limits")).verdict == "pass"

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
 from sfr_loc_map.metrics.drive_completeness import DISTANCE, TIME, LongestGap, covered_text
@@ -43,6 +44,7 @@ NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (o
 NO_STAMP = "the {part} calls have no stamps, so their pairs are unknown"
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
+SCOPE_OF = {Task.LOCALISATION: Scope.DRIVE, Task.MAPPING: Scope.MAP}  #: Scope of the results of a task.
 KIND_OF = {kind.figure: kind for kind in SHORTFALLS}
 STATES = RowPart("states")  #: Part of the shortfalls for unknown states of poses, which affect no other limit.
 
@@ -127,6 +129,7 @@ def _of_limits(score: Score, rules: Rules) -> Iterator[Shortfall]:
         return
     for part in judged_parts(rules, score):
         yield from _of_scope(score, part)
+        yield from _answered_twice(score, part)
     for find in (_beyond_the_judged, _met_by_standing, _unknown_state):
         for limit in rules.limits:
             yield from find(score, limit, rules)
@@ -155,6 +158,19 @@ def _of_scope(score: Score, part: RowPart) -> Iterator[Shortfall]:
             template = missing_text(score) if kind.figure == "missing" else TEXTS[kind.figure]
             text = template.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=calls)
             yield Shortfall(kind, part, kind.most, value, text, score.index_of(found))
+
+
+def _answered_twice(score: Score, part: RowPart) -> Iterator[Shortfall]:
+    """Yield a shortfall of the results of an external node if pairs have several answers, of which the first is judged.
+
+    The other answers are in no other figure of these results.
+    """
+    node = score.external
+    if node is None or part.what != SCOPE_OF[Task(node.task)] or not node.answers.doubled:
+        return
+    kind, row = KIND_OF["calls_doubled"], score.figure("calls_doubled", part=node.task)
+    text = f"{node.answers.doubled} answers belong to pairs that were answered before"
+    yield Shortfall(kind, part, kind.most, None if row is None else row.value, text, score.index_of(row))
 
 
 def _beyond_the_judged(score: Score, limit: Limit, rules: Rules) -> Iterator[Shortfall]:

@@ -40,7 +40,7 @@ class AnswerBook:
             self._answered(stamp_ns, received_s)
 
     def note_answer(self, stamp_ns: int, frames: str, problem: str) -> bool:
-        """Note an answer; return whether the answer is used.
+        """Note an answer; return whether the answer is used. Only the first answer to a pair is used.
 
         `frames` are `parent -> child` of a pose, `parent` of a cloud. `problem` is why the answer is unusable; empty if
         the answer is usable.
@@ -58,8 +58,9 @@ class AnswerBook:
         if stamp_ns in self._sent:
             return self._answered(stamp_ns, now)
         # the stamp of no pair, or of a pair whose last image is not published yet
-        self._early.setdefault(stamp_ns, []).append(now)
-        return True
+        earlier = self._early.setdefault(stamp_ns, [])
+        earlier.append(now)
+        return len(earlier) == 1
 
     def note_restart(self, how: str) -> None:
         """Note that the node ended during the run, although another process answers in its place.
@@ -128,7 +129,7 @@ class AnswerBook:
         """Note the answer to a published pair; return whether the answer is used."""
         if stamp_ns in self._latency_s:
             self._note("doubled", FindingKind.DOUBLED, stamp_ns, "the pair was answered already")
-            return True
+            return False
         latency_s = received_s - self._sent[stamp_ns]
         self._latency_s[stamp_ns] = latency_s
         if latency_s < -EARLY_S:

@@ -45,6 +45,20 @@ def test_an_answer_after_its_time_is_none(book: AnswerBook, latency_s: float, is
     assert book.latency_s.mean == pytest.approx(latency_s), "its time counts all the same"
 
 
+@pytest.mark.parametrize("latency_s", [0.5, 1.5, -0.05])
+def test_only_the_first_answer_in_time_is_used(book: AnswerBook, latency_s: float) -> None:
+    """A node that repeats its answers, perhaps with corrected poses, is judged by the poses that it gave in time."""
+    is_early, is_late = latency_s < 0.0, latency_s > TIMEOUT_S
+    if not is_early:
+        book.note_sent(PAIR_NS, 10.0 - latency_s)
+    assert book.note_answer(PAIR_NS, "ds -> rb", "") is not is_late
+    assert not book.note_answer(PAIR_NS, "ds -> rb", "")
+    if is_early:
+        book.note_sent(PAIR_NS, 10.0 - latency_s)
+    assert not book.note_answer(PAIR_NS, "ds -> rb", "")
+    assert (book.counts.answered, book.counts.late, book.counts.doubled) == (not is_late, is_late, 2)
+
+
 def test_a_node_that_was_started_again_has_crashed(book: AnswerBook) -> None:
     book.note_sent(PAIR_NS, 9.9)
     book.note_restart("the publisher has left")
