@@ -104,7 +104,7 @@ class FoxgloveServer:
     def _send_figures(self) -> None:
         """Send the state as JSON, and both paths."""
         with self._state.lock:
-            rows, newest = list(self._state.path.rows), self._state.path.newest
+            rows, newest = self._state.path.drawn, self._state.path.newest
         self._channels[FIGURES].log(json.dumps(self._state.to_plain(time.time()), allow_nan=False).encode())
         stamp = _stamp(0 if newest is None else newest.stamp_ns)
         estimate, truth = [row.position_m for row in rows], [row.truth_m for row in rows if row.truth_m]

@@ -20,7 +20,8 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.updates import PoseSample, Track
 
 MAX_ROWS = 4000
-"""Maximum number of poses. When exceeded, every second pose is dropped, and later poses are thinned likewise."""
+"""Maximum number of kept poses: of each interval of poses the first one that is lost, and the first one that is not.
+When it is exceeded, the intervals are doubled, so that a loss of any length leaves room for later poses."""
 MAX_TRUTHS = 4000  #: Maximum number of true poses.
 MAX_PENDING = 400  #: Maximum number of estimates that wait for a true pose.
 MAX_GAP_NS = NS_PER_S  #: Longest gap of the truth across which poses are interpolated.
@@ -72,12 +73,19 @@ class LivePath:
         self.newest: PathRow | None = None  # the last pose, also if thinning drops it from `rows`
         self._last_ns: dict[Track, int] = {}  # last stamp of each track
         self._count = 0
-        self._every = 1
+        self._interval = 1  # number of poses in each interval
         self._truths: deque[tuple[int, Transform]] = deque(maxlen=MAX_TRUTHS)
         self._pending: deque[tuple[PoseSample, float | None]] = deque(maxlen=MAX_PENDING)
         self._to_truth: Transform | None = None
         self._positions_alone = False
         self._last: tuple[Point, Point | None, float] | None = None  # estimate as sent, truth, distance
+
+    @property
+    def drawn(self) -> list[PathRow]:
+        """The kept poses, and the newest one."""
+        if self.newest is None or self.rows[-1] is self.newest:
+            return [*self.rows]
+        return [*self.rows, self.newest]
 
     def is_late(self, sample: PoseSample) -> bool:
         """Return whether the stamp of a pose does not exceed the last stamp of its track."""
@@ -137,12 +145,19 @@ class LivePath:
         )
         self._count += 1
         self.newest = row
-        if row.n % self._every == 0 or row.lost:
+        if self._place(row) not in map(self._place, self.rows[-2:]):
             self.rows.append(row)
-            if len(self.rows) > MAX_ROWS:
-                self._every *= 2
-                self.rows = self.rows[::2]
-                self.version += 1
+        while len(self.rows) > MAX_ROWS:
+            self._interval *= 2
+            kept: dict[tuple[int, bool], PathRow] = {}
+            for row in self.rows:
+                kept.setdefault(self._place(row), row)
+            self.rows = list(kept.values())
+            self.version += 1
+
+    def _place(self, row: PathRow) -> tuple[int, bool]:
+        """Return the interval of a pose and whether the pose is lost. One pose is kept for each of these places."""
+        return row.n // self._interval, row.lost
 
     def _distance_m(self, sent: Point, true_at: Point | None) -> float:
         """Return the distance travelled. A step is measured along the truth if both of its poses have a truth.

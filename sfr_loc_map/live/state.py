@@ -67,6 +67,11 @@ class LiveState:
         self._call_count = 0
 
     @property
+    def call_numbers(self) -> tuple[int, int]:
+        """Number of the first kept call, and number of the next call."""
+        return self._call_count - len(self.calls), self._call_count
+
+    @property
     def ended(self) -> bool:
         """Whether the run is over."""
         return self.ended_s is not None
@@ -279,6 +284,7 @@ class LiveState:
         accepted, begins_run = self._runs.add(update.track, update.stamp_ns, update)
         if begins_run:
             self.path.restart()
+            self._forget_calls_before(accepted[0].received_s)
             if not self.ended:
                 self.timeline.begin_run(accepted[0].stamp_ns, update.received_s)
         for pose in accepted:
@@ -287,6 +293,11 @@ class LiveState:
             if pose.track is updates.Track.ESTIMATE and not self.ended:
                 self.timeline.take_estimate(pose)
             self.path.add(pose, self._published.get(pose.stamp_ns))
+
+    def _forget_calls_before(self, received_s: float) -> None:
+        """Forget the calls of the previous run, which were received before the first pose of the new run."""
+        while self.calls and self.calls[0].call.received_s < received_s:
+            self.calls.popleft()
 
     def _take_status(self, update: updates.Status) -> None:
         """Add a node's health, unusable input or internal fault."""

@@ -16,7 +16,7 @@ from aiohttp import web
 
 from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.live.messages import PageMedia, binary_message, text_message
-from sfr_loc_map.live.path import ROW_FIELDS
+from sfr_loc_map.live.path import ROW_FIELDS, PathRow
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import MediaKind
 
@@ -34,7 +34,9 @@ class Viewer:
         self._sent_media: dict[str, PageMedia] = {}  # by topic, oldest first
         self._path_version = -1  # version of the path that was sent
         self._next_row = 0
+        self._last_row: PathRow | None = None  # last pose that was sent
         self._next_call = 0
+        self._first_call = 0
 
     def notify(self, texts: dict[str, str]) -> None:
         """Note a change, with the latest messages that are sent to all pages."""
@@ -72,27 +74,31 @@ class Viewer:
         return new
 
     def _new_rows(self) -> list[str]:
-        """Return the poses that are new to the page; all poses after the path was thinned or restarted."""
+        """Return the poses that are new to the page, and the last pose; all poses after a thinning or a restart."""
         with self._state.lock:
             path = self._state.path
             is_whole = path.version != self._path_version
             self._path_version = path.version
             first = 0 if is_whole else bisect_left(path.rows, self._next_row, key=attrgetter("n"))
             rows = path.rows[first:]
-            before_m = path.before_m
-        if not rows and not is_whole:
+            before_m, last = path.before_m, path.newest
+        if last is self._last_row and not is_whole:
             return []
-        self._next_row = rows[-1].n + 1 if rows else 0
+        self._last_row = last
+        self._next_row = 0 if last is None else last.n + 1
         plain = [row.to_plain() for row in rows]
-        return [text_message("path", {"whole": is_whole, "rows": plain, "before_m": before_m})]
+        last_plain = None if last is None else last.to_plain()
+        return [text_message("path", {"whole": is_whole, "rows": plain, "last": last_plain, "before_m": before_m})]
 
     def _new_calls(self) -> list[str]:
+        """Return the calls that are new to the page, and the number of the first call that the page keeps."""
         with self._state.lock:
+            first, end = self._state.call_numbers
             calls = [call for call in self._state.calls if call.n >= self._next_call]
-        if not calls:
+        if (first, end) == (self._first_call, self._next_call):
             return []
-        self._next_call = calls[-1].n + 1
-        return [text_message("calls", {"calls": [call.to_plain() for call in calls]})]
+        self._first_call, self._next_call = first, end
+        return [text_message("calls", {"first": first, "calls": [call.to_plain() for call in calls]})]
 
     def _next_media(self) -> PageMedia | None:
         """Return a new image or map that the page shows, from the topic that has waited longest."""

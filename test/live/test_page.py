@@ -140,7 +140,7 @@ async def check_clock(browser: Browser, state: LiveState) -> None:
 
 
 async def check_commands(browser: Browser, operator: Recorder) -> None:
-    """A reset is asked for twice, a bookmark once; a page whose connection was cut gets all again."""
+    """A reset is asked for twice, a bookmark once; a page whose connection was cut gets all again, and nothing else."""
     await browser.wait_for(f"!{RESET}.disabled")
     await browser.value(f"{RESET}.click()")
     assert operator.commands == []
@@ -149,8 +149,10 @@ async def check_commands(browser: Browser, operator: Recorder) -> None:
     await browser.value("document.getElementById('bookmark').click()")
     await browser.wait_for(f"{text('bookmark')} === 'Bookmarked'")
     assert [command.action for command in operator.commands] == [Action.RESET, Action.BOOKMARK]
-    await browser.value("sfrLive.connection.socket.close(), sfrLive.run.poses = []")
+    earlier = "sfrLive.run.images.set('of an earlier run', null)"
+    await browser.value(f"sfrLive.connection.socket.close(), {earlier}, sfrLive.run.keptPoses = []")
     await browser.wait_for("sfrLive.run.poses.length === 81")
+    assert not await browser.value("sfrLive.run.images.has('of an earlier run')")
 
 
 async def check_hostile_names(browser: Browser, state: LiveState) -> None:

@@ -112,15 +112,41 @@ def test_late_poses_begin_no_run_on_the_page_because_they_begin_none_in_the_moni
 
 
 def test_the_last_pose_is_shown_also_if_the_path_is_thinned() -> None:
-    """A long path keeps every second pose and each lost one; the pose that is displayed is the last received one."""
+    """A long path keeps every second pose and a short loss; the pose that is displayed is the last received one."""
     state = LiveState()
     for number in range(MAX_ROWS + 2):
         state.put(pose(Track.ESTIMATE, number, drive(number)))
-    lost, found = MAX_ROWS + 2, MAX_ROWS + 3
+    lost, last = MAX_ROWS + 2, MAX_ROWS + 5
     state.put(pose(Track.ESTIMATE, lost, drive(lost), LOST_VARIANCE))
-    state.put(pose(Track.ESTIMATE, found, drive(found)))
-    live = state.live_to_plain(found)
-    assert live["localisation"]["position_m"] == pytest.approx(drive(found).translation.tolist())
+    for number in range(lost + 1, last + 1):
+        state.put(pose(Track.ESTIMATE, number, drive(number)))
+    live = state.live_to_plain(last)
+    assert live["localisation"]["position_m"] == pytest.approx(drive(last).translation.tolist())
     assert not live["localisation"]["lost"]
-    assert live["poses"] == found + 1
-    assert state.path.rows[-1].lost, "the last pose is not kept"
+    assert live["poses"] == last + 1
+    assert [row.n for row in state.path.rows[-3:]] == [lost, lost + 1, last - 1]
+    assert [row.n for row in state.path.drawn[-2:]] == [last - 1, last]
+
+
+@pytest.mark.parametrize("lost_count", [MAX_ROWS, 5 * MAX_ROWS])
+def test_a_long_loss_leaves_room_for_later_poses(lost_count: int) -> None:
+    """The path shows the poses after a loss of an hour as densely as the poses before the loss."""
+    path, found_count = LivePath(), 1000
+    for number in range(2 * found_count + lost_count):
+        is_lost = found_count <= number < found_count + lost_count
+        path.add(pose(Track.ESTIMATE, number, drive(number), LOST_VARIANCE if is_lost else 1e-4))
+    before, after = ([row for row in path.rows if (row.n < found_count) is is_before] for is_before in (True, False))
+    shown = len([row for row in after if not row.lost])
+    assert len(before) > 50
+    assert shown == pytest.approx(len(before), abs=2)
+
+
+def test_a_thinned_path_is_bounded_and_shows_each_short_loss() -> None:
+    path, lost = LivePath(), {MAX_ROWS // 2, 3 * MAX_ROWS}
+    for number in range(4 * MAX_ROWS):
+        path.add(pose(Track.ESTIMATE, number, drive(number), LOST_VARIANCE if number in lost else 1e-4))
+        assert len(path.rows) <= MAX_ROWS
+    assert {row.n for row in path.rows if row.lost} == lost
+    for number in range(4 * MAX_ROWS, 6 * MAX_ROWS):  # tracking that is lost at every second pose
+        path.add(pose(Track.ESTIMATE, number, drive(number), LOST_VARIANCE if number % 2 else 1e-4))
+        assert len(path.rows) <= MAX_ROWS

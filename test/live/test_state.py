@@ -101,6 +101,20 @@ def test_errors_are_those_that_the_monitor_has_scored(kind: str) -> None:
     assert state.path.rows[-1].truth_m is not None
 
 
+def test_a_new_run_shows_no_call_of_the_previous_one() -> None:
+    state = LiveState()
+    for number in range(20):
+        for update in frame(number, float(number)):
+            state.put(update)
+        state.put(call(number, float(number)))
+    for number in range(5):  # three poses begin a run
+        for update in frame(number, 100.0 + number):
+            state.put(update)
+        state.put(call(number, 100.0 + number))
+    assert [item.call.received_s for item in state.calls] == [100.0 + number for number in range(5)]
+    assert state.call_numbers == (20, 25)
+
+
 def test_memory_is_bounded() -> None:
     state = LiveState()
     for number in range(MAX_CALLS + 50):

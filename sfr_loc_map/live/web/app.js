@@ -31,7 +31,7 @@ const isDark = matchMedia("(prefers-color-scheme: dark)");
 const panels = [
   { id: "events", show: showEvents, data: () => [run.events, run.live] },
   { id: "limits", show: showLimits, data: () => [run.report] },
-  { id: "path", show: showPath, data: () => [run.poses, run.beforeM] },
+  { id: "path", show: showPath, data: () => [run.keptPoses, run.lastPose, run.beforeM] },
   { id: "cameras", show: showCameras, everyMs: TICK_MS, data: camerasData },
   { id: "errors", show: showErrors, data: () => [run.report, run.poses.length > 0] },
   { id: "map", show: showMap, data: () => [run.map, byId("layer").value] },

@@ -1,14 +1,18 @@
 // The data of the run: the latest message of each kind, and the poses and calls so far. live/messages.py lists the kinds.
 
-const MAX_CALLS = 600;
-
 export class Run {
   constructor() {
+    this.forget();
+  }
+
+  /** Forget all data, because each connection receives them again, perhaps from a new server. */
+  forget() {
     this.title = "";
     this.live = null; // state of the run: headline, localisation, nodes, topics
     this.report = null; // tables, limits and errors of the latest report
     this.events = [];
-    this.poses = [];
+    this.keptPoses = []; // poses of the thinned path
+    this.lastPose = null; // also if the thinned path lacks it
     this.beforeM = 0; // distance travelled before the first pose
     this.calls = [];
     this.images = new Map(); // by topic
@@ -19,9 +23,9 @@ export class Run {
   take(message) {
     switch (message.type) {
       case "hello":
+        this.forget();
         this.title = message.title;
         this.rowFields = message.row_fields;
-        this.calls = []; // all calls are sent again
         break;
       case "live":
         this.live = message;
@@ -36,7 +40,7 @@ export class Run {
         this.takePath(message);
         break;
       case "calls":
-        this.calls = this.calls.concat(message.calls).slice(-MAX_CALLS);
+        this.calls = this.calls.concat(message.calls).filter((call) => call.n >= message.first);
         break;
     }
   }
@@ -45,7 +49,8 @@ export class Run {
   takePath(message) {
     const poseOf = (row) => Object.fromEntries(this.rowFields.map((name, place) => [name, row[place]]));
     const poses = message.rows.map(poseOf);
-    this.poses = message.whole ? poses : this.poses.concat(poses);
+    this.keptPoses = message.whole ? poses : this.keptPoses.concat(poses);
+    this.lastPose = message.last && poseOf(message.last);
     this.beforeM = message.before_m;
   }
 
@@ -62,8 +67,10 @@ export class Run {
     return Boolean(this.live?.ended);
   }
 
-  get lastPose() {
-    return this.poses.at(-1);
+  /** The poses of the thinned path, and the last pose. */
+  get poses() {
+    const isKept = !this.lastPose || this.keptPoses.at(-1)?.n === this.lastPose.n;
+    return isKept ? this.keptPoses : [...this.keptPoses, this.lastPose];
   }
 
   /** The last pose, its state and the text of the state; null before the first pose. */
