@@ -76,14 +76,16 @@ class CallRecord:
         return len(self.pair_stamps_ns) > 1 if self.fused is None else self.fused
 
 
-def call_of_stages(stages: Sequence[CallRecord | CallUsage], seconds: float | None = None) -> CallUsage:
-    """Return the usage of a mapping call from its stages; without `seconds`, its time is the sum of their times."""
+def call_of_stages(stages: Sequence[CallRecord | CallUsage]) -> CallUsage:
+    """Return the usage of a mapping call from its stages: each pair and the fusion.
+
+    Its time is the sum of their times, so that nothing between them counts: waiting for the next pair, or progress.
+    """
     peak, above_idle = (
         max((value for value in values if value is not None), default=None)
         for values in zip(*((item.peak_rss_bytes, item.above_idle_bytes) for item in stages), strict=True)
     )
-    total = sum(item.processing_time_s for item in stages) if seconds is None else seconds
-    return CallUsage(total, peak, above_idle)
+    return CallUsage(sum(item.processing_time_s for item in stages), peak, above_idle)
 
 
 def call_of_estimate(

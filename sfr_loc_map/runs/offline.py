@@ -277,21 +277,20 @@ def map_pairs(
     maps: list[MappedPair] = []
     records: list[CallRecord] = []
     pairs = [replace(item, truth=None) for item in sequence.pairs()]  # the call excludes reading, its memory the truth
-    with meter.measure() as whole:
-        for index, item in enumerate(pairs):
-            with meter.measure() as usage:
-                done = mapper.process(item.pair, item.T_lm_navsb, index)
-            maps.append(done)
-            records.append(
-                CallRecord(item.pair.stamp_ns, *usage.cost(MappingState.MAPPED), done.statistics, task=Task.MAPPING)
-            )
-            progress(index + 1)
-            if ended():
-                break
+    for index, item in enumerate(pairs):
         with meter.measure() as usage:
-            fused = mapper.fuse(maps)
-        records.append(call_of_fusion(fused, [item.stamp_ns for item in maps], usage, MappingState.FUSED))
-    usage = call_of_stages(records, whole.processing_time_s)
+            done = mapper.process(item.pair, item.T_lm_navsb, index)
+        maps.append(done)
+        records.append(
+            CallRecord(item.pair.stamp_ns, *usage.cost(MappingState.MAPPED), done.statistics, task=Task.MAPPING)
+        )
+        progress(index + 1)
+        if ended():
+            break
+    with meter.measure() as usage:
+        fused = mapper.fuse(maps)
+    records.append(call_of_fusion(fused, [item.stamp_ns for item in maps], usage, MappingState.FUSED))
+    usage = call_of_stages(records)
     records.append(CallRecord(maps[-1].stamp_ns, *usage.cost(MappingState.MAPPED_SET), task=Task.MAPPING))
     return MapRun(maps, fused, records, record_of_ours(Task.MAPPING, changed(config)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +20,8 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.visualisation import STRIP
-from sfr_loc_map.runs.offline import localise, start_pose, true_start
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.runs.offline import localise, map_pairs, start_pose, true_start
 from sfr_loc_map.runs.track_video import track_video
 
 FIRST_NS = 1_000_000_000_000
@@ -75,6 +77,15 @@ def test_the_true_start_pose_is_that_of_its_stamp(
     assert start_pose(OnePair(truth_s), "identity").stamp_ns is None  # it holds at the first pair
     with pytest.raises(InputError, match="needs ground truth"):
         start_pose(OnePair(()), "truth")
+
+
+def test_the_time_of_a_mapping_call_is_that_of_its_stages(tmp_path: Path) -> None:
+    """The progress between two stages takes 3 s, which no stage and no call contains."""
+    source = open_source(write_folder(tmp_path / "source", 0, 2))
+    *stages, whole = map_pairs(source.nav, MappingConfig(), lambda done: time.sleep(1.5)).records
+    assert [record.state for record in (*stages, whole)] == ["mapped", "mapped", "fused", "mapped_set"]
+    assert whole.processing_time_s == sum(record.processing_time_s for record in stages)
+    assert whole.peak_rss_bytes == max(record.peak_rss_bytes or 0 for record in stages)
 
 
 def test_a_start_at_the_truth_requires_true_attitudes() -> None:
