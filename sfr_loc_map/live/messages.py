@@ -6,8 +6,9 @@ Text messages of the server are JSON objects with their kind as `type`:
     live      LiveState.live_to_plain    state of the run, every `LIVE_PERIOD_S`, also a sign of life of the server
     report    LiveReport.to_plain        report of the monitor, when it has changed
     events    events                     all events, when one of them begins or ends
-    path      whole, rows, last, ...     new poses, and the last one; if `whole`, all poses, which replace the earlier ones
-    calls     first, calls               new calls; earlier calls than `first` belong to an earlier run or are dropped
+    path      whole, rows, last,         new poses, and the last one; if `whole`, the poses replace the earlier ones;
+              before_m                   distance travelled before the first pose
+    calls     first, calls               new calls; the page keeps no call before the number `first`
 
 `live`, `report` and `events` are equal for all pages (`CommonTexts`). Binary messages are images and top-view maps
 (`binary_message`). A page sends only `{"type": "want", "media": [...]}` with the media that it displays.

@@ -17,19 +17,29 @@ from helpers.score_rows import number
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.config import ScoreConfig, score_config
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.limits import OF_MAP
-from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore, MethodKind, MethodRecord
+from sfr_loc_map.metrics.records import (
+    AnswerCounts,
+    ExternalScore,
+    FindingKind,
+    FindingRecord,
+    MethodKind,
+    MethodRecord,
+)
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.nodes.replay.external_poses import with_converted_poses
 from sfr_loc_map.report.summary import banner_of
+from sfr_loc_map.runs.call_files import load_call_stats
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.runs.offline import MapRun, map_pairs
 from sfr_loc_map.runs.replay_files import ReplayFiles, save_replay
@@ -40,6 +50,7 @@ from sfr_loc_map.scoring.score_collected import score_replay
 from sfr_loc_map.scoring.score_run import score_files
 
 SAMPLE = ROOT / "sample" / "sample.mcap"
+OURS = record_of_ours(Task.LOCALISATION)
 
 
 def mapped(path: Path) -> tuple[Source, MapRun]:
@@ -82,7 +93,7 @@ def test_live_replay_and_score_of_every_file_format_are_equal_to_the_last_digit(
     cloud = run.unfused if case == "folder, not fused" else run.fused.cloud
     stamps = tuple(item.stamp_ns for item in run.maps)
     result, files = ReplayResult(Trajectory.empty(), cloud, run.records, stamps), ReplayFiles(tmp_path)
-    save_replay(result, files)
+    save_replay(result, files, OURS)
     replayed = of_map(score_replay(source, result, ScoreConfig(), None))
     assert replayed["cloud"]["kind"] == ("single pairs" if case == "folder, not fused" else "fused")
     assert replayed == file_score(files.cloud, source.path) == live_score(source, run, cloud)
@@ -119,7 +130,7 @@ def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
         files = ReplayFiles(tmp_path / f"{rows}-{partial}")
         files.folder.mkdir()
         result = ReplayResult(estimate, None, [], ())
-        save_replay(result, files)
+        save_replay(result, files, OURS)
         config = score_config(["frames=2"], {"trajectory.partial": partial, "trajectory.spacing": 1})
         score = score_replay(source, result, config, limits, files=files)
         why = wanted[rows]
@@ -161,19 +172,25 @@ def test_the_calls_of_a_replay_belong_to_its_estimate(tmp_path: Path) -> None:
     calls = [CallRecord(int(stamp), 0.1, "tracking") for stamp in truth.stamps_ns]
     result, config = ReplayResult(estimate, None, calls, ()), score_config(["frames=2"], {})
     files.folder.mkdir()
-    save_replay(result, files)
+    save_replay(result, files, OURS)
     score = score_replay(source, result, config, None, files=files)
     assert not [text for text in score.warnings if "have no positions" in text]
     inputs = replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,))
     assert score.warnings == score_files(inputs, config).warnings
 
 
-def of_external(source: Source, calls: list[CallRecord], answers: AnswerCounts, config: ScoreConfig) -> ReplayResult:
+def of_external(
+    source: Source,
+    calls: list[CallRecord],
+    answers: AnswerCounts,
+    config: ScoreConfig,
+    findings: tuple[FindingRecord, ...] = (),
+) -> ReplayResult:
     """The result of a replay to an external localiser whose poses are those of the truth, shortened by 0.1 %."""
     truth = source.loc.ground_truth
     estimate = Trajectory(truth.stamps_ns, 0.999 * truth.positions, truth.quats_xyzw)
     node = ExternalScore(task="localisation", topic="t", frames="odom", answers=answers, latency_s=None)
-    run = ExternalResult(MethodRecord(name="n", version=None, kind=MethodKind.EXTERNAL), node, ())
+    run = ExternalResult(MethodRecord(name="n", version=None, kind=MethodKind.EXTERNAL), node, findings)
     return with_converted_poses(ReplayResult(estimate, None, calls, (), run), source, config, Correction())
 
 
@@ -189,6 +206,32 @@ def test_the_states_of_an_external_node_that_reports_none_are_unknown(tmp_path: 
     found = [score.number(name) for name in ("lost", "degraded")]
     assert (found, score.verdict) == (([0.0, 0.0], "pass") if state == "tracking" else ([None, None], "incomplete"))
     assert len(result.records) == 12
+
+
+def test_the_files_of_a_replay_state_the_method_and_its_errors(tmp_path: Path) -> None:
+    """A node that crashed fails by the files of the replay as it does by the replay itself."""
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
+    stamps_ns = source.loc.ground_truth.stamps_ns.tolist()
+    calls = [CallRecord(stamp_ns, 0.1, "tracking") for stamp_ns in stamps_ns]
+    kinds = (FindingKind.MISSING, FindingKind.NOT_FINITE, FindingKind.CRASHED)
+    findings = tuple(FindingRecord(kind=kind, count=1, first_stamp_ns=stamps_ns[-1], text="why") for kind in kinds)
+    config = score_config(["frames=2"], {})
+    result = of_external(source, calls, AnswerCounts(pairs=12, answered=12), config, findings)
+    files = ReplayFiles(tmp_path)
+    save_replay(result, files, OURS)
+    replayed = score_replay(source, result, config, None, files=files)
+    inputs = replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,))
+    scored = score_files(inputs, config)
+    assert scored.method == replayed.method == result.external.method
+    assert (
+        {finding.kind for finding in scored.findings} == {finding.kind for finding in replayed.findings} == set(kinds)
+    )
+    assert scored.verdict == replayed.verdict == "fail"
+    few = replace(result, records=calls[:2])
+    save_replay(few, files, OURS)
+    assert {finding.kind for finding in load_call_stats(files.stats).findings} == set(kinds[1:])
+    save_replay(replace(result, external=None), files, OURS)
+    assert load_call_stats(files.stats).method == OURS
 
 
 @pytest.mark.parametrize("doubled", [0, 3])

@@ -9,6 +9,7 @@ from sfr_loc_map.config import changed
 from sfr_loc_map.errors import NodeError, SfrError, naming
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.nodes.replay.external_poses import with_converted_poses
 from sfr_loc_map.nodes.replay.options import ReplayOptions
@@ -56,12 +57,12 @@ def replay_and_score(
         except SfrError as error:
             if files is None or not results.count:
                 raise
-            _save(results.replay_result(), files)  # poses of an external node are saved as published
+            _save(results.replay_result(), files, options)  # poses of an external node are saved as published
             raise type(error)(f"{error}; the received results are in '{files.folder}'") from error
         if was_interrupted and not results.count:
             raise KeyboardInterrupt
         if files is not None:
-            _save(result, files)
+            _save(result, files, options)
         remarks = tuple(_remarks(results))
         _check_map(results)
     score = score_replay(
@@ -87,10 +88,14 @@ def replay_and_score(
     )
 
 
-def _save(result: ReplayResult, files: ReplayFiles) -> None:
+def _save(result: ReplayResult, files: ReplayFiles, options: ReplayOptions) -> None:
     """Write the results; the files of an earlier replay are removed, because it may have written more of them."""
     files.remove()
-    save_replay(result, files)
+    if len(result.estimate):
+        ours = record_of_ours(Task.LOCALISATION, changed(options.localisation))
+    else:
+        ours = record_of_ours(Task.MAPPING, changed(options.mapping))
+    save_replay(result, files, ours)
 
 
 def _remarks(results: ReceivedResults) -> Iterator[str]:
