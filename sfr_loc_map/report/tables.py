@@ -23,6 +23,9 @@ UNKNOWN, NOT_ENOUGH, ABSENT = "unknown", "not enough data", "-"
 
 SHOWN_UNITS = {"mm": ("m", 1e-3), "ms": ("s", 1e-3), "%": ("1", 1e-2), "MiB": ("bytes", 2.0**20)}
 """Displayed units, each with the unit of the values and with its size in that unit: 1 mm is 1e-3 m."""
+SIGNIFICANT_DIGITS = 4  #: Significant digits of displayed values.
+MAX_DIGITS = 17  #: Significant digits that distinguish any two values.
+LARGEST_IN_FULL = 1e7  #: Values from here on have an exponent, unless they are integers.
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,15 +54,31 @@ def fitting(unit: Unit, *values: float | None) -> Unit:
     return smaller if 0.0 < largest < limit else unit
 
 
-def number(value: float | int | None, unit: Unit = NONE, undefined: str = UNKNOWN, *, signed: bool = False) -> str:
-    """Return a value in a unit with four significant digits, integers in full; return `undefined` for None."""
+def number(
+    value: float | int | None,
+    unit: Unit = NONE,
+    undefined: str = UNKNOWN,
+    *,
+    signed: bool = False,
+    digits: int = SIGNIFICANT_DIGITS,
+) -> str:
+    """Return a value in a unit with significant digits, integers in full; return `undefined` for None."""
     if value is None:
         return undefined
     shown = value if unit.size == 1.0 else value / unit.size
     sign = "+" if signed else ""
-    if isinstance(shown, int) or 1e4 <= abs(shown) < 1e7:
+    text = f"{shown:{sign}.{digits}g}"
+    if isinstance(shown, int) or 10.0**digits <= abs(float(text)) < LARGEST_IN_FULL:
         return f"{shown:{sign}.0f}"
-    return f"{shown:{sign}.4g}"
+    return text
+
+
+def distinguishing_digits(value: float | None, other: float | None, unit: Unit) -> int:
+    """Return the number of significant digits with which two values have different texts, unless they are equal."""
+    if value is None or other is None or value == other:
+        return SIGNIFICANT_DIGITS
+    counts = range(SIGNIFICANT_DIGITS, MAX_DIGITS)
+    return next((n for n in counts if number(value, unit, digits=n) != number(other, unit, digits=n)), MAX_DIGITS)
 
 
 # ---- the table
@@ -119,10 +138,17 @@ class Cell:
 
     @classmethod
     def number(
-        cls, value: float | None, key: str = "", unit: Unit = NONE, undefined: str = UNKNOWN, *, signed: bool = False
+        cls,
+        value: float | None,
+        key: str = "",
+        unit: Unit = NONE,
+        undefined: str = UNKNOWN,
+        *,
+        signed: bool = False,
+        digits: int = SIGNIFICANT_DIGITS,
     ) -> Cell:
         """Return a figure, displayed in a unit."""
-        return cls(number(value, unit, undefined, signed=signed), value, key)
+        return cls(number(value, unit, undefined, signed=signed, digits=digits), value, key)
 
     @classmethod
     def interval(

@@ -29,6 +29,7 @@ from sfr_loc_map.report.tables import (
     Cell,
     Unit,
     VerdictStyle,
+    distinguishing_digits,
     fitting,
     number,
 )
@@ -62,6 +63,7 @@ class VerdictView:
         unit = unit_of(item)
         name = name_of(item)
         has_interval = item.condition is not None and item.statistic == "mean_plus_3sigma"
+        digits = distinguishing_digits(item.value, item.limit, unit)
         is_open = item.state is VerdictState.NOT_ENOUGH_DATA
         return cls(
             item=item,
@@ -70,8 +72,8 @@ class VerdictView:
             name=name,
             title=printable(f"{item.id}: {name}" if item.id else name),
             style=VERDICTS.get(item.state.value, OPEN),
-            value=Cell.number(item.value, f"{key}.value", unit, NOT_ENOUGH),
-            limit=Cell(f"{sign_of(item)} {number(item.limit, unit=unit)}", item.limit, f"{key}.limit"),
+            value=Cell.number(item.value, f"{key}.value", unit, NOT_ENOUGH, digits=digits),
+            limit=Cell(f"{sign_of(item)} {number(item.limit, unit=unit, digits=digits)}", item.limit, f"{key}.limit"),
             margin=Cell(ABSENT) if item.margin is None else Cell.number(item.margin, f"{key}.margin", unit),
             interval=Cell.interval(item.interval, key, unit, NOT_ENOUGH if has_interval else ABSENT),
             count=_count(item, key, score),

@@ -4,10 +4,16 @@ import io
 import re
 from dataclasses import replace
 
+import pytest
+from msgspec import structs
 from rich.console import Console
 
+from sfr_loc_map.metrics.catalogue import Subject
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.table_formats import to_csv, to_html, to_markdown, to_rich
 from sfr_loc_map.report.tables import METRE, MIB, MILLISECOND, Cell, Column, Table, Unit, fitting, number
+from sfr_loc_map.report.verdict_view import VerdictView
 
 HOSTILE = "</td><script>alert('1')</script> a | b [red]"
 TABLE = Table(
@@ -30,6 +36,7 @@ TABLE = Table(
 def test_numbers_have_four_digits_and_their_unit() -> None:
     values = (0.000123456, 12345.6, 1.5e7, 7, 2_292_689, None, -0.5)
     assert [number(value) for value in values] == ["0.0001235", "12346", "1.5e+07", "7", "2292689", "unknown", "-0.5"]
+    assert [number(value) for value in (9999.6, 9999.4, 9999999.6, -9999.96)] == ["10000", "9999", "1e+07", "-10000"]
     assert [number(value, signed=True) for value in (0.25, -0.25, 20000.0, 3)] == ["+0.25", "-0.25", "+20000", "+3"]
     assert [number(500 * 2**20, unit=unit) for unit in (MIB, Unit("byte"))] == ["500", "524288000"]
 
@@ -74,3 +81,20 @@ def test_no_renderer_lets_markup_controls_and_surrogates_through() -> None:
     for text in (terminal(table), to_markdown([table]), to_html(table), to_csv([table])):
         assert r"\x1b" in text
         assert not {"\x1b", "\x07", "\udc80"} & set(text)
+
+
+@pytest.mark.parametrize("value", [0.0200004, 0.020003, 0.0200049, 0.02 + 1e-12])
+def test_a_value_that_misses_its_limit_is_not_shown_as_the_limit(value: float) -> None:
+    missed = Verdict(
+        name="position_mean_m",
+        row=None,
+        subject=Subject.TRAJECTORY,
+        figure="position",
+        statistic="mean",
+        limit=0.02,
+        value=value,
+        state=VerdictState.FAIL,
+    )
+    view, met = VerdictView.of(missed), VerdictView.of(structs.replace(missed, value=0.02))
+    assert float(view.value.text) > float(view.limit.text.split()[-1])
+    assert met.comparison == "20 mm, limit ≤ 20 mm"
