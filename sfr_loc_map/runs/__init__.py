@@ -6,7 +6,7 @@
     offline.run_mapper                MapRun: PairMap a pair, FusedMap, calls    cloud, elevation models, stats.csv
     nodes/replay (sfr replay)         ReplayResult: poses, cloud, calls          folder of ReplayFiles
 
-A call of `process` has one record in three forms:
+The record of a call of `process` has three forms (`CallRecord` lists the fields that only the first one has):
 
     CallRecord (`calls`)              one call; as JSON on the topic `<node>/call` (`encode_call`, `decode_call`)
     stats.csv (`call_files`)          one row for each call (`save_stats`, `load_call_stats`)

@@ -3,7 +3,7 @@
 The columns are in this order. A file has only the groups for which a call has a value; a missing value is empty.
 
     CALL_NAMES, MEMORY_METHOD         stamp, time, state, reason, memory
-    METHOD_NAMES                      method under test, and its error in the call
+    METHOD_NAMES, FINDING             method under test, and its error in the call
     POSITION_NAMES                    estimated position
     statistics                        statistics of the calls by name, sorted
     COVARIANCE_NAMES, STEP_NAMES      covariance of the pose; step from the previous pose
@@ -33,7 +33,7 @@ from sfr_loc_map.metrics.calls import Calls, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.consistency import WITHOUT_NOISE
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord
-from sfr_loc_map.runs.call_stats import USAGE_NAMES, CallStats, known_times, positions_of, processes_of
+from sfr_loc_map.runs.call_stats import USAGE_NAMES, CallStats, known_or_none, known_times, positions_of, processes_of
 from sfr_loc_map.runs.calls import CallRecord, findings_of
 
 STATS_SUFFIX = ".stats.csv"  #: Suffix of a file of calls, which replaces the suffix of the result.
@@ -42,7 +42,8 @@ COST_NAMES = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_p
 MEMORY_METHOD = "memory_method"  #: Column that states how memory was measured.
 METHOD_FIELDS = ("version", "kind", "sha256", "config_sha256", "isolation")  #: Fields of a `MethodRecord`.
 OF_METHOD = {f"method_{name}": name for name in METHOD_FIELDS}  #: Field of a `MethodRecord` by its column.
-METHOD_NAMES = ("method", *OF_METHOD, "finding")
+METHOD_NAMES = ("method", *OF_METHOD)
+FINDING = "finding"  #: Column of the error of a method in a call.
 POSITION_NAMES = ("position_x_m", "position_y_m", "position_z_m")
 """Columns of the estimated position of a call. The positions identify the estimate to which the calls belong."""
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
@@ -52,7 +53,7 @@ STEP_NAMES = (
     *(f"noise_{name}" for name in COVARIANCE_NAMES),
 )
 SIGNED_NAMES = frozenset((*POSITION_NAMES, *COVARIANCE_NAMES, *STEP_NAMES))  #: Columns that may be negative.
-RESERVED_NAMES = frozenset((*CALL_NAMES, *COST_NAMES, MEMORY_METHOD, *METHOD_NAMES)) | SIGNED_NAMES
+RESERVED_NAMES = frozenset((*CALL_NAMES, *COST_NAMES, MEMORY_METHOD, *METHOD_NAMES, FINDING)) | SIGNED_NAMES
 """Columns that a statistic with the same name must not replace; its column is `statistics.NAME`."""
 STATES = (*TrackingState, *MappingState)
 MAX_NUMBER = 1e18  #: Limit of times, sizes and covariances in a file; its square is finite.
@@ -66,24 +67,25 @@ def stats_beside(result: Path) -> Path:
 def save_stats(
     path: Path, records: Sequence[CallRecord], method: MethodRecord | None = None, estimate: Trajectory | None = None
 ) -> None:
-    """Write one row per call; with a method each row names the method and its error in the call.
-
-    With an estimate each row has the estimated position.
-    """
+    """Write one row per call. With a method each row names the method, and with an estimate the estimated position."""
     positions = {} if estimate is None else positions_of(estimate)
     statistics = sorted({name for record in records for name in record.statistics})
     columns = [*CALL_NAMES, MEMORY_METHOD]
     columns += METHOD_NAMES if method is not None else ()
+    columns += (FINDING,) if method is not None or any(record.finding for record in records) else ()
     columns += POSITION_NAMES if positions else ()
     columns += map(_column_of_statistic, statistics)
-    columns += (*COVARIANCE_NAMES, *STEP_NAMES) if any(record.covariance is not None for record in records) else ()
+    columns += COVARIANCE_NAMES if any(record.covariance is not None for record in records) else ()
+    columns += STEP_NAMES if any(record.step is not None for record in records) else ()
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, columns, lineterminator="\n")
         writer.writeheader()
         for record in records:
             row = _call_cells(record) | {_column_of_statistic(k): repr(float(v)) for k, v in record.statistics.items()}
             if method is not None:
-                row |= _method_cells(method, record)
+                row |= _method_cells(method)
+            if record.finding:
+                row[FINDING] = record.finding
             if (position := positions.get(record.stamp_ns)) is not None:
                 row |= zip(POSITION_NAMES, map(repr, position), strict=True)
             writer.writerow(row | _pose_cells(record))
@@ -101,18 +103,16 @@ def _call_cells(record: CallRecord) -> dict[str, object]:
     return cells | {MEMORY_METHOD: None if record.peak_rss_bytes is None else METHOD}
 
 
-def _method_cells(method: MethodRecord, record: CallRecord) -> dict[str, object]:
-    """Return the cells about a method and its error in a call."""
-    about = {column: getattr(method, name) for column, name in OF_METHOD.items()}
-    return {"method": method.name, **about, "finding": record.finding}
+def _method_cells(method: MethodRecord) -> dict[str, object]:
+    """Return the cells about a method."""
+    return {"method": method.name, **{column: getattr(method, name) for column, name in OF_METHOD.items()}}
 
 
 def _pose_cells(record: CallRecord) -> dict[str, object]:
-    """Return the cells of the covariance and of the step of a pose; empty without a covariance."""
-    if record.covariance is None:
-        return {}
-    values = record.covariance[UPPER].tolist()
-    cells: dict[str, object] = dict(zip(COVARIANCE_NAMES, map(repr, values), strict=True))
+    """Return the cells of the covariance and of the step of a pose."""
+    cells: dict[str, object] = {}
+    if record.covariance is not None:
+        cells |= zip(COVARIANCE_NAMES, map(repr, record.covariance[UPPER].tolist()), strict=True)
     if record.step is not None:
         cells |= zip(STEP_NAMES, map(repr, record.step.tolist()), strict=True)
     return cells
@@ -134,10 +134,10 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
         steps[:, WITHOUT_NOISE:] = 0.0
     return CallStats(
         calls,
-        covariance,
-        steps,
+        known_or_none(covariance),
+        known_or_none(steps),
         table.method(),
-        findings_of(table.texts("finding"), stamps_ns.tolist()),
+        findings_of(table.texts(FINDING), stamps_ns.tolist()),
         processes_of([*map(table.numbers, USAGE_NAMES)], calls) if table.has(USAGE_NAMES[1:2]) else None,
         table.matrix(POSITION_NAMES) if table.has(POSITION_NAMES) else None,
         has_stamps=has_stamps,

@@ -141,9 +141,13 @@ def stats_of(
     if estimate is not None and len(estimate):
         given = positions_of(estimate)
         positions = np.array([given.get(record.stamp_ns, [np.nan] * 3) for record in records])
-    if all(item is None for item in (*covariances, *steps)):
-        return CallStats(calls, None, None, *about, positions)
-    return CallStats(calls, rows(covariances, len(UPPER[0])), rows(steps, STEP_SIZE), *about, positions)
+    covariance = known_or_none(rows(covariances, len(UPPER[0])))
+    return CallStats(calls, covariance, known_or_none(rows(steps, STEP_SIZE)), *about, positions)
+
+
+def known_or_none(values: FloatArray | None) -> FloatArray | None:
+    """Return an array, or None if all its values are unknown (NaN)."""
+    return values if values is not None and not np.isnan(values).all() else None
 
 
 def known_times(seconds: FloatArray) -> FloatArray:

@@ -36,7 +36,11 @@ Bytes = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CallRecord:
-    """One call of localiser or mapper; `encode_call` and `decode_call` convert it for `<node>/call`."""
+    """One call of localiser or mapper; `encode_call` and `decode_call` convert it for `<node>/call`.
+
+    The file of the calls of a run (`call_files`) and its columns (`call_stats`) have all fields but `pair_stamps_ns`,
+    `fused`, `times`, `counts` and `version`. The task follows from the state.
+    """
 
     stamp_ns: Annotated[int, Meta(ge=0, le=2**63 - 1)]  #: Stamp of the pair; for a fused cloud, of its last pair.
     processing_time_s: Annotated[float, Meta(ge=0.0, le=MAX_CALL_S)]  #: Wall-clock time; 0 or NaN: unknown.

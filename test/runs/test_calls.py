@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
+import tempfile
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.calls import score_calls
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.records import MethodKind, MethodRecord
+from sfr_loc_map.runs.call_files import load_call_stats, save_stats
 from sfr_loc_map.runs.call_stats import stats_of
 from sfr_loc_map.runs.calls import CallRecord, decode_call, encode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore
@@ -41,6 +48,48 @@ def test_a_call_comes_back_to_the_last_bit() -> None:
         if name != "statistics":
             np.testing.assert_array_equal(getattr(found, name), getattr(record, name), strict=False)
     assert found.statistics == {"inliers": 1 / 3}
+
+
+def optional(values: st.SearchStrategy[object]) -> st.SearchStrategy[object]:
+    return st.none() | values
+
+
+def arrays_of(*shape: int) -> st.SearchStrategy[object]:
+    return st.integers(0, 99).map(lambda seed: np.random.default_rng(seed).normal(size=shape) / 3.0)
+
+
+RECORDS = st.builds(
+    CallRecord,
+    st.integers(0, 2**62),
+    st.floats(0.0, 1e6) | st.just(math.nan),
+    st.sampled_from(["tracking", "lost", "degraded", ""]),
+    optional(st.integers(0, 2**53)),
+    optional(st.integers(0, 2**53)),
+    st.dictionaries(
+        st.sampled_from(["inliers", "stage_fuse_s", "cpu_s", "cpu_between_s", "state"]), st.floats(0.0, 9.0)
+    ),
+    optional(arrays_of(6, 6).map(lambda half: half @ half.T)),
+    st.sampled_from(["", "few_landmarks"]),
+    optional(arrays_of(48)),
+    st.sampled_from(["", "crashed: ended, with code 3", "missing answer: none"]),
+)
+METHOD = MethodRecord(name="x", version="1", kind=MethodKind.EXTERNAL)
+
+
+@given(st.lists(RECORDS, min_size=1, max_size=4), st.sampled_from([None, METHOD]))
+def test_the_file_of_the_calls_has_what_the_records_have(
+    records: list[CallRecord], method: MethodRecord | None
+) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        save_stats(Path(folder) / "s.csv", records, method)
+        read, made = load_call_stats(Path(folder) / "s.csv"), stats_of(records, method)
+    for name in ("covariance", "steps", "method", "findings", "processes", "positions", "has_stamps"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(made, name), name)
+    for name in ("stamps_ns", "seconds", "states", "peak_bytes", "above_idle_bytes", "memory_method"):
+        np.testing.assert_array_equal(getattr(read.calls, name), getattr(made.calls, name), name)
+    assert read.calls.stage_s.keys() == made.calls.stage_s.keys()
+    for name, times in read.calls.stage_s.items():
+        np.testing.assert_array_equal(times, made.calls.stage_s[name], name)
 
 
 def test_a_node_of_anyone_states_a_stamp_and_a_time() -> None:
