@@ -2,11 +2,11 @@ from .api import localise as localise
 from .api import map as map
 from .api import open as open
 from .api import score as score
-from .geometry.cloud import PointCloud as PointCloud
-from .geometry.trajectory import Trajectory as Trajectory
-from .io.sequence import Source as Source
+from .api_types import PointCloud as PointCloud
+from .api_types import Score as Score
+from .api_types import Source as Source
+from .api_types import Trajectory as Trajectory
 from .localisation import Localiser as Localiser
 from .mapping import Mapper as Mapper
-from .metrics.score import Score as Score
 
 __version__: str

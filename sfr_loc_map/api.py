@@ -14,6 +14,8 @@ from typing import Any, Literal, TypeVar, Unpack, get_type_hints, overload
 
 import numpy as np
 
+from sfr_loc_map import api_types
+from sfr_loc_map.api_types import PathLike
 from sfr_loc_map.config import build, read_config
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -33,7 +35,6 @@ from sfr_loc_map.metrics.config import aligned_error_config
 from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.pose_convention import PoseConvention
-from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs import offline
 from sfr_loc_map.runs.call_stats import CallStats, stats_of
 from sfr_loc_map.runs.calls import tracking_warning
@@ -44,7 +45,6 @@ from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.scoring.settings import ScoreSettings, score_settings
 
 C = TypeVar("C")
-PathLike = str | os.PathLike[str]
 SourceLike = PathLike | Source
 Start = str | Transform | StartPose  #: Start of a drive: `identity`, `truth`, or a pose of RB in DS.
 Parameters = PathLike | Mapping[str, object]  #: Parameters: a YAML file, or values by name (`{"max_features": 300}`).
@@ -52,7 +52,9 @@ Estimate = PathLike | Trajectory | PointCloud
 Truth = PathLike | Trajectory | Source
 
 
-def open(source: SourceLike, remap: Mapping[str, str] | None = None, config: str | Path | None = None) -> Source:
+def open(
+    source: SourceLike, remap: Mapping[str, str] | None = None, config: str | Path | None = None
+) -> api_types.Source:
     """Open a data set folder, ROS bag, KITTI or EuRoC sequence. The format is detected from the content.
 
     `remap` maps topics of a bag to those of the suite: `{"/cam0/image": "loc/left/image_rect"}`. `config` is an
@@ -61,10 +63,10 @@ def open(source: SourceLike, remap: Mapping[str, str] | None = None, config: str
     if isinstance(source, Source):
         if remap is not None or config is not None:
             raise ConfigError("remap and config apply to a path: give the path instead of an open source")
-        return source
+        return source if isinstance(source, api_types.Source) else api_types.Source.of(source)
     _check("source", source, Source)
     how = source_config(Path(source), None if config is None else Path(config), remap)
-    return open_source(Path(source), how)
+    return api_types.Source.of(open_source(Path(source), how))
 
 
 @overload
@@ -75,7 +77,7 @@ def localise(
     live: Literal[False] = False,
     config: Parameters | LocalisationConfig | None = None,
     method: str = OURS,
-) -> Trajectory: ...
+) -> api_types.Trajectory: ...
 
 
 @overload
@@ -96,7 +98,7 @@ def localise(
     live: bool = False,
     config: Parameters | LocalisationConfig | None = None,
     method: str = OURS,
-) -> Trajectory | Iterator[PoseEstimate]:
+) -> api_types.Trajectory | Iterator[PoseEstimate]:
     """Estimate the trajectory of a drive, like `sfr localise` with options of the same names.
 
     `start` is `identity`, `truth` or a pose of RB in DS. With `live`, the result is an iterator that yields each
@@ -121,7 +123,7 @@ def localise(
         done = offline.run_localiser(drive, how, first)
     if (text := tracking_warning(done.records, opened.path)) is not None:
         warnings.warn(text, UserWarning, stacklevel=2)
-    return replace(done.trajectory, records=tuple(done.records), method=done.method)
+    return api_types.Trajectory.of(done.trajectory, records=tuple(done.records), method=done.method)
 
 
 def map(
@@ -131,7 +133,7 @@ def map(
     refine_poses: bool = False,
     config: Parameters | MappingConfig | None = None,
     method: str = OURS,
-) -> PointCloud:
+) -> api_types.PointCloud:
     """Map up to three stereo pairs, like `sfr map` with options of the same names.
 
     `config` contains the parameters of the mapper. For another `method`, it is the configuration file of that method.
@@ -151,7 +153,7 @@ def map(
     for line in run.warnings:
         warnings.warn(line, UserWarning, stacklevel=2)
     cloud = run.fused.cloud if fuse else run.unfused
-    return replace(cloud, records=tuple(run.records), method=run.method)
+    return api_types.PointCloud.of(cloud, records=tuple(run.records), method=run.method)
 
 
 class ScoreOptions(ScoreSettings, total=False):
@@ -173,7 +175,7 @@ def score(
     align: str | None = None,
     stats: Sequence[PathLike] = (),
     **settings: Unpack[ScoreOptions],
-) -> Score:
+) -> api_types.Score:
     """Score an estimated trajectory or cloud against the ground truth, with the same figures as `sfr score`.
 
     Estimate and truth may be objects or files. `conditions` are the ends of sub-trajectories: `distance=5` (default),
@@ -199,7 +201,7 @@ def score(
     elif limits is not None and not isinstance(limits, Limits):
         _check("limits", limits, dict)
         limits = load_limits(Path(limits))
-    return score_run(converted_run(run, config, correction), config, limits, aligned)
+    return api_types.Score.of(score_run(converted_run(run, config, correction), config, limits, aligned))
 
 
 def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool | None) -> Run:
@@ -234,7 +236,7 @@ def _under_test(method: str, task: Task, config: object, source: Source) -> offl
 
 
 def _own_stats(estimate: object) -> list[CallStats]:
-    if isinstance(estimate, (Trajectory, PointCloud)) and estimate.records:
+    if isinstance(estimate, (api_types.Trajectory, api_types.PointCloud)) and estimate.records:
         return [stats_of(estimate.records, estimate.method)]
     return []
 

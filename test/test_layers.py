@@ -12,7 +12,7 @@ PACKAGE = Path(sfr_loc_map.__file__).parent
 NAME = PACKAGE.name
 FLOORS = (
     {
-        *("__init__", "atomic", "display", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"),
+        *("__init__", "atomic", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"),
         *(
             "host_clock",
             "memory_mark",
@@ -34,7 +34,7 @@ FLOORS = (
     {"doctor", "evidence"},
     {"bench", "live", "suite"},
     {"nodes"},
-    {"__main__", "cli", "api"},
+    {"__main__", "cli", "api", "api_types"},
 )
 """From the bottom; what stands on one floor does not import its neighbours, but the root modules do."""
 NODE_FLOORS = ({"ros"}, {"lifecycle"}, {"input"}, {""}, {"launch", "graph"}, {"replay", "view"})
@@ -49,11 +49,9 @@ IO_FLOORS = (
     {"convert", "message_stream", "registry"},
 )
 """Folders of `io`, and the modules beside them, from the bottom."""
-NEIGHBOURS = {("cli", "api"), ("__main__", "cli")}
+NEIGHBOURS = {("api", "api_types"), ("cli", "api"), ("__main__", "cli")}
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
 ROS_PACKAGES = {"nodes"}
-VALUES = {"geometry/trajectory.py", "geometry/cloud.py", "metrics/score.py"}
-"""Values of the Python interface: their methods that load, save and draw import higher layers when they are called."""
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -62,13 +60,10 @@ def layer_of(path: Path) -> str:
 
 
 def imported(path: Path) -> set[str]:
-    """Return the dotted names that a module imports, anywhere in it; relative ones begin with a dot.
-
-    Of a module of `VALUES` these are the imports at its top.
-    """
+    """Return the dotted names that a module imports, anywhere in it; relative ones begin with a dot."""
     names: set[str] = set()
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    for node in tree.body if str(path.relative_to(PACKAGE)) in VALUES else ast.walk(tree):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):

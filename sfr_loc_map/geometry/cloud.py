@@ -1,29 +1,16 @@
-"""Point clouds with the pixel of each point.
-
-`PointCloud` is part of the Python API. The methods `load` and `save` import the file formats when they are called,
-because files belong to a higher layer.
-"""
+"""Point clouds with the pixel of each point."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.display import Shown, data_frame
-from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray32, Mask
-
-if TYPE_CHECKING:
-    import pandas
-
-    from sfr_loc_map.metrics.records import MethodRecord
-    from sfr_loc_map.runs.calls import CallRecord
 
 FIELD_TYPES: dict[str, type[np.generic]] = {
     **dict.fromkeys(("x", "y", "z", "sigma", "intensity"), np.float32),
@@ -33,8 +20,8 @@ FIELD_TYPES: dict[str, type[np.generic]] = {
 COLUMNS = ("xyz", "sigma", "intensity", "u", "v", "pair")  #: Arrays of a `PointCloud`, one row per point.
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PointCloud(Shown):
+@dataclass(frozen=True, slots=True, eq=False)
+class PointCloud:
     """Points in LM, each with its pixel and stereo pair; one row per point.
 
     `fused` is True if several pairs were fused into one surface, and False if the cloud keeps the points of each pair.
@@ -50,8 +37,6 @@ class PointCloud(Shown):
     pair: NDArray[np.uint8]  #: Index of the stereo pair within its set (0, 1, 2).
     fused: bool | None = None
     pair_stamps_ns: tuple[int, ...] | None = None
-    records: tuple[CallRecord, ...] = ()  #: The calls that produced the points; empty if unknown.
-    method: MethodRecord | None = None  #: The method that produced the points; None if unknown.
 
     def __post_init__(self) -> None:
         """Check shapes and types."""
@@ -104,10 +89,7 @@ class PointCloud(Shown):
 
     @classmethod
     def concatenate(cls, clouds: Sequence[PointCloud]) -> PointCloud:
-        """Return one cloud with the points of all clouds; `fused` and the stamps are kept if all clouds have the same.
-
-        Records and method belong to single clouds and are dropped.
-        """
+        """Return the points of all clouds; `fused` and the stamps are kept if all clouds have the same."""
         if not clouds:
             return cls.empty()
         fused = {cloud.fused for cloud in clouds}
@@ -118,34 +100,3 @@ class PointCloud(Shown):
             fused=fused.pop() if len(fused) == 1 else None,
             pair_stamps_ns=stamps.pop() if len(stamps) == 1 else None,
         )
-
-    @staticmethod
-    def load(path: str | os.PathLike[str]) -> PointCloud:
-        """Read a cloud file of the suite: .ply, .pcd or .npz."""
-        from sfr_loc_map.io.clouds.cloud_file import load_cloud
-
-        found = load_cloud(Path(path)).cloud
-        if found is None:
-            raise InputError(f"'{path}' has points without pixels (u, v, pair): give the path itself to sfr.score")
-        return found
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the cloud: .ply, .pcd or .npz."""
-        from sfr_loc_map.io.clouds.cloud_file import save_cloud
-
-        save_cloud(Path(path), self)
-
-    def to_pandas(self) -> pandas.DataFrame:
-        """Return a pandas DataFrame with one row per point."""
-        structured = self.to_structured()
-        return data_frame({name: structured[name] for name in FIELD_TYPES})
-
-    def _facts(self) -> dict[str, str]:
-        facts = {"points": f"{len(self)} points"}
-        if len(self):
-            sides = self.xyz.max(axis=0) - self.xyz.min(axis=0)
-            facts["extent"] = " x ".join(f"{side:.1f}" for side in sides.tolist()) + " m"
-            facts["sigma"] = f"median sigma {np.median(self.sigma):.2g} m"
-        if self.fused is not None:
-            facts["fused"] = "fused" if self.fused else "not fused"
-        return facts

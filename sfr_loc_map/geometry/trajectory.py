@@ -1,40 +1,23 @@
-"""Stamped poses of the rover.
-
-`Trajectory` is part of the Python API. The methods that load, save and plot import their modules when they are called,
-because files and figures belong to higher layers.
-"""
+"""Stamped poses of the rover."""
 
 from __future__ import annotations
 
-import os
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, overload
+from typing import Any, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.display import Shown, data_frame
-from sfr_loc_map.errors import ConfigError, GeometryError
+from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_poses
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S
-
-if TYPE_CHECKING:
-    import pandas
-    from plotly.graph_objects import Figure
-
-    from sfr_loc_map.localisation.estimate import PoseEstimate
-    from sfr_loc_map.metrics.records import MethodRecord
-    from sfr_loc_map.runs.calls import CallRecord
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Trajectory(Shown):
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
     """Stamped poses of RB in DS, stored exactly as given (not sorted, quaternions not normalised).
 
     If the attitudes are unknown, every quaternion is zero, as in a message with an unset orientation. Iterating and
@@ -46,9 +29,6 @@ class Trajectory(Shown):
     #: `(N, 4)` float64, orientation of RB in DS as in ROS messages: takes components in RB to DS, the conjugate of
     #: `att_q_DsToRb`.
     quats_xyzw: FloatArray
-    #: The calls that estimated the poses: time, memory, state, covariance. Empty if unknown.
-    records: tuple[CallRecord, ...] = ()
-    method: MethodRecord | None = None  #: The method that estimated the poses; None if unknown.
 
     def __post_init__(self) -> None:
         """Check shapes and values; GeometryError if stamps are not whole numbers or a pose is invalid."""
@@ -93,11 +73,6 @@ class Trajectory(Shown):
         return cls(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)))
 
     @classmethod
-    def from_estimates(cls, estimates: Iterable[PoseEstimate]) -> Self:
-        """Return the poses of estimates, as `sfr.localise(..., live=True)` and `sfr.Localiser` return them."""
-        return cls.from_poses((item.stamp_ns, item.T_ds_rb) for item in estimates)
-
-    @classmethod
     def from_poses(cls, stamped: Iterable[tuple[int, Transform]]) -> Self:
         """Return the trajectory of pairs `(stamp_ns, T_ds_rb)`."""
         items = list(stamped)
@@ -106,48 +81,6 @@ class Trajectory(Shown):
             np.array([pose.translation for _, pose in items]).reshape(-1, 3),
             np.array([pose.quat_xyzw for _, pose in items]).reshape(-1, 4),
         )
-
-    @staticmethod
-    def load(path: str | os.PathLike[str]) -> Trajectory:
-        """Read a file; the format is detected from the content: csv of the suite, TUM, KITTI, EuRoC."""
-        from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
-
-        return read_trajectory_file(Path(path)).trajectory
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a file; the suffix selects the format: `.csv`, `.txt` or `.tum`, `.kitti`, `.euroc.csv`."""
-        from sfr_loc_map.io.tables.trajectory_file import save_trajectory
-
-        save_trajectory(Path(path), self)
-
-    def to_stats(self, path: str | os.PathLike[str]) -> None:
-        """Write one row per call (time, memory, state, covariance) as `sfr localise --stats` does."""
-        from sfr_loc_map.runs.call_files import save_stats
-
-        if not self.records:
-            raise ConfigError("these poses have no calls: to_stats() requires a trajectory that sfr.localise returned")
-        save_stats(Path(path), self.records, self.method, self)
-
-    def to_pandas(self) -> pandas.DataFrame:
-        """Return a pandas DataFrame, one row per pose, indexed by `stamp_ns`; with `state` and `reason` if known."""
-        columns = np.hstack((self.positions, self.quats_xyzw)).T
-        frame = data_frame(dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), columns, strict=True)))
-        frame.index = self.stamps_ns
-        frame.index.name = "stamp_ns"
-        if self.records:
-            frame["state"] = [record.state for record in self.records]
-            frame["reason"] = [record.reason for record in self.records]
-        return frame
-
-    def plot(self, truth: Trajectory | None = None, align: str = "none") -> Figure:
-        """Return the path as a plotly figure, as in `sfr report`; with a ground truth, also the distance to it."""
-        from sfr_loc_map.config import build
-        from sfr_loc_map.metrics.config import AlignedErrorConfig
-        from sfr_loc_map.report.path_plot import curves_of, path_plot
-        from sfr_loc_map.report.plots import to_figure
-
-        config = build(AlignedErrorConfig, {"align": align}, origin="align")
-        return to_figure(path_plot(curves_of({"estimate": self}, truth, config)))
 
     def __iter__(self) -> Iterator[tuple[int, Transform]]:
         """Yield each stamp, ns, and pose `T_ds_rb`."""
@@ -164,32 +97,13 @@ class Trajectory(Shown):
         """Return stamp, ns, and pose at an index; a trajectory for a slice, indices or a mask."""
         if isinstance(key, int | np.integer):
             return int(self.stamps_ns[key]), self.pose(int(key))
-        rows = np.arange(len(self))[key]
+        return self.at_rows(np.arange(len(self))[key])
+
+    def at_rows(self, rows: NDArray[np.intp]) -> Self:
+        """Return the poses in `rows`."""
         return replace(
-            self,
-            stamps_ns=self.stamps_ns[rows],
-            positions=self.positions[rows],
-            quats_xyzw=self.quats_xyzw[rows],
-            records=self._records_of(rows.tolist()) if len(self.records) == len(self) else (),
+            self, stamps_ns=self.stamps_ns[rows], positions=self.positions[rows], quats_xyzw=self.quats_xyzw[rows]
         )
-
-    def _records_of(self, rows: list[int]) -> tuple[CallRecord, ...]:
-        """Return the calls of the poses in `rows`; a call's step is None if the previous pose is not in `rows`."""
-        kept = set(rows)
-        first = min(rows, default=0)
-        return tuple(
-            self.records[row] if row == first or row - 1 in kept else replace(self.records[row], step=None)
-            for row in rows
-        )
-
-    def _facts(self) -> dict[str, str]:
-        duration_s = float(np.ptp(self.stamps_ns)) / NS_PER_S if len(self) else 0.0
-        length_m = float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
-        facts = {"poses": f"{len(self)} poses", "duration": f"{duration_s:.1f} s", "path": f"{length_m:.2f} m"}
-        if self.records:
-            states = Counter(record.state for record in self.records)
-            facts["states"] = ", ".join(f"{count} {state}" for state, count in states.items())
-        return facts
 
 
 def at_point(poses: Trajectory, point_m: Sequence[float]) -> Trajectory:
@@ -198,7 +112,7 @@ def at_point(poses: Trajectory, point_m: Sequence[float]) -> Trajectory:
     return Trajectory(poses.stamps_ns, moved, poses.quats_xyzw)
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Truth(Trajectory):
     """True poses of RB in DS; if the attitudes are unknown, the true positions of a point of RB."""
 

@@ -10,7 +10,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from sfr_loc_map.display import Shown
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
@@ -77,8 +76,8 @@ class RecordedBag(NamedTuple):
     remap: Mapping[str, str]  #: Names in the suite by name in the bag.
 
 
-@dataclass(frozen=True, slots=True, repr=False)
-class Source(Shown):
+@dataclass(frozen=True, slots=True)
+class Source:
     """An opened data set folder, bag or sequence. A field is None if the source does not contain it."""
 
     path: Path
@@ -136,15 +135,6 @@ class Source(Shown):
     def _sequence(self) -> LocSequence | NavSequence | None:
         """The drive, or the mapping pairs without a drive."""
         return self.nav if self.loc is None else self.loc
-
-    def _facts(self) -> dict[str, str]:
-        holds = [str(self.format)]
-        if self.loc is not None:
-            holds.append(f"{len(self.loc)} localisation pairs")
-            holds.append("without truth" if self.truth is None else "with truth")
-        if self.nav is not None:
-            holds.append(f"{len(self.nav)} mapping pairs")
-        return {"path": repr(str(self.path)), "holds": ", ".join(holds)}
 
 
 def drive_of(source: Source) -> LocSequence:

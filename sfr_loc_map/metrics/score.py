@@ -11,19 +11,16 @@ are clauses of the specification. N is the start of a sub-trajectory, N+x its en
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
 
-from sfr_loc_map.display import data_frame
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import Condition, VerdictState
-from sfr_loc_map.metrics.details import Details, ErrorRows, columns_of
+from sfr_loc_map.metrics.details import Details, ErrorRows
 from sfr_loc_map.metrics.limits import Rules
 from sfr_loc_map.metrics.records import (
     Alignment,
@@ -41,12 +38,8 @@ from sfr_loc_map.metrics.records import (
     TruthRecord,
 )
 from sfr_loc_map.metrics.row_part import ANY, POOLED, RowPart
-from sfr_loc_map.metrics.table import COLUMNS, Figure, find_rows
+from sfr_loc_map.metrics.table import Figure, find_rows
 from sfr_loc_map.metrics.verdict import Verdict
-
-if TYPE_CHECKING:
-    import pandas
-    from plotly.graph_objects import Figure as PlotlyFigure
 
 SCHEMA = "sfr-score/2"
 
@@ -86,8 +79,6 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     errors: tuple[ErrorRows, ...] = ()  #: All errors of the limited figures of the trajectory.
     details: Details | None = None  #: Data of the plots.
     content_sha256: str | None = None  #: Hash of all other values of a file; null for a score in memory.
-
-    # ---- look-up
 
     def rows(
         self,
@@ -206,79 +197,3 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     def with_caveat(self, text: str) -> Score:
         """Return the score with another caveat, which is also a warning."""
         return msgspec.structs.replace(self, warnings=(*self.warnings, text), caveats=(*self.caveats, text))
-
-    # ---- files, tables and figures for users of Python
-
-    @staticmethod
-    def load(path: str | os.PathLike[str]) -> Score:
-        """Read the JSON of a score."""
-        from sfr_loc_map.metrics.score_json import load_score
-
-        return load_score(Path(path))
-
-    def to_json(self) -> str:
-        """Return the JSON (`sfr-score/2`) that `sfr score --json` writes."""
-        from sfr_loc_map.metrics.score_json import to_json
-
-        return to_json(self)
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the JSON."""
-        from sfr_loc_map.atomic import write_text
-
-        write_text(self.to_json(), Path(path))
-
-    def report(self, path: str | os.PathLike[str]) -> None:
-        """Write the report page that `sfr score --html` writes."""
-        from sfr_loc_map.report.page import write_page
-
-        write_page(self, Path(path))
-
-    def to_markdown(self) -> str:
-        """Return all tables as Markdown."""
-        from sfr_loc_map.report.score_tables import score_markdown
-
-        return score_markdown(self)
-
-    def to_pandas(self, table: str = "figures") -> pandas.DataFrame:
-        """Return a pandas table: `figures` has one row per figure, `sub_trajectories` one row per sub-trajectory.
-
-        For a condition with many sub-trajectories only every n-th is kept, and the column `every` is n.
-        `sfr score --pieces` writes all sub-trajectories.
-        """
-        if table == "figures":
-            return data_frame({name: [row.as_dict()[name] for row in self.figures] for name in COLUMNS})
-        if table != "sub_trajectories":
-            raise ConfigError(f"table is '{table}': must be figures or sub_trajectories")
-        details = None if self.details is None else self.details.trajectory
-        return data_frame({} if details is None else columns_of(details.sub_trajectories))
-
-    def plot(self, name: str | None = None) -> PlotlyFigure:
-        """Return a plot of the report page as a plotly figure for a notebook; by default the first plot."""
-        from sfr_loc_map.report.plots import to_figure
-        from sfr_loc_map.report.score_plots import score_plots
-
-        plots = {plot.name: plot for _, plots in score_plots(self) for plot in plots}
-        chosen = next(iter(plots), None) if name is None else name
-        if not plots:
-            raise ConfigError("this score has no plots")
-        if chosen not in plots:
-            raise ConfigError(f"this score has no plot '{chosen}': give one of {', '.join(plots)}")
-        return to_figure(plots[chosen])
-
-    def __repr__(self) -> str:
-        from sfr_loc_map.report.score_tables import row_title
-        from sfr_loc_map.report.tables import UNKNOWN
-
-        texts = [self.verdict or "no verdict"]
-        for row in (self.judged_row("position"), self.judged_row("point_error")):
-            if row is not None:
-                total = UNKNOWN if row.mean_plus_3sigma is None else f"{row.mean_plus_3sigma:.4g} {row.unit}"
-                texts.append(f"{row_title(row)} {total} (mean + 3 sigma)")
-        return f"Score({', '.join(texts)})"
-
-    def _repr_html_(self) -> str:
-        from sfr_loc_map.report.score_tables import summary_tables
-        from sfr_loc_map.report.table_formats import to_html
-
-        return f"<b>{self.verdict or 'no verdict'}</b>" + "".join(to_html(table) for table in summary_tables(self))

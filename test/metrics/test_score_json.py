@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+import sfr_loc_map
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -132,7 +133,7 @@ def test_rows_are_found_by_what_they_are() -> None:
 def test_the_table_of_figures_is_a_table_of_pandas() -> None:
     pytest.importorskip("pandas", reason="pandas is not installed")
     found = score()
-    frame = found.to_pandas()
+    frame = sfr_loc_map.Score.of(found).to_pandas()
     assert list(frame.columns) == list(COLUMNS)
     assert len(frame) == len(found.figures)
 

@@ -210,7 +210,7 @@ def test_a_figure_is_in_every_view() -> None:
     assert "slip" in [pair.figure for pair in compare_scores(scores, ["a", "b"]).pairs]
     methods = methods_tables([score, replace(score, verdicts=())], ["a", "b"])[0]
     assert "slip error over 5 m" in titles(methods)
-    assert len(score.to_pandas().query("figure == 'slip'")) > 3
+    assert len(sfr_loc_map.Score.of(score).to_pandas().query("figure == 'slip'")) > 3
     assert "metrics/slip/mean_plus_3sigma" in figure_topics()
     assert any(item.name.endswith("distance=5/pose/slip") for item in score_statuses(score))
 

@@ -23,7 +23,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.judging.several_scores import difference_of
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_json import load_score
 
 
 @pytest.mark.clause("4.1.1")
@@ -163,7 +163,7 @@ def test_images_that_are_not_expected_any_more_change_the_provenance(tmp_path: P
         table.write_text(texts[0])
         rig.write_text(texts[1])
         sfr("score", poses, folder, "--json", tmp_path / f"{number}.json")
-        found.append(Score.load(tmp_path / f"{number}.json"))
+        found.append(load_score(tmp_path / f"{number}.json"))
     inputs = [score.provenance.inputs for score in found if score.provenance is not None]
     assert [len({item[role].sha256 for item in inputs}) for role in ("truth", "images")] == [1, 3]
     assert difference_of(found) == "the scores are of several sets of images, which only a suite judges together"

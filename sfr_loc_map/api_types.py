@@ -1,0 +1,295 @@
+"""Types of the Python interface: sources, poses, clouds and scores with methods that load, save, draw and display them.
+
+Each type extends the type of the same name of a lower layer, which has only the values. Functions of all layers
+therefore accept objects of these types.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, replace
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.atomic import write_text
+from sfr_loc_map.config import build
+from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError
+from sfr_loc_map.geometry import cloud, trajectory
+from sfr_loc_map.inputs import NS_PER_S, printable
+from sfr_loc_map.io import sequence
+from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
+from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.metrics import score
+from sfr_loc_map.metrics.config import AlignedErrorConfig
+from sfr_loc_map.metrics.details import columns_of
+from sfr_loc_map.metrics.records import MethodRecord
+from sfr_loc_map.metrics.score_json import load_score, to_json
+from sfr_loc_map.metrics.table import COLUMNS
+from sfr_loc_map.runs.call_files import save_stats
+from sfr_loc_map.runs.calls import CallRecord
+
+if TYPE_CHECKING:
+    import pandas
+    from plotly.graph_objects import Figure
+
+PathLike = str | os.PathLike[str]
+
+
+class Shown:
+    """Base class of the extended dataclasses: they display their facts in one line and as an HTML table."""
+
+    @classmethod
+    def of(cls, value: Any, **further: Any) -> Self:  # noqa: ANN401 - the extended dataclass, and fields of this class
+        """Return a value of the extended type as this type; `further` are fields that only this type has."""
+        return cls(**{item.name: getattr(value, item.name) for item in fields(value)}, **further)
+
+    def _facts(self) -> dict[str, str]:
+        """Return the displayed facts by name."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(self._facts().values())})"
+
+    def _repr_html_(self) -> str:
+        left = "style='text-align:left'"
+        rows = "".join(
+            f"<tr><th {left}>{escape(printable(name))}</th><td {left}>{escape(printable(value))}</td></tr>"
+            for name, value in self._facts().items()
+        )
+        return f"<b>{type(self).__name__}</b><table>{rows}</table>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Shown, trajectory.Trajectory):
+    """Stamped poses of RB in DS, stored exactly as given (not sorted, quaternions not normalised).
+
+    If the attitudes are unknown, every quaternion is zero, as in a message with an unset orientation. Iterating and
+    `poses[3]` return `(stamp_ns, pose)`; `poses[10:20]` and masks return a trajectory.
+    """
+
+    #: The calls that estimated the poses: time, memory, state, covariance. Empty if unknown.
+    records: tuple[CallRecord, ...] = ()
+    method: MethodRecord | None = None  #: The method that estimated the poses; None if unknown.
+
+    @classmethod
+    def from_estimates(cls, estimates: Iterable[PoseEstimate]) -> Self:
+        """Return the poses of estimates, as `sfr.localise(..., live=True)` and `sfr.Localiser` return them."""
+        return cls.from_poses((item.stamp_ns, item.T_ds_rb) for item in estimates)
+
+    @staticmethod
+    def load(path: PathLike) -> Trajectory:
+        """Read a file; the format is detected from the content: csv of the suite, TUM, KITTI, EuRoC."""
+        return Trajectory.of(read_trajectory_file(Path(path)).trajectory)
+
+    def save(self, path: PathLike) -> None:
+        """Write a file; the suffix selects the format: `.csv`, `.txt` or `.tum`, `.kitti`, `.euroc.csv`."""
+        save_trajectory(Path(path), self)
+
+    def to_stats(self, path: PathLike) -> None:
+        """Write one row per call (time, memory, state, covariance) as `sfr localise --stats` does."""
+        if not self.records:
+            raise ConfigError("these poses have no calls: to_stats() requires a trajectory that sfr.localise returned")
+        save_stats(Path(path), self.records, self.method, self)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a pandas DataFrame, one row per pose, indexed by `stamp_ns`; with `state` and `reason` if known."""
+        columns = np.hstack((self.positions, self.quats_xyzw)).T
+        frame = data_frame(dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), columns, strict=True)))
+        frame.index = self.stamps_ns
+        frame.index.name = "stamp_ns"
+        if self.records:
+            frame["state"] = [record.state for record in self.records]
+            frame["reason"] = [record.reason for record in self.records]
+        return frame
+
+    def plot(self, truth: trajectory.Trajectory | None = None, align: str = "none") -> Figure:
+        """Return the path as a plotly figure, as in `sfr report`; with a ground truth, also the distance to it."""
+        from sfr_loc_map.report.path_plot import curves_of, path_plot
+        from sfr_loc_map.report.plots import to_figure
+
+        config = build(AlignedErrorConfig, {"align": align}, origin="align")
+        return to_figure(path_plot(curves_of({"estimate": self}, truth, config)))
+
+    def at_rows(self, rows: NDArray[np.intp]) -> Self:
+        """Return the poses and calls in `rows`; a call's step is None if the previous pose is not in `rows`."""
+        poses = super().at_rows(rows)
+        if len(self.records) != len(self):
+            return replace(poses, records=())
+        numbers = rows.tolist()
+        kept = set(numbers)
+        first = min(numbers, default=0)
+        calls = tuple(
+            self.records[row] if row == first or row - 1 in kept else replace(self.records[row], step=None)
+            for row in numbers
+        )
+        return replace(poses, records=calls)
+
+    def _facts(self) -> dict[str, str]:
+        duration_s = float(np.ptp(self.stamps_ns)) / NS_PER_S if len(self) else 0.0
+        length_m = float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
+        facts = {"poses": f"{len(self)} poses", "duration": f"{duration_s:.1f} s", "path": f"{length_m:.2f} m"}
+        if self.records:
+            states = Counter(record.state for record in self.records)
+            facts["states"] = ", ".join(f"{count} {state}" for state, count in states.items())
+        return facts
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Truth(Trajectory, trajectory.Truth):
+    """True poses of RB in DS; if the attitudes are unknown, the true positions of a point of RB."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PointCloud(Shown, cloud.PointCloud):
+    """Points in LM, each with its pixel and stereo pair; one row per point.
+
+    `fused` is True if several pairs were fused into one surface, and False if the cloud keeps the points of each pair.
+    `fused` and the stamps of the pairs are None if unknown.
+    """
+
+    records: tuple[CallRecord, ...] = ()  #: The calls that produced the points; empty if unknown.
+    method: MethodRecord | None = None  #: The method that produced the points; None if unknown.
+
+    @staticmethod
+    def load(path: PathLike) -> PointCloud:
+        """Read a cloud file of the suite: .ply, .pcd or .npz."""
+        found = load_cloud(Path(path)).cloud
+        if found is None:
+            raise InputError(f"'{path}' has points without pixels (u, v, pair): give the path itself to sfr.score")
+        return PointCloud.of(found)
+
+    def save(self, path: PathLike) -> None:
+        """Write the cloud: .ply, .pcd or .npz."""
+        save_cloud(Path(path), self)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a pandas DataFrame with one row per point."""
+        structured = self.to_structured()
+        return data_frame({name: structured[name] for name in cloud.FIELD_TYPES})
+
+    def _facts(self) -> dict[str, str]:
+        facts = {"points": f"{len(self)} points"}
+        if len(self):
+            sides = self.xyz.max(axis=0) - self.xyz.min(axis=0)
+            facts["extent"] = " x ".join(f"{side:.1f}" for side in sides.tolist()) + " m"
+            facts["sigma"] = f"median sigma {np.median(self.sigma):.2g} m"
+        if self.fused is not None:
+            facts["fused"] = "fused" if self.fused else "not fused"
+        return facts
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Source(Shown, sequence.Source):
+    """An opened data set folder, bag or sequence. A field is None if the source does not contain it."""
+
+    @property
+    def truth(self) -> Trajectory | None:
+        """True poses of RB in DS; None without truth."""
+        found = super().truth
+        if found is None:
+            return None
+        kind = Truth if isinstance(found, trajectory.Truth) else Trajectory
+        return kind.of(found)
+
+    def _facts(self) -> dict[str, str]:
+        holds = [str(self.format)]
+        if self.loc is not None:
+            holds.append(f"{len(self.loc)} localisation pairs")
+            holds.append("without truth" if self.truth is None else "with truth")
+        if self.nav is not None:
+            holds.append(f"{len(self.nav)} mapping pairs")
+        return {"path": repr(str(self.path)), "holds": ", ".join(holds)}
+
+
+class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=score.SCHEMA):
+    """The score of a run."""
+
+    @classmethod
+    def of(cls, found: score.Score) -> Self:
+        """Return a score of the lower layers as this type."""
+        return cls(**msgspec.structs.asdict(found))
+
+    @staticmethod
+    def load(path: PathLike) -> Score:
+        """Read the JSON of a score."""
+        return Score.of(load_score(Path(path)))
+
+    def to_json(self) -> str:
+        """Return the JSON (`sfr-score/2`) that `sfr score --json` writes."""
+        return to_json(self)
+
+    def save(self, path: PathLike) -> None:
+        """Write the JSON."""
+        write_text(self.to_json(), Path(path))
+
+    def report(self, path: PathLike) -> None:
+        """Write the report page that `sfr score --html` writes."""
+        from sfr_loc_map.report.page import write_page
+
+        write_page(self, Path(path))
+
+    def to_markdown(self) -> str:
+        """Return all tables as Markdown."""
+        from sfr_loc_map.report.score_tables import score_markdown
+
+        return score_markdown(self)
+
+    def to_pandas(self, table: str = "figures") -> pandas.DataFrame:
+        """Return a pandas table: `figures` has one row per figure, `sub_trajectories` one row per sub-trajectory.
+
+        For a condition with many sub-trajectories only every n-th is kept, and the column `every` is n.
+        `sfr score --pieces` writes all sub-trajectories.
+        """
+        if table == "figures":
+            return data_frame({name: [row.as_dict()[name] for row in self.figures] for name in COLUMNS})
+        if table != "sub_trajectories":
+            raise ConfigError(f"table is '{table}': must be figures or sub_trajectories")
+        details = None if self.details is None else self.details.trajectory
+        return data_frame({} if details is None else columns_of(details.sub_trajectories))
+
+    def plot(self, name: str | None = None) -> Figure:
+        """Return a plot of the report page as a plotly figure for a notebook; by default the first plot."""
+        from sfr_loc_map.report.plots import to_figure
+        from sfr_loc_map.report.score_plots import score_plots
+
+        plots = {plot.name: plot for _, plots in score_plots(self) for plot in plots}
+        chosen = next(iter(plots), None) if name is None else name
+        if not plots:
+            raise ConfigError("this score has no plots")
+        if chosen not in plots:
+            raise ConfigError(f"this score has no plot '{chosen}': give one of {', '.join(plots)}")
+        return to_figure(plots[chosen])
+
+    def __repr__(self) -> str:
+        from sfr_loc_map.report.score_tables import row_title
+        from sfr_loc_map.report.tables import UNKNOWN
+
+        texts = [self.verdict or "no verdict"]
+        for row in (self.judged_row("position"), self.judged_row("point_error")):
+            if row is not None:
+                total = UNKNOWN if row.mean_plus_3sigma is None else f"{row.mean_plus_3sigma:.4g} {row.unit}"
+                texts.append(f"{row_title(row)} {total} (mean + 3 sigma)")
+        return f"Score({', '.join(texts)})"
+
+    def _repr_html_(self) -> str:
+        from sfr_loc_map.report.score_tables import summary_tables
+        from sfr_loc_map.report.table_formats import to_html
+
+        return f"<b>{self.verdict or 'no verdict'}</b>" + "".join(to_html(table) for table in summary_tables(self))
+
+
+def data_frame(columns: Mapping[str, Any]) -> pandas.DataFrame:
+    """Return a pandas table of columns; raise MissingExtraError if pandas is not installed."""
+    try:
+        import pandas
+    except ImportError as error:
+        raise MissingExtraError("to_pandas() needs pandas: pip install 'sfr_loc_map[notebook]'") from error
+    return pandas.DataFrame(dict(columns))
