@@ -65,6 +65,7 @@ MIN_CORRELATION = 0.5  #: Minimum correlation of estimated and true displacement
 OFFSET_STEPS = 200
 AS_GOOD = 1.1  #: Factor of disagreement up to which an offset to the exact stamps of the truth is preferred.
 STAMP_NOISE_NS = 1_000
+TIME_OFFSET = "time offset"  #: Name of the mismatch that the stamps are offset.
 PoseArrays = tuple[FloatArray, FloatArray]  #: Positions `(N, 3)` and unit quaternions `(N, 4)`.
 
 
@@ -94,13 +95,21 @@ class Tried(NamedTuple):
 
 
 class Hypothesis(Record, frozen=True, kw_only=True):
-    """One convention mismatch and the result of its correction."""
+    """One mismatch and the result of its correction."""
 
     mismatch: str  #: Short name.
     sentence: str  #: Fault of the estimate, and its correction.
     disagreement: float  #: Disagreement that remains after the correction.
     fitted: bool = False  #: Whether numbers were fitted for the correction.
     setting: str = ""  #: Setting `NAME=VALUE` of `PoseConvention` for the correction; empty if there is none.
+
+    @property
+    def prevents_verdict(self) -> bool:
+        """Whether the figures are meaningless, because estimate and truth use different conventions.
+
+        An offset of the stamps does not change the meaning of the figures, because the method under test may be late.
+        """
+        return self.mismatch != TIME_OFFSET
 
 
 class Diagnosis(Record, frozen=True, kw_only=True):
@@ -531,8 +540,8 @@ def _of_offset(offset_ns: int, step_ns: int, left: float) -> Hypothesis:
     late = "; each pose is that of the previous pair" if is_late else ""
     seconds = offset_ns / NS_PER_S
     return Hypothesis(
-        mismatch="time offset",
-        sentence=f"the estimate looks wrong: its stamps are offset: add {seconds:+.3f} s to the stamps{late}",
+        mismatch=TIME_OFFSET,
+        sentence=f"the stamps of estimate and truth are offset: add {seconds:+.3f} s to those of the estimate{late}",
         disagreement=left,
         fitted=not is_late,
         setting=f"time_offset_ns={offset_ns}",

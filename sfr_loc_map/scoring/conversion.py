@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
@@ -40,24 +41,35 @@ def corrected(
     return drive, None if done == ConventionRecord() else done
 
 
-def convention_mismatch(drive: DriveToScore, config: ScoreConfig) -> str | None:
+class ConventionFinding(NamedTuple):
+    """A finding about the conventions of estimate and truth."""
+
+    text: str
+    prevents_verdict: bool  #: Whether the figures are meaningless; otherwise they are judged as delivered.
+
+
+def convention_mismatch(drive: DriveToScore, config: ScoreConfig) -> ConventionFinding | None:
     """Return the convention mismatch that explains the disagreement, and its remedy; None if there is none."""
     association = config.trajectory.association
     found = diagnose(drive.estimates.trajectory, drive.truth, association, drive.rig, every=False).found
     if found is None:
         return None
     remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
-    return f"{found.sentence} ({remedy}sfr score EST TRUTH --diagnose shows every hypothesis)"
+    if not found.prevents_verdict:
+        remedy = f"the figures are those of the estimate as delivered; if a clock is wrong, {remedy}"
+    text = f"{found.sentence} ({remedy}sfr score EST TRUTH --diagnose shows every hypothesis)"
+    return ConventionFinding(text, found.prevents_verdict)
 
 
-def fitted_unit(convention: ConventionRecord | None) -> str | None:
+def fitted_unit(convention: ConventionRecord | None) -> ConventionFinding | None:
     """Return why an estimate with a declared factor is not judged; None if the factor is a unit of length."""
     if convention is None or not PoseConvention.parse(convention.declared).has_fitted_unit:
         return None
-    return (
+    text = (
         f"the declared factor of the positions ({', '.join(convention.declared)}) is not a unit of length: a factor "
         "fitted to the ground truth hides a scale error; give a power of ten of a metre, inch, foot or yard"
     )
+    return ConventionFinding(text, prevents_verdict=True)
 
 
 def diagnose_run(inputs: ScoreInputs, config: ScoreConfig) -> Diagnosis:

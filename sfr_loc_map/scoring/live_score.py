@@ -16,6 +16,7 @@ from sfr_loc_map.metrics.records import CallRecords, Provenance
 from sfr_loc_map.metrics.results import CallsResult, MapResult
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.scoring.assembly import all_kept, score_of_parts, with_conditions
+from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import (
     calls_result,
@@ -54,7 +55,7 @@ class Received:
     run: Run
     messages: int  #: Number of received poses, true poses and calls.
     map: MapResult | None  #: Result of the last map; None before the first map.
-    contradiction: str | None  #: Result of the last diagnosis, which takes 0.1 s or more.
+    convention_finding: ConventionFinding | None  #: Result of the last diagnosis, which takes 0.1 s or more.
 
 
 def score_so_far(received: Received, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:
@@ -66,7 +67,7 @@ def score_so_far(received: Received, live: LiveRun, config: ScoreConfig, limits:
         trajectory = drive_result(
             run.drive,
             config.trajectory,
-            received.contradiction,
+            received.convention_finding,
             all_kept(limits),
             details=live.details,
             under_way=True,

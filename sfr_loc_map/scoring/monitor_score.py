@@ -1,7 +1,7 @@
 """The score of a run from received messages, without ROS.
 
 The received rows are kept and scored by the functions that score files, so that the figures of a live score are
-bit-identical to those of a recording. The contradiction of estimate and truth may differ, because the diagnosis has no
+bit-identical to those of a recording. The finding about the conventions may differ, because the diagnosis has no
 rig and is repeated only when the poses have grown by a fifth. A true pose takes 112 bytes, an estimate with its
 covariance 232, the step of a localisation call 392, and a call 224 (docs/metrics.md, "Live").
 """
@@ -37,7 +37,7 @@ from sfr_loc_map.metrics.results import MapResult
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs.call_stats import CallStats, estimates_of
 from sfr_loc_map.runs.calls import CallRecord, is_covariance_reported
-from sfr_loc_map.scoring.conversion import convention_mismatch
+from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch
 from sfr_loc_map.scoring.inputs import DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.live_score import ENDED, LiveRun, Received, score_so_far
 
@@ -204,7 +204,7 @@ class MonitorScore:
         self._truth = _Rows(TRUE_POSE)
         self._calls = _CallRows()
         self._covariance_ns = -1  # stamp of the last estimate with a published covariance
-        self._contradiction: str | None = None  # result of the last diagnosis
+        self._convention_finding: ConventionFinding | None = None  # result of the last diagnosis
         self._diagnosed_poses = 0  # number of poses at the last diagnosis
         self.map_score: MapResult | None = None
 
@@ -268,7 +268,10 @@ class MonitorScore:
             unmapped_pairs=len(pairs) if self.map_score is None and not is_under_way else 0,
         )
         received = Received(
-            run=run, messages=self._poses + len(self._calls), map=self.map_score, contradiction=self._contradiction
+            run=run,
+            messages=self._poses + len(self._calls),
+            map=self.map_score,
+            convention_finding=self._convention_finding,
         )
         return score_so_far(received, live, self._config, self._limits)
 
@@ -280,10 +283,10 @@ class MonitorScore:
         if self._diagnosed_poses <= self._poses < DIAGNOSED_GROWTH * self._diagnosed_poses:
             return
         self._diagnosed_poses = self._poses
-        self._contradiction = None
+        self._convention_finding = None
         truth, estimates = self._given_truth(), self._given_estimates(None)
         if truth is not None and estimates is not None:
-            self._contradiction = convention_mismatch(DriveToScore(estimates, truth), self._config)
+            self._convention_finding = convention_mismatch(DriveToScore(estimates, truth), self._config)
 
     @property
     def _poses(self) -> int:

@@ -37,6 +37,7 @@ from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.runs.call_stats import CallStats
+from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
 
 FEW_TRUE_POSES = 1.0 / SPARSER  #: A truth is reported as sparse up to this ratio of true poses to images.
@@ -52,14 +53,14 @@ MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Mat
 def drive_result(
     drive: DriveToScore,
     config: TrajectoryScoreConfig,
-    contradiction: str | None,
+    finding: ConventionFinding | None,
     kept_errors: Collection[tuple[str, str]],
     *,
     details: bool = True,
     under_way: bool = False,
     in_flight_ns: int = 0,
 ) -> TrajectoryResult:
-    """Return the part of a score from a trajectory; `contradiction` is a convention mismatch with the truth.
+    """Return the part of a score from a trajectory; `finding` is about the conventions of estimate and truth.
 
     During a run (`under_way`), estimates may still lack a truth, and results of the last `in_flight_ns` may arrive.
     """
@@ -76,10 +77,11 @@ def drive_result(
     association, truth = scored.association, scored.truth
     assert association is not None  # as of every scored trajectory
     assert truth is not None
-    warnings = [] if contradiction is None else [contradiction]
+    warnings = [] if finding is None else [finding.text]
     warnings += _sparse_truth(drive, association)
     warnings += truth_caveats(truth)
     caveats = tuple(_uneven_estimates(drive, association))
+    contradiction = finding.text if finding is not None and finding.prevents_verdict else None
     return replace(scored, warnings=tuple(warnings), caveats=caveats, contradiction=contradiction)
 
 

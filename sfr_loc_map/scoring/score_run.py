@@ -48,8 +48,8 @@ def score_run(
     trajectory = result_without_poses(run.unposed_images)
     truth_sha256 = map_truth_sha256 = None
     if run.drive is not None:
-        mismatch = convention_mismatch(run.drive, config) or fitted_unit(run.convention)
-        trajectory = drive_result(run.drive, config.trajectory, mismatch, all_kept(limits, kept_errors))
+        finding = fitted_unit(run.convention) or convention_mismatch(run.drive, config)
+        trajectory = drive_result(run.drive, config.trajectory, finding, all_kept(limits, kept_errors))
         truth_sha256 = hash_of_truth(run.drive.truth)
     if run.drive is not None and aligned is not None:
         trajectory = with_aligned_errors(trajectory, run.drive, aligned)

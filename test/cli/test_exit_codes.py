@@ -154,6 +154,35 @@ def test_a_convention_mismatch_judges_nothing_and_is_a_finding_of_the_doctor(
     assert "the estimate looks wrong" in found.out
 
 
+@pytest.mark.parametrize(("lag_s", "code", "verdict"), [(0.1, ExitCode.OK, "pass"), (0.3, ExitCode.FAILED, "fail")])
+def test_a_late_method_is_judged_as_delivered_and_its_offset_is_a_finding(
+    sfr: Sfr, tmp_path: Path, lag_s: float, code: int, verdict: str
+) -> None:
+    """The mean + 3 sigma over 5 m is 0.23 m with the short lag, and three times as large with the long lag."""
+    estimate, truth, report = tmp_path / "estimate.csv", tmp_path / "truth.csv", tmp_path / "s.json"
+    save_trajectory(truth, winding_drive(0.0))
+    save_trajectory(estimate, winding_drive(lag_s))
+    text = "trajectory:\n  - condition: distance=5\n    position_mean_plus_3sigma_m: 0.4\n"
+    result = sfr("score", estimate, truth, "--limits", limits_file(tmp_path / "l.yaml", text), "--json", report)
+    score = json.loads(report.read_text())
+    assert (result.code, score["verdict"]) == (code, verdict), result.err
+    assert f"add -{lag_s:.3f} s to those of the estimate" in " ".join(score["warnings"])
+    assert score.get("contradiction") is None
+    assert sfr("score", estimate, truth, "--diagnose").code == ExitCode.FAILED
+
+
+def winding_drive(lag_s: float) -> Trajectory:
+    """Return the poses at 10 Hz of a drive of 60 m at changing speed, delivered with a delay."""
+    fine_s = np.arange(-2.0, 202.0, 0.01)
+    yaw, speed = 0.8 * np.sin(0.2 * fine_s), 0.3 + 0.2 * np.sin(0.5 * fine_s)
+    tilt = 0.02 * np.sin(0.7 * fine_s)
+    path = 0.01 * np.cumsum(speed[:, None] * np.column_stack((np.cos(yaw), np.sin(yaw), tilt)), axis=0)
+    delivered_s = 0.1 * np.arange(2000) - lag_s
+    x, y, z, heading, lean = (np.interp(delivered_s, fine_s, values) for values in (*path.T, yaw, tilt))
+    quats = quat_normalised(np.column_stack((lean, lean, np.sin(0.5 * heading), np.cos(0.5 * heading))))
+    return Trajectory(np.arange(2000) * SECOND_NS // 10, np.column_stack((x, y, z)), quats)
+
+
 def test_the_error_of_a_failed_method_states_a_contradiction_too() -> None:
     crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")
     score = judged(Score(contradiction="its quaternions are conjugated", findings=(crash,)), None)

@@ -124,7 +124,9 @@ def test_poses_of_the_pair_before_are_named(noise: float, scale: float) -> None:
     late = (stamps, *(np.concatenate((each[:1], each[:-1])) for each in poses))
     got, sentence = found(late, truth)
     assert got == "time offset"
-    assert sentence.endswith("are offset: add -0.200 s to the stamps; each pose is that of the previous pair")
+    assert sentence.endswith(
+        "are offset: add -0.200 s to those of the estimate; each pose is that of the previous pair"
+    )
     assert found((stamps, *poses), truth)[0] is None
 
 
