@@ -16,7 +16,7 @@ from setuptools.command.build_py import build_py
 PACKAGE = "sfr_loc_map"
 ROOT = Path(__file__).resolve().parent  # `colcon build --symlink-install` runs a link to this file in another folder
 VERSION = re.search(r'__version__ = "(.+)"', (ROOT / PACKAGE / "__init__.py").read_text(encoding="utf-8")).group(1)
-PROFILES = glob(PACKAGE + "/nodes/ros/profiles/*.xml")  # in share/ for other programs: camera drivers need it
+PROFILES = glob(PACKAGE + "/ros/profiles/*.xml")  # in share/ for other programs: camera drivers need it
 NODES = ("localisation_node", "mapping_node", "monitor_node")
 # BSD-2 (Sphinx, copybutton), MIT (MyST, furo, sphinx-design); matplotlib draws the figures of the pages (PSF-like)
 DOCS = [
@@ -81,13 +81,7 @@ setup(
     python_requires=">=3.11,<3.14",
     packages=find_packages(include=[PACKAGE, PACKAGE + ".*"]),
     package_data={
-        PACKAGE: [
-            "py.typed",
-            "report/templates/*",
-            "live/web/*",
-            "nodes/ros/profiles/*.xml",
-            "mapping/disparity/*.json",
-        ],
+        PACKAGE: ["py.typed", "report/templates/*", "live/web/*", "ros/profiles/*.xml", "mapping/disparity/*.json"],
         "": ["*.pyi"],
     },
     data_files=[

@@ -1,10 +1,11 @@
 """What all tests share."""
 
 import functools
+import importlib.util
 import os
 import signal
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import hypothesis
@@ -29,7 +30,64 @@ typer.main.get_command = functools.cache(typer.main.get_command)
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+TESTS = Path(__file__).resolve().parent
+ROS_TESTS = (
+    "graph",
+    "nodes",
+    "replay",
+    "ros",
+    "live/test_feed.py",
+    "live/test_live_process.py",
+    "live/test_map_feed.py",
+)
+"""Folders and files of tests whose modules import ROS."""
+WITHOUT_ROS = (
+    *("nodes/input/test_odometry_buffer.py", "nodes/input/test_pose_matching.py", "nodes/input/test_thinned_path.py"),
+    *("nodes/launch/test_launch_parts.py", "nodes/lifecycle/test_worker.py", "replay/test_answer_book.py"),
+    *("replay/test_received.py", "replay/test_score.py", "ros/test_environment.py", "ros/test_transport.py"),
+)
+"""Files in these folders that import nothing of ROS."""
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def is_ros_test(path: Path) -> bool:
+    """Return whether a file of tests is in `ROS_TESTS`."""
+    return any(path.is_relative_to(TESTS / name) for name in ROS_TESTS)
+
+
+class Skipped(pytest.Module):
+    def collect(self) -> list[pytest.Item]:
+        pytest.skip("ROS is not installed: no module 'rclpy'", allow_module_level=True)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> Generator[None, pytest.Module]:
+    """Mark the tests that need ROS, and do not import them where it is absent."""
+    module = yield
+    if not is_ros_test(module_path) or module_path.relative_to(TESTS).as_posix() in WITHOUT_ROS:
+        return module
+    if importlib.util.find_spec("rclpy") is None:
+        module = Skipped.from_parent(parent, path=module_path)
+    module.add_marker(pytest.mark.ros)
+    module.add_marker(pytest.mark.timeout(240))
+    return module
+
+
+@pytest.fixture(autouse=True)
+def _isolated(request: pytest.FixtureRequest) -> None:
+    """Each test of `ROS_TESTS` has its own domain, whether it has nodes itself or starts them."""
+    if is_ros_test(request.node.path):
+        request.getfixturevalue("own_domain")
+
+
+@pytest.fixture
+def ros(own_domain: None) -> Iterator[None]:
+    """ROS within the test's process."""
+    import rclpy
+
+    rclpy.init(args=[])
+    yield
+    rclpy.try_shutdown()
 
 
 @pytest.fixture(scope="session")
@@ -44,7 +102,7 @@ def shared_data() -> Path:
 def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A ROS domain of the test's own, whose nodes write their logs below its folder."""
     from helpers.ros_domain import free_domain
-    from sfr_loc_map.nodes.ros import environment
+    from sfr_loc_map.ros import environment
 
     monkeypatch.setenv("ROS_DOMAIN_ID", str(free_domain()))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

@@ -10,34 +10,62 @@ import sfr_loc_map
 
 PACKAGE = Path(sfr_loc_map.__file__).parent
 NAME = PACKAGE.name
-FLOORS = (
-    {
-        *("__init__", "atomic", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"),
-        *(
-            "host_clock",
-            "memory_mark",
-            "parallel",
-            "process_tree",
-            "message_types",
-            "run_order",
-            "stamp_pairing",
-            "topics",
-        ),
-        *("graph_endpoints", "issues", "stamp_pairing", "topics"),
-        *("hashes", "json_yaml", "package_commit"),
-    },
-    {"geometry"},
-    {"io", "localisation", "mapping", "metrics"},
-    {"faults", "methods", "report", "simulation"},
-    {"runs", "source_setup"},
-    {"scoring"},
-    {"doctor", "evidence"},
-    {"bench", "live", "suite"},
-    {"nodes"},
-    {"__main__", "cli", "api", "api_types"},
-)
-"""From the bottom; what stands on one floor does not import its neighbours, but the root modules do."""
-NODE_FLOORS = ({"ros"}, {"lifecycle"}, {"input"}, {""}, {"launch", "graph"}, {"replay", "view"})
+LAYERS = {
+    "geometry": ("", "Values with frames and units: rotations, transforms, cameras, trajectories, clouds"),
+    "io": ("geometry", "Recorded data, between files or messages of any format and the values of the suite"),
+    "localisation": ("geometry", "The trajectory of a drive from its stereo pairs"),
+    "mapping": ("geometry", "A point cloud and the terrain from one to three stereo pairs"),
+    "kernels": ("localisation mapping", "The compiled code of localiser and mapper, loaded or compiled in a process"),
+    "metrics": ("geometry", "The figures of the specification, and the verdicts by limits"),
+    "faults": ("geometry io", "Faults that are injected into the stereo pairs of a source"),
+    "simulation": ("geometry io", "Stereo pairs of a Mars-like scene with exact truth"),
+    "report": ("geometry metrics", "Views of scores, which make no verdict"),
+    "ros": ("geometry io localisation mapping", "What every program with a ROS node requires"),
+    "methods": ("geometry io localisation mapping metrics", "Localisers and mappers under test, in their processes"),
+    "runs": (
+        "geometry io kernels localisation mapping methods metrics",
+        "A localiser or mapper over a complete source, the record of each call, and their files",
+    ),
+    "source_setup": ("geometry io localisation mapping metrics report", "The content of a source, and its `sfr.yaml`"),
+    "scoring": ("geometry io mapping metrics runs", "A score with its provenance from files, memory or topics"),
+    "doctor": ("geometry io source_setup", "The issues of a recording or graph from an observation"),
+    "evidence": (
+        "faults geometry io kernels localisation mapping metrics report runs",
+        "The consistency of runs that should agree, without a ground truth",
+    ),
+    "nodes": (
+        "geometry io kernels localisation mapping metrics ros runs scoring",
+        "The three nodes, from a message to a result, and their processes",
+    ),
+    "graph": ("doctor geometry io nodes ros", "Programs that observe or record a running graph"),
+    "live": (
+        "geometry io localisation mapping metrics nodes report ros runs",
+        "Views of a run in progress, and their connection to the nodes",
+    ),
+    "replay": (
+        "geometry io live localisation mapping methods metrics nodes ros runs scoring",
+        "A source that is played to the nodes, and the score of their results",
+    ),
+    "bench": ("faults geometry io localisation mapping methods metrics runs", "Benchmarks, one drive after the other"),
+    "suite": (
+        "evidence faults geometry io localisation mapping methods metrics report runs scoring simulation",
+        "Many runs on Dask, and their pooled results",
+    ),
+    "cli": (
+        "bench doctor evidence faults geometry graph io live localisation mapping methods metrics nodes replay report "
+        "ros runs scoring simulation source_setup suite",
+        "The subcommands of `sfr`",
+    ),
+    "__main__": ("cli", "`python -m sfr_loc_map`"),
+    "api_types": ("geometry io localisation metrics report runs", "The types of the Python interface"),
+    "api": ("api_types geometry io localisation mapping methods metrics runs scoring", "The functions of Python users"),
+}
+"""Folders, and modules beside them, from the bottom: what of these each imports, exactly, and its subject.
+
+All other modules beside the folders are below them and import none of these.
+"""
+ROS_FOLDERS = {"ros", "nodes", "graph", "live", "replay"}
+NODE_FLOORS = ({"lifecycle"}, {"input"}, {""}, {"launch"})
 """Folders of `nodes` from the bottom; the name of the modules beside them is empty."""
 IO_FLOORS = (
     {"sequence", "tables"},
@@ -49,9 +77,7 @@ IO_FLOORS = (
     {"convert", "message_stream", "registry"},
 )
 """Folders of `io`, and the modules beside them, from the bottom."""
-NEIGHBOURS = {("api", "api_types"), ("cli", "api"), ("__main__", "cli")}
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
-ROS_PACKAGES = {"nodes"}
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -78,16 +104,39 @@ def is_ros(name: str) -> bool:
     return head.endswith("_msgs") or head.startswith("rosidl") or head in ROS
 
 
-def test_modules_import_lower_floors_alone_and_ros_only_in_nodes() -> None:
-    floor = {layer: number for number, layers in enumerate(FLOORS) for layer in layers}
+def layers_that(name: str) -> set[str]:
+    """Return the other layers that the modules of a layer, or a module beside the layers, import."""
+    files = sorted((PACKAGE / name).rglob("*.py")) or [PACKAGE / f"{name}.py"]
+    names = [found.split(".") for path in files for found in imported(path)]
+    return {parts[1] for parts in names if parts[0] == NAME and len(parts) > 1} & LAYERS.keys() - {name}
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_a_layer_imports_the_lower_layers_that_are_drawn(layer: str) -> None:
+    drawn = set(LAYERS[layer][0].split())
+    below = [*LAYERS][: [*LAYERS].index(layer)]
+    assert layers_that(layer) == drawn
+    assert drawn <= {*below}
+
+
+def test_all_folders_are_drawn_and_other_modules_import_no_layer() -> None:
+    assert {path.parent.name for path in PACKAGE.glob("*/__init__.py")} <= LAYERS.keys()
+    others = {path.stem for path in PACKAGE.glob("*.py")} - LAYERS.keys()
+    assert {name: found for name in others if (found := layers_that(name))} == {}
+
+
+def test_the_page_has_the_same_drawing() -> None:
+    page = " ".join((PACKAGE.parent / "docs" / "architecture.md").read_text(encoding="utf-8").split())
+    rows = " ".join(f"{name} {imports or '-'}" for name, (imports, _) in reversed(LAYERS.items()))
+    assert rows in page
+    assert [name for name, (_, subject) in LAYERS.items() if f"- `{name}`: {subject}" not in page] == []
+
+
+def test_ros_is_imported_by_its_folders_alone_and_no_import_is_relative() -> None:
     wrong = []
     for path in FILES:
-        layer = layer_of(path)
         for name in imported(path):
-            head, *rest = name.split(".")
-            other = rest[0] if head == NAME and rest and rest[0] in floor else layer
-            below = floor[other] < floor[layer] or other == layer or floor[layer] == 0 or (layer, other) in NEIGHBOURS
-            if not below or head == "" or (is_ros(name) and layer not in ROS_PACKAGES):
+            if name.startswith(".") or (is_ros(name) and layer_of(path) not in ROS_FOLDERS):
                 wrong.append(f"{path.relative_to(PACKAGE)}: {name}")
     assert not wrong
 

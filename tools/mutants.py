@@ -68,7 +68,7 @@ class Mutation(NamedTuple):
     instead: str
 
 
-ANSWERS, STORE = "nodes/replay/answer_book.py", "suite/running/store.py"
+ANSWERS, STORE = "replay/answer_book.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
 OTHER_FRAMES = "metrics/other_frames.py"
 FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_errors.py", "metrics/shortfall_kinds.py"

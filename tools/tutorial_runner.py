@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sfr_loc_map.nodes.ros import environment as nodes_environment
+from sfr_loc_map.ros import environment as nodes_environment
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*(ROOT / "docs" / "tutorials").glob("*.md"), ROOT / "docs" / "python.md"])

@@ -82,15 +82,15 @@ def live(
         if terminal:
             _show_on_terminal(state, namespace, remaps)
         else:
-            from sfr_loc_map.nodes.view.main import serve_page
+            from sfr_loc_map.live.main import serve_page
 
             serve_page(page, state, namespace, remaps, open_browser=open_browser)
 
 
 def _show_on_terminal(state: LiveState, namespace: str, remaps: list[str]) -> None:
     """Show a state on the terminal until q is pressed or a signal arrives."""
+    from sfr_loc_map.live.feed import RosFeed
     from sfr_loc_map.live.terminal import Terminal
-    from sfr_loc_map.nodes.view.feed import RosFeed
 
     with RosFeed(state, namespace, remaps):
         try:

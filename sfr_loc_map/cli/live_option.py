@@ -14,7 +14,7 @@ from sfr_loc_map.errors import FailedVerdictError, MissingExtraError, NodeError,
 from sfr_loc_map.inputs import one_line
 
 if TYPE_CHECKING:
-    from sfr_loc_map.nodes.launch.live_process import LiveProcess
+    from sfr_loc_map.live.live_process import LiveProcess
 
 LiveOption = Annotated[bool, Option("--live", help="Show the run on a page (see sfr live).")]
 LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of the page; 0 selects a free port.")]
@@ -40,8 +40,8 @@ def live_page(
         yield None
         return
     require_live()
-    from sfr_loc_map.nodes.launch.live_process import LiveProcess
-    from sfr_loc_map.nodes.ros import environment
+    from sfr_loc_map.live.live_process import LiveProcess
+    from sfr_loc_map.ros import environment
 
     if isolated:
         environment.isolate()

@@ -281,7 +281,7 @@ def require_ros(command: str) -> None:
     """Raise MissingExtraError if ROS, which a subcommand needs, cannot be imported."""
     try:
         from sfr_loc_map.nodes.lifecycle import endpoints  # noqa: F401 - does it import?
-        from sfr_loc_map.nodes.ros import messages  # noqa: F401
+        from sfr_loc_map.ros import messages  # noqa: F401
     except ImportError as error:
         raise MissingExtraError(
             f"sfr {command} needs ROS 2 ({error}): source a ROS 2 installation, or pip install 'sfr_loc_map[ros]'"

@@ -44,9 +44,9 @@ from sfr_loc_map.mapping.config import MappingConfig
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
-    from sfr_loc_map.nodes.replay.options import ReplayOptions
-    from sfr_loc_map.nodes.replay.run import ScoredReplay
-    from sfr_loc_map.runs.replay_files import ReplayFiles
+    from sfr_loc_map.replay.files import ReplayFiles
+    from sfr_loc_map.replay.options import ReplayOptions
+    from sfr_loc_map.replay.run import ScoredReplay
     from sfr_loc_map.scoring.inputs import Correction
 
 PLAYED = "Playback of the source"
@@ -169,7 +169,7 @@ def replay(
             refuse_given(context, ("overwrite",), "replaces the files of a folder: give --out DIR, too")
         if external is None and method == "sfr":
             refuse_given(context, OF_EXTERNAL, "applies only to external nodes: give --external TASK, too")
-        from sfr_loc_map.runs.replay_files import ReplayFiles
+        from sfr_loc_map.replay.files import ReplayFiles
         from sfr_loc_map.scoring.judgement import Judgement
         from sfr_loc_map.scoring.settings import score_settings
 
@@ -180,7 +180,7 @@ def replay(
         by = Judgement.of(limits, condition, parameters)
         correction = correction_of(convention, apply_diagnosis)
         require_ros("replay")
-        from sfr_loc_map.nodes.replay.options import (
+        from sfr_loc_map.replay.options import (
             ReplayOptions,
             first_pose,
             is_ros_parameter_file,
@@ -251,7 +251,7 @@ def _replayed(
     source: Source, options: ReplayOptions, correction: Correction, files: ReplayFiles | None
 ) -> ScoredReplay:
     """Replay and score with progress bars."""
-    from sfr_loc_map.nodes.replay.run import replay_and_score
+    from sfr_loc_map.replay.run import replay_and_score
 
     parts = ((Task.LOCALISATION, source.loc), (Task.MAPPING, source.nav))
     with progress_bar("pairs") as bar:

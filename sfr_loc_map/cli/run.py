@@ -90,8 +90,8 @@ def record(
 ) -> None:
     """Record topics. Messages are written to disk every half second, so that a crash loses at most half a second."""
     require_ros("record")
-    from sfr_loc_map.nodes.graph.record import RecordOptions
-    from sfr_loc_map.nodes.graph.record import record as run_recorder
+    from sfr_loc_map.graph.record import RecordOptions
+    from sfr_loc_map.graph.record import record as run_recorder
 
     options = RecordOptions(tuple(topics or ()), everything, namespace, duration, zstd)
     with output_folder(out, overwrite=overwrite, resumable=True) as place:

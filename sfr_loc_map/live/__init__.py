@@ -1,6 +1,6 @@
-"""Views of a run in progress. This package does not import ROS.
+"""Views of a run in progress.
 
-    nodes/view/feed.py (thread of ROS)
+    nodes ──► feed, map_feed (thread of ROS; `operator` calls the services of the nodes)
             │ records (`updates`)
             ▼
     LiveState.put (`state`): path, timeline, live_node, live_report, freshness
@@ -11,8 +11,8 @@
 
 Only the feed writes the state. Each view reads the state while it holds `LiveState.lock`, and never delays the feed.
 `headline` makes the verdict for all views, and `displayed_media` has which images and maps the feed must prepare.
-`run_end` reports from the process of the run to the process of the page how the run ended. `config`, `access` and
-`connections` protect the server.
+`live_process` starts the page beside a run, as a process that runs `main`. By `run_end` the run reports to this process
+how it ended. `config`, `access` and `connections` protect the server.
 """
 
 import lazy_loader

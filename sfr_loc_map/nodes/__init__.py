@@ -1,4 +1,4 @@
-"""The ROS 2 nodes and the processes around them; the only package that imports ROS.
+"""The three ROS 2 nodes, and the processes in which they run.
 
 The path of a stereo pair through a node, in two threads:
 
@@ -11,9 +11,7 @@ publishes the score (`score_publisher`, `score_messages`) or saves it (`report_f
 
 - `lifecycle`: what the three nodes have in common (`managed_node`): states, parameters, endpoints, worker, health
 - `input`: reception of pairs, poses, extrinsics and true poses; what a node waits for (`waiting`)
-- `ros`: conversion of messages, quality of service, queries of the graph, the ROS node of other programs (`peer`)
 - `launch`: the nodes as processes; `start` is the first module of such a process
-- `replay`: plays a source through the nodes; `graph`: observes or records a running graph; `view`: feeds the live page
 - `parameter_files`: writes the files in `config/`
 """
 

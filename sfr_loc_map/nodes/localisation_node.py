@@ -39,8 +39,8 @@ from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.input.thinned_path import ThinnedPath
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
-from sfr_loc_map.nodes.ros import messages
-from sfr_loc_map.nodes.ros.qos import profile
+from sfr_loc_map.ros import messages
+from sfr_loc_map.ros.qos import profile
 from sfr_loc_map.runs.calls import call_of_estimate
 from sfr_loc_map.topics import (
     DEBUG_IMAGE,

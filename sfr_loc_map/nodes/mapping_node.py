@@ -34,8 +34,8 @@ from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.input.waiting import Input
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
-from sfr_loc_map.nodes.ros import messages
-from sfr_loc_map.nodes.ros.qos import profile
+from sfr_loc_map.ros import messages
+from sfr_loc_map.ros.qos import profile
 from sfr_loc_map.run_order import AGREEING
 from sfr_loc_map.runs.calls import CallRecord, call_of_fusion, call_of_stages
 from sfr_loc_map.topics import CLOUD, DISPARITY, ELEVATION, HAZARD, NAV_POSE

@@ -45,10 +45,10 @@ from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.report_file import ReportFile
-from sfr_loc_map.nodes.ros.messages import cloud_from_msg, covariance_of, odometry_row, transform_from_pose
-from sfr_loc_map.nodes.ros.qos import LATCHED, RELIABILITIES, profile
-from sfr_loc_map.nodes.ros.transport import TransportGaps
 from sfr_loc_map.nodes.score_publisher import ScorePacing, ScorePublisher
+from sfr_loc_map.ros.messages import cloud_from_msg, covariance_of, odometry_row, transform_from_pose
+from sfr_loc_map.ros.qos import LATCHED, RELIABILITIES, profile
+from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.run_order import AnyOrder, CommonRuns
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.live_score import LiveRun

@@ -22,7 +22,7 @@ from sfr_loc_map.nodes.input.waiting import Input, missing_input
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
-from sfr_loc_map.nodes.ros.transport import latencies
+from sfr_loc_map.ros.transport import latencies
 from sfr_loc_map.run_order import AGREEING
 from sfr_loc_map.runs.calls import CallRecord, encode_call
 

@@ -12,8 +12,8 @@ from std_msgs.msg import Float64, String
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
-from sfr_loc_map.nodes.ros.messages import header_msg
 from sfr_loc_map.nodes.score_messages import figure_topics, score_statuses
+from sfr_loc_map.ros.messages import header_msg
 from sfr_loc_map.topics import METRICS, REPORT
 
 RESTS = 9.0  #: Time without scoring after each score, as a multiple of the processor time of that score.

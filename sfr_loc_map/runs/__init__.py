@@ -4,7 +4,6 @@
     ───                               ──────                                     ─────
     offline.run_localiser             DriveRun: PoseEstimate, CallRecord a pair  estimate.csv, stats.csv, video
     offline.run_mapper                MapRun: PairMap a pair, FusedMap, calls    cloud, elevation models, stats.csv
-    nodes/replay (sfr replay)         ReplayResult: poses, cloud, calls          folder of ReplayFiles
 
 The record of a call of `process` has three forms (`CallRecord` lists the fields that only the first one has):
 
@@ -12,7 +11,7 @@ The record of a call of `process` has three forms (`CallRecord` lists the fields
     stats.csv (`call_files`)          one row for each call (`save_stats`, `load_call_stats`)
     CallStats (`call_stats`)          the calls of a run as columns, from records or from a file; scores read this form
 
-`replay_result` has the results of a replay. `map_files`, `replay_files` and `track_video` write the other files.
+`map_files` and `track_video` write the other files.
 """
 
 import lazy_loader

@@ -7,8 +7,8 @@ The modules in the order of their use:
 - conventions: `conversion` converts the estimate to poses of RB in DS and diagnoses convention mismatches.
 - score: `score_parts` scores the trajectory, the map and the calls of a run. `assembly` combines these parts to a score
   with verdicts and warnings. `provenance` has the hashes of the files, the settings and facts of the host.
-- entry points: `score_run` scores a finished run, `score_collected` the messages of a replay. `monitor_score` collects
-  the messages of a live run and scores them by `live_score`.
+- entry points: `score_run` scores a finished run. `monitor_score` collects the messages of a live run and scores them
+  by `live_score`.
 """
 
 import lazy_loader

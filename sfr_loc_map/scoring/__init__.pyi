@@ -1,3 +1,2 @@
 from .conversion import diagnose_run as diagnose_run
-from .score_collected import score_replay as score_replay
 from .score_run import score_files as score_files

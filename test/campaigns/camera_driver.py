@@ -26,8 +26,8 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from helpers.node_scenes import DRIVERS, OPTICAL
 from sfr_loc_map.nodes.input.extrinsics import TF_STATIC
-from sfr_loc_map.nodes.ros.environment import start_ros
-from sfr_loc_map.nodes.ros.messages import header_msg, tf_message_type
+from sfr_loc_map.ros.environment import start_ros
+from sfr_loc_map.ros.messages import header_msg, tf_message_type
 
 Pixels = NDArray[np.uint8]
 ENCODINGS: dict[str, tuple[int, Callable[[Pixels], NDArray[Any]]]] = {

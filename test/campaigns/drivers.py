@@ -34,8 +34,8 @@ from sfr_loc_map.io.calibration.camera_info import projection
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.nodes.launch.processes import Supervisor
 from sfr_loc_map.nodes.lifecycle.diagnostics import values_of
-from sfr_loc_map.nodes.ros.environment import start_ros
-from sfr_loc_map.nodes.ros.messages import tf_message_type
+from sfr_loc_map.ros.environment import start_ros
+from sfr_loc_map.ros.messages import tf_message_type
 
 SECONDS = 8.0
 JITTER_S = 0.008

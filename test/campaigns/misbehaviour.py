@@ -257,7 +257,7 @@ def table(outcomes: Sequence[tuple[Case, Outcome]]) -> str:
 
 def main(names: list[str]) -> int:
     """Run all cases, or those with the given configurations, and print the table; exit code 1 if a case differs."""
-    from sfr_loc_map.nodes.ros import environment
+    from sfr_loc_map.ros import environment
 
     environment.prepare()
     environment.isolate()

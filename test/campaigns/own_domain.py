@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from sfr_loc_map.nodes.ros import environment
+from sfr_loc_map.ros import environment
 
 
 def in_own_domain(run: Callable[[Path], list[str]]) -> int:

@@ -188,7 +188,7 @@ def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any
     """Return report, exit code and text of the doctor for rovers in a ROS domain each."""
     pytest.importorskip("rclpy")
     from helpers.ros_domain import free_domain
-    from sfr_loc_map.nodes.ros import environment
+    from sfr_loc_map.ros import environment
 
     folder = tmp_path_factory.mktemp("rovers")
     mount = folder / "mount.yaml"

@@ -25,8 +25,8 @@ Live page
     live_run, page_server, browser, foxglove_client.
 
 Fixtures are in the `conftest.py` of the folder of a test or above: `sfr` (a command), `scheduler` (of a suite),
-`own_domain` and `shared_data` in `test/`; `files`, `judge`, `source`, `cloud`, `images` and `localised` in `scoring/`;
-`drive`, `build`, `faulty` and `example` in `methods/`; `folder`, `estimate` and `cloud` in `api/`; `ros` in `nodes/`;
+`own_domain`, `ros` and `shared_data` in `test/`; `files`, `judge`, `source`, `cloud`, `images` and `localised` in
+`scoring/`; `drive`, `build`, `faulty` and `example` in `methods/`; `folder`, `estimate` and `cloud` in `api/`;
 `made_once` in `cli/`; `config` in `simulation/`; `world` in `io/`; `two_views` in `mapping/multiview/`; `score` in
 `suite/`. A fixture of a module or session calls `cli_result.run_sfr`, because the fixture `sfr` is of one test.
 """

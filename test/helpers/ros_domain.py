@@ -9,7 +9,7 @@ import random
 import socket
 from collections import deque
 
-from sfr_loc_map.nodes.ros.environment import DOMAINS
+from sfr_loc_map.ros.environment import DOMAINS
 
 PROBED_PARTICIPANTS = 10  #: The first of a domain may have ended while others run.
 HELD_PORT = 249  #: From the first port of a domain: no program reaches participant 119.

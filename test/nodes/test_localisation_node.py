@@ -37,7 +37,7 @@ from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
 from sfr_loc_map.nodes.lifecycle.diagnostics import values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.ros.messages import (
+from sfr_loc_map.ros.messages import (
     covariance_of,
     header_msg,
     odometry_row,

@@ -27,17 +27,17 @@ from sfr_loc_map.metrics.config import MappingState, ScoreConfig, TrajectoryScor
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
+from sfr_loc_map.replay.result import ReplayResult
+from sfr_loc_map.replay.score import score_replay
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.runs.call_stats import stats_of
 from sfr_loc_map.runs.calls import CallRecord
-from sfr_loc_map.runs.replay_result import ReplayResult
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
-from sfr_loc_map.scoring.score_collected import score_replay
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, groups_of
 

@@ -35,8 +35,8 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.results import TrajectoryResult
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
-from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.report_file import ReportFile
+from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.runs.call_stats import estimates_of, stats_of
 from sfr_loc_map.runs.calls import CallRecord, encode_call

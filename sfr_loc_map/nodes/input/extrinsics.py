@@ -15,8 +15,8 @@ from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
-from sfr_loc_map.nodes.ros.messages import header_msg, pose_msg, tf_message_type, transform_msg
-from sfr_loc_map.nodes.ros.qos import TF_STATIC_QOS
+from sfr_loc_map.ros.messages import header_msg, pose_msg, tf_message_type, transform_msg
+from sfr_loc_map.ros.qos import TF_STATIC_QOS
 from sfr_loc_map.topics import TF_STATIC
 
 

@@ -22,11 +22,11 @@ from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
 from sfr_loc_map.nodes.input.waiting import Input
 from sfr_loc_map.nodes.lifecycle.diagnostics import StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
-from sfr_loc_map.nodes.ros.environment import EXPORT_LINE
-from sfr_loc_map.nodes.ros.messages import check_image
-from sfr_loc_map.nodes.ros.qos import RELIABILITIES, profile
-from sfr_loc_map.nodes.ros.transport import TransportGaps
 from sfr_loc_map.parallel import both
+from sfr_loc_map.ros.environment import EXPORT_LINE
+from sfr_loc_map.ros.messages import check_image
+from sfr_loc_map.ros.qos import RELIABILITIES, profile
+from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.run_order import RunOrder
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.topics import COMPRESSED_END

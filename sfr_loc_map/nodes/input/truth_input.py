@@ -17,9 +17,9 @@ from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.frames import FrameSeries, PoseRow, chain_above, chain_poses, pose_row
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, UNKNOWN, TrueRow, TruthReader
 from sfr_loc_map.message_types import ODOMETRY
-from sfr_loc_map.nodes.ros.messages import message_type, tf_message_type
-from sfr_loc_map.nodes.ros.publishers import publishers_of
-from sfr_loc_map.nodes.ros.qos import TF_STATIC_QOS
+from sfr_loc_map.ros.messages import message_type, tf_message_type
+from sfr_loc_map.ros.publishers import publishers_of
+from sfr_loc_map.ros.qos import TF_STATIC_QOS
 from sfr_loc_map.run_order import RunOrder
 from sfr_loc_map.topics import TF, TF_STATIC, TRUE_POSES
 

@@ -13,7 +13,7 @@ from launch_ros.actions import Node
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.launch.processes import NODES
-from sfr_loc_map.nodes.ros.environment import PROFILE, PROFILE_VARIABLES
+from sfr_loc_map.ros.environment import PROFILE, PROFILE_VARIABLES
 
 PACKAGE = "sfr_loc_map"
 SWITCH = ["true", "false"]

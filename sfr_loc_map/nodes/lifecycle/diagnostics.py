@@ -27,7 +27,7 @@ from rclpy.qos import QoSProfile
 from sfr_loc_map.config import param
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.message_types import Level, StatusKind
-from sfr_loc_map.nodes.ros.messages import header_msg
+from sfr_loc_map.ros.messages import header_msg
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import DIAGNOSTICS
 

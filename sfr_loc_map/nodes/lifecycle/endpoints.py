@@ -17,8 +17,8 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.graph_endpoints import Publisher
-from sfr_loc_map.nodes.ros.publishers import publishers_of
-from sfr_loc_map.nodes.ros.qos import LATCHED, profile
+from sfr_loc_map.ros.publishers import publishers_of
+from sfr_loc_map.ros.qos import LATCHED, profile
 
 
 class Endpoints:

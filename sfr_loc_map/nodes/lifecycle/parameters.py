@@ -17,7 +17,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from sfr_loc_map.config import ParamInfo, param
 from sfr_loc_map.nodes.lifecycle.diagnostics import HealthConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
-from sfr_loc_map.nodes.ros.qos import RELIABILITIES
+from sfr_loc_map.ros.qos import RELIABILITIES
 
 BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Names and name prefixes of parameters that ROS itself declares on a node."""

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from campaigns.recordings.drive import Drive, load_drive
 from campaigns.recordings.figures import LIMITS, error_of
 from campaigns.recordings.rows import ROWS, Made, Row
-from sfr_loc_map.nodes.ros import environment
+from sfr_loc_map.ros import environment
 
 SFR = str(Path(sys.executable).parent / "sfr")
 HEADING = "| recording | commands | s | error | plain | allowed | verdict | by the doctor | without |\n"

@@ -14,7 +14,7 @@ import yaml
 
 from helpers import ROOT
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.nodes.ros.environment import PROFILE, PROFILE_VARIABLES
+from sfr_loc_map.ros.environment import PROFILE, PROFILE_VARIABLES
 
 KINDS = {
     "launch": ["LaunchDescription", "LaunchContext"],

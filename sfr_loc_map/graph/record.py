@@ -1,0 +1,142 @@
+"""Record topics into a bag until a signal arrives; serialised messages are written unchanged."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+from sfr_loc_map.errors import NodeError
+from sfr_loc_map.graph_endpoints import silence_of
+from sfr_loc_map.io.bag.encoding import TYPESTORE
+from sfr_loc_map.io.bag.writer import BagRecorder
+from sfr_loc_map.ros import environment
+from sfr_loc_map.ros.messages import message_type
+from sfr_loc_map.ros.peer import Peer
+from sfr_loc_map.ros.publishers import publishers_of
+from sfr_loc_map.ros.transport import TransportGaps
+from sfr_loc_map.signals import hold, stopping
+from sfr_loc_map.topics import names, rectified_beside
+
+DEPTH = 200
+DISCOVERY_S = 0.25
+FLUSH_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class RecordOptions:
+    """What to record."""
+
+    #: Topic names, relative to the namespace. Empty: inputs and outputs of the suite's nodes.
+    topics: Sequence[str] = ()
+    everything: bool = False  #: Whether all topics except hidden ones are recorded instead.
+    namespace: str = ""  #: Namespace of the rover.
+    duration_s: float | None = None  #: None: record until a signal arrives.
+    zstd: bool = False  #: Whether chunks are compressed.
+
+
+def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> dict[str, TransportGaps]:
+    """Record topics into a bag at a new path; return the message counts by topic.
+
+    `say` is called with a line for each topic. Losses are counted on topics with a single publisher.
+    If no message was received, no bag is written.
+    """
+    with _Recorder(options, say) as recorder, stopping() as ended, BagRecorder(path, zstd=options.zstd) as bag:
+        begin = flushed = time.monotonic()
+        while not ended():
+            recorder.discover(bag)
+            now = time.monotonic()
+            recorder.spin(DISCOVERY_S, ended)
+            if now - flushed > FLUSH_S:
+                bag.flush()
+                flushed = now
+            if options.duration_s is not None and now - begin > options.duration_s:
+                break
+        hold()
+        silences = recorder.silences()
+    if not bag.count:
+        shutil.rmtree(path)
+        domain = environment.domain()
+        reason = f"{silences[0]}; " if silences else "no topic to record has a publisher; "
+        raise NodeError(f"no message was received in ROS domain {domain}: {reason}sfr doctor examines the graph")
+    for text in silences:
+        say(text)
+    return recorder.counts
+
+
+class _Recorder(Peer):
+    def __init__(self, options: RecordOptions, say: Callable[[str], None]) -> None:
+        super().__init__(f"sfr_record_{os.getpid()}")
+        self.counts: dict[str, TransportGaps] = {}
+        self._options, self._say = options, say
+        space = options.namespace.strip("/")
+        prefix = f"/{space}/" if space else "/"
+        chosen = options.topics or names(recorded=True)
+        self._wanted = {name if name.startswith("/") else prefix + name for name in chosen}
+        self._known: set[str] = set()
+        self._types: dict[str, tuple[str, ...]] = {}
+
+    def discover(self, bag: BagRecorder) -> None:
+        """Subscribe to new topics. Raw images that are also published rectified are recorded only on request."""
+        chosen = bool(self._options.topics or self._options.everything)
+        for name, types in self.ros_node.get_topic_names_and_types():
+            wanted = name in self._wanted or (self._options.everything and "/_" not in name)
+            if name in self._known or not wanted:
+                continue
+            rectified = [] if chosen else rectified_beside(name)
+            infos = self.ros_node.get_publishers_info_by_topic(name)
+            if infos and not any(map(self.ros_node.count_publishers, rectified)):
+                self._known.add(name)
+                self._subscribe(bag, name, types[0], infos)
+
+    def silences(self) -> list[str]:
+        """Return, for each recorded topic without messages, why none was received."""
+        found = []
+        for name, gaps in self.counts.items():
+            if not gaps.count:
+                silence = silence_of(name, self._types[name], publishers_of(self.ros_node, name))
+                found.append(f"no message of {name}: {silence.text}; {silence.fix}")
+        return found
+
+    def _subscribe(self, bag: BagRecorder, name: str, msgtype: str, infos: list[Any]) -> None:
+        """Subscribe with the strictest quality of service that all publishers offer, so that no message is missed."""
+        try:
+            kind = message_type(msgtype)
+        except NodeError as error:
+            self._say(f"{name} is not recorded: {error}")
+            return
+        definition, digest = "", "RIHS01_unknown"  # unknown to the library, so readers need the type's package
+        if msgtype in TYPESTORE.fielddefs:
+            definition, digest = TYPESTORE.generate_msgdef(msgtype, ros_version=2)[0], TYPESTORE.hash_rihs01(msgtype)
+        topic = bag.add_topic(name, msgtype, definition, digest, [_offered_qos(info) for info in infos])
+        self._types[name] = (msgtype,)
+        recorded, numbered = self.counts.setdefault(name, TransportGaps()), len(infos) == 1
+
+        def received(raw: bytes, info: dict[str, Any]) -> None:
+            bag.write(topic, time.time_ns(), raw)
+            recorded.add(info if numbered else {})
+
+        quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        if all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos):
+            quality.reliability = ReliabilityPolicy.RELIABLE
+        if all(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in infos):
+            quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        self.subscribe(kind, name, received, quality, raw=True)
+        self._say(f"records {name} ({msgtype})")
+
+
+def _offered_qos(info: Any) -> Qos:  # noqa: ANN401 - rclpy's TopicEndpointInfo
+    offered, never = info.qos_profile, QosTime(0, 0)
+    reliable = offered.reliability == ReliabilityPolicy.RELIABLE
+    latched = offered.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    reliability = QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT
+    durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
+    depth, liveliness = max(int(offered.depth), 1), QosLiveliness.AUTOMATIC
+    return Qos(QosHistory.KEEP_LAST, depth, reliability, durability, never, never, liveliness, never, False)

@@ -1,0 +1,285 @@
+"""Passes the messages of the nodes to a `LiveState`, in its own thread.
+
+Small messages are always received; images, feature tracks and clouds only while a viewer shows them. Images above the
+displayed rate are dropped before decoding.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from threading import Event, Thread
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import OccupancyGrid, Odometry
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import String
+
+from sfr_loc_map.errors import SfrError
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S, SUITE_NODES, Task, refusing, serialised_stamp
+from sfr_loc_map.io.images.codec import SampleDepth, samples_of
+from sfr_loc_map.io.truth.messages import TruthReader
+from sfr_loc_map.live import updates
+from sfr_loc_map.live.live_process import page_node_name
+from sfr_loc_map.live.map_feed import MapFeed
+from sfr_loc_map.live.operator import NodeOperator
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.tracked_images import TrackedImages
+from sfr_loc_map.message_types import StatusKind
+from sfr_loc_map.nodes.input.truth_input import TruthTopic
+from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
+from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
+from sfr_loc_map.ros import messages
+from sfr_loc_map.ros.peer import Peer
+from sfr_loc_map.ros.qos import LATCHED
+from sfr_loc_map.ros.transport import TransportGaps
+from sfr_loc_map.runs.calls import decode_call
+from sfr_loc_map.topics import (
+    CAMERAS,
+    CLOUD,
+    DIAGNOSTICS,
+    ELEVATION,
+    ESTIMATE,
+    HAZARD,
+    IMAGES,
+    RECTIFIED,
+    REPORT,
+    TRACKS,
+    TRUE_POINTS,
+    TRUE_POSES,
+    call_topic,
+)
+
+DEPTH = 200  #: Queue depth of poses, calls and diagnostics.
+GRAPH_PERIOD_S = 0.5  #: Period at which the graph is examined and subscriptions follow the viewers.
+SPIN_S = 0.1  #: Maximum wait of the executor, which bounds the time to end the thread.
+IMAGE_PERIOD_S = 0.15  #: Minimum interval between displayed image pairs.
+MAX_MAPS = 8  #: Maximum number of waiting clouds, elevation and hazard grids; the oldest are dropped.
+MAX_REASON_LETTERS = 300
+SHOWN_KINDS = (StatusKind.HEALTH, StatusKind.INPUT, StatusKind.FAULT)
+"""Statuses that are displayed; calls are received as records."""
+BEST_EFFORT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+IMAGE_QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+TRUTH_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class RosFeed(Peer):
+    """Receives messages for the viewers of a state, in its own thread; a context manager."""
+
+    def __init__(self, state: LiveState, namespace: str = "", remaps: Sequence[str] = ()) -> None:
+        """Join the graph; `remaps` are those of the nodes, `FROM:=TO`."""
+        super().__init__(page_node_name(os.getpid()), f"/{namespace.strip('/')}", remaps=remaps)
+        self._state = state
+        self._space = namespace.strip("/")
+        self._gaps: dict[str, TransportGaps] = {}
+        self._subscriptions: dict[updates.MediaKind, list[Subscription]] = {}
+        self._image_topics: dict[str, str] = {}  # subscribed topic of each image name
+        self._depths: dict[str, SampleDepth] = {}
+        self._next_images: dict[str, tuple[float, int]] = {}  # by rig: time of the next pair, stamp of the last
+        self._images = TrackedImages(self._show_image)
+        self._maps = MapFeed(state, lambda: self._has_publisher(ELEVATION))
+        self._map_worker = Worker("sfr-live-maps", Overload.ALL, MAX_MAPS, self._log_fault)
+        self._closed = Event()
+        self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
+        state.operator = NodeOperator(self.ros_node)
+        self._subscribe_to_figures()
+        self.ros_node.create_timer(GRAPH_PERIOD_S, self._examine_graph)
+
+    def __enter__(self) -> RosFeed:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._state.operator.close()
+        self._closed.set()
+        self._thread.join(5.0)
+        self._map_worker.stop()
+        super().__exit__()
+
+    def _spin(self) -> None:
+        while not self._closed.is_set():
+            try:
+                self.executor.spin_once(timeout_sec=SPIN_S)
+            except Exception as error:  # an invalid message must not stop the page
+                self._log_fault(error)
+
+    def _log_fault(self, error: Exception, _: bool = False) -> None:
+        """Log an exception, except an invalid message, which the receiving node reports."""
+        if not isinstance(error, SfrError) and not self._closed.is_set():
+            self.ros_node.get_logger().error(f"live: {error!r}", throttle_duration_sec=5.0)
+
+    # ---- subscriptions
+
+    def _subscribe_to_figures(self) -> None:
+        """Subscribe to the small messages, and to the true points because they are published only once."""
+        self._receive(Odometry, ESTIMATE, self._on_odometry, BEST_EFFORT)
+        self._truth = TruthTopic(self._receive_truth)
+        self._receive_map(TRUE_POINTS, PointCloud2, self._maps.add_true_points, TRUTH_QOS)
+        for task in Task:
+            self.subscribe(String, call_topic(task), partial(self._on_call, task), BEST_EFFORT)
+        self.subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, BEST_EFFORT)
+        self.subscribe(String, REPORT, self._on_report, LATCHED)
+
+    def _receive_truth(self, msgtype: str) -> Callable[[], object]:
+        """Subscribe to true poses of a type; return the function that unsubscribes."""
+        kind = messages.message_type(msgtype)
+        subscription = self._receive(kind, TRUE_POSES, partial(self._on_truth, TruthReader(msgtype), kind), BEST_EFFORT)
+        return partial(self.ros_node.destroy_subscription, subscription)
+
+    def _follow_viewers(self, wanted: frozenset[updates.MediaKind]) -> None:
+        """Subscribe only to the displayed media; maps include clouds, which replace a missing grid."""
+        if updates.MediaKind.MAPS in wanted:
+            wanted |= {updates.MediaKind.CLOUDS}
+        for media in wanted - self._subscriptions.keys():
+            self._subscriptions[media] = self._subscribe_to(media)
+        for media in self._subscriptions.keys() - wanted:
+            for subscription in self._subscriptions.pop(media):
+                self.ros_node.destroy_subscription(subscription)
+            if media is updates.MediaKind.IMAGES:
+                self._image_topics.clear()
+        if updates.MediaKind.IMAGES in wanted:
+            for name in CAMERAS:
+                self._find_image_topic(name)
+
+    def _subscribe_to(self, media: updates.MediaKind) -> list[Subscription]:
+        match media:
+            case updates.MediaKind.IMAGES:  # image topics are subscribed to once they have a publisher
+                return [self._receive(PointCloud2, TRACKS, self._on_tracks, IMAGE_QOS)]
+            case updates.MediaKind.CLOUDS:
+                return [self._receive_map(CLOUD, PointCloud2, self._maps.add_cloud, LATCHED)]
+            case updates.MediaKind.MAPS:
+                return [
+                    self._receive_map(ELEVATION, PointCloud2, self._maps.add_elevation, LATCHED),
+                    self._receive_map(HAZARD, OccupancyGrid, self._maps.add_hazard, LATCHED),
+                ]
+
+    def _find_image_topic(self, name: str) -> None:
+        """Subscribe to the first published topic of an image; report if there is none."""
+        if name in self._image_topics:
+            return
+        for ending, msgtype in IMAGES.items():
+            topic = f"{name}/{ending}"
+            if self._has_publisher(topic):
+                kind = messages.message_type(msgtype)
+                received = partial(self._on_image, name, kind)
+                self._subscriptions[updates.MediaKind.IMAGES].append(self._receive(kind, topic, received, IMAGE_QOS))
+                self._image_topics[name] = full_name = self.ros_node.resolve_topic_name(topic)
+                self._state.put(updates.ImageProblem(name, f"{full_name} has a publisher; no image has arrived yet"))
+                return
+        topics = ", ".join(self.ros_node.resolve_topic_name(f"{name}/{ending}") for ending in IMAGES)
+        reason = f"no publisher of {topics}; set another name by sfr live -r {name}/{RECTIFIED}:=TOPIC"
+        self._state.put(updates.ImageProblem(name, reason))
+
+    def _has_publisher(self, topic: str) -> bool:
+        return self.ros_node.count_publishers(self.ros_node.resolve_topic_name(topic)) > 0
+
+    def _receive(
+        self, kind: type[Any], topic: str, callback: Callable[[bytes, float], None], qos: QoSProfile
+    ) -> Subscription:
+        """Subscribe with a callback that receives serialised messages and their publication times, s."""
+        gaps = self._gaps.setdefault(topic, TransportGaps())
+        gaps.begin_subscription()
+
+        def received(raw: bytes, info: dict[str, Any]) -> None:
+            gaps.add(info)
+            callback(raw, (info.get("source_timestamp") or time.time_ns()) / NS_PER_S)
+
+        return self.subscribe(kind, topic, received, qos, raw=True)
+
+    def _receive_map(
+        self, topic: str, kind: type[Any], add: Callable[[Any, float], None], qos: QoSProfile
+    ) -> Subscription:
+        """Subscribe to maps, which are processed in another thread so that they do not delay the figures."""
+
+        def received(raw: bytes, published_s: float) -> None:
+            self._map_worker.enqueue_droppable(lambda: add(deserialize_message(raw, kind), published_s))
+
+        return self._receive(kind, topic, received, qos)
+
+    # ---- messages
+
+    def _on_report(self, message: String, _: dict[str, Any]) -> None:
+        self._state.put(updates.Report(message.data, time.time()))
+
+    def _on_odometry(self, raw: bytes, _: float) -> None:
+        message = deserialize_message(raw, Odometry)
+        stamp_ns, position, quat = messages.odometry_row(message)
+        covariance = messages.covariance_of(message)
+        self._state.put(updates.PoseSample(updates.Track.ESTIMATE, stamp_ns, position, quat, time.time(), covariance))
+
+    def _on_truth(self, reader: TruthReader, kind: type[Any], raw: bytes, _: float) -> None:
+        for stamp_ns, pose, _variances in reader.rows(deserialize_message(raw, kind)):
+            x, y, z, *rotation = pose
+            position, quat = (x, y, z), (rotation[0], rotation[1], rotation[2], rotation[3])
+            with refusing(f"true pose of stamp {stamp_ns}", "correct the publisher"):
+                Transform.from_quat(position, quat if any(quat) else (0.0, 0.0, 0.0, 1.0))
+            self._state.put(updates.PoseSample(updates.Track.TRUTH, stamp_ns, position, quat, time.time()))
+
+    def _on_diagnostics(self, message: DiagnosticArray, _: dict[str, Any]) -> None:
+        for status in message.status:
+            full_name, _, kind = status.name.partition(": ")
+            space, _, name = full_name.strip("/").rpartition("/")
+            if space != self._space or name not in SUITE_NODES or kind not in SHOWN_KINDS:
+                continue
+            found = updates.Status(
+                name, StatusKind(kind), level_of(status), status.message, values_of(status), time.time()
+            )
+            self._state.put(found)
+
+    def _on_call(self, task: Task, message: String, _: dict[str, Any]) -> None:
+        call = decode_call(message.data, task)
+        self._state.put(updates.Call(task.node, call, time.time()))
+        if call.pair_stamps_ns:
+            self._map_worker.enqueue(partial(self._maps.add_call, call))
+
+    def _on_image(self, name: str, kind: type[Any], raw: bytes, published_s: float) -> None:
+        stamp_ns, rig = serialised_stamp(raw), name.partition("/")[0]
+        self._state.put(updates.ImageStamp(name, stamp_ns, published_s))
+        if not self._is_shown(rig, stamp_ns):
+            return
+        try:
+            depth = self._depths.setdefault(rig, SampleDepth(lambda _: None, rig))
+            (image,) = depth.grey(samples_of(deserialize_message(raw, kind)))
+        except SfrError as error:
+            reason = f"{self._image_topics.get(name, name)} cannot be shown: {error}"
+            self._state.put(updates.ImageProblem(name, reason[:MAX_REASON_LETTERS]))
+            return
+        self._images.add_image(name, stamp_ns, image, published_s)
+
+    def _is_shown(self, rig: str, stamp_ns: int) -> bool:
+        """Return whether an image is displayed: at most one pair per `IMAGE_PERIOD_S`, and both images of the pair."""
+        due_s, shown_ns = self._next_images.get(rig, (0.0, -1))
+        now_s = time.monotonic()
+        if now_s < due_s:
+            return stamp_ns == shown_ns
+        self._next_images[rig] = now_s + IMAGE_PERIOD_S, stamp_ns
+        return True
+
+    def _show_image(self, sample: updates.ImageSample) -> None:
+        self._state.put(updates.ImageProblem(sample.topic, ""))
+        self._state.put(sample)
+
+    def _on_tracks(self, raw: bytes, _: float) -> None:
+        stamp_ns = serialised_stamp(raw)
+        if self._images.is_waiting(stamp_ns):
+            tracks = messages.tracks_from_msg(deserialize_message(raw, PointCloud2))
+            self._images.add_tracks(stamp_ns, tracks)
+
+    # ---- the graph
+
+    def _examine_graph(self) -> None:
+        """Detect the nodes, and subscribe to the media that the viewers display."""
+        self._follow_viewers(self._state.displayed.wanted)
+        published = self.ros_node.get_publishers_info_by_topic(self.ros_node.resolve_topic_name(TRUE_POSES))
+        self._truth.follow([str(info.topic_type) for info in published])
+        names = self.ros_node.get_node_names_and_namespaces()
+        nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)
+        lost = {topic: gaps.lost for topic, gaps in self._gaps.items()}
+        self._state.put(updates.GraphNodes(nodes, time.time(), lost))

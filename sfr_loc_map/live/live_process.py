@@ -1,0 +1,57 @@
+"""Run the live page beside a replay or the nodes, as a process."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, suppress
+from pathlib import Path
+
+from msgspec.structs import replace
+
+from sfr_loc_map.live.run_end import EndFile, RunEnd
+from sfr_loc_map.nodes.launch.processes import WATCH_S, end_processes, node_process
+from sfr_loc_map.signals import stopping
+
+
+class LiveProcess(AbstractContextManager["LiveProcess"]):
+    """The process of the live page, whose exit does not affect the run; a context manager.
+
+    The page prints its address to standard output, and the reason for an error to standard error.
+    """
+
+    def __init__(self, arguments: Sequence[str]) -> None:
+        self._folder = Path(tempfile.mkdtemp(prefix="sfr-live-"))
+        path = self._folder / "end.json"
+        self._end, self._end_file = RunEnd(), EndFile(path)
+        self._process = node_process("live.main", (*arguments, "--end-file", str(path)))
+
+    def __exit__(self, *_: object) -> None:
+        end_processes([self._process])
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    @property
+    def node_name(self) -> str:
+        """Name of the page's node, which joins the graph once the page is served; empty if the page does not run."""
+        return page_node_name(self._process.popen.pid) if self._process.is_running else ""
+
+    def run_is_over(self, **facts: str) -> None:
+        """Report to the page that the run is over, with fields of `RunEnd`; the first call precedes the nodes' end."""
+        self._end = replace(self._end, **facts)
+        self._end_file.write(self._end)
+
+    def stay(self, words: str = "") -> None:
+        """Print `words` and that the page is still served; wait until a signal arrives or the page ends."""
+        if self._process.is_running:
+            print(f"{words}the run is over; its page is served until Ctrl-C", file=sys.stderr, flush=True)
+            with suppress(KeyboardInterrupt), stopping() as ended:
+                while self._process.is_running and not ended():
+                    time.sleep(WATCH_S)
+
+
+def page_node_name(pid: int) -> str:
+    """Return the name of the ROS node of the page with the process id `pid`."""
+    return f"sfr_live_{pid}"

@@ -1,1 +1,0 @@
-"""Basic parts of the ROS nodes: environment, quality of service, messages, services, transport statistics."""

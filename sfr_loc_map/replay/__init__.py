@@ -1,0 +1,14 @@
+"""Replay a source through the running nodes.
+
+`run` replays, saves and scores; the steps of a replay are in `session`:
+
+1. `started_participants` starts each node as a process (`node_arguments` has its parameters), and an external node if
+   there is one (`external`). `replay_peer` is the ROS node of the replay, to which player and collector belong.
+2. `play_and_collect` publishes the messages of the source when they are due (`player`). After each complete pair, the
+   `collector` notes the pair and, in lock step, waits for its results. At the end of the source, the collector waits
+   for the missing results.
+
+`options` has what is replayed and how. `received` stores the published pairs and the received results. `run` owns these
+results, so that they are saved even if the replay fails. `result` has the results of a replay, `files` writes them, and
+`score` scores them. `answer_book` counts the answers of an external node, and `process_watch` measures its process.
+"""

@@ -1,0 +1,73 @@
+"""Convert the poses of an external localiser to poses of RB in DS after a replay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.io.sequence import LocSequence, Source
+from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.metrics.association import Estimates, symmetric
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.pose_convention import converted_estimates
+from sfr_loc_map.metrics.records import ConventionRecord
+from sfr_loc_map.replay.result import ReplayResult
+from sfr_loc_map.runs.call_stats import estimates_of, stats_of
+from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.scoring.conversion import corrected
+from sfr_loc_map.scoring.inputs import Correction, DriveToScore
+
+
+def with_converted_poses(
+    result: ReplayResult, source: Source, config: ScoreConfig, correction: Correction
+) -> ReplayResult:
+    """Return a result with the poses of an external localiser converted to RB in DS, as are their calls.
+
+    Each pose requires a call. A result without an external localiser is returned unchanged.
+    """
+    published = result.estimate
+    run, loc = result.external, source.loc
+    if run is None or run.score.task != Task.LOCALISATION or loc is None or not len(published):
+        return result
+    calls = {call.stamp_ns: call for call in result.records if call.task is Task.LOCALISATION}
+    estimates = estimates_of(published, stats_of([*calls.values()]))
+    estimates, convention = _converted(estimates, loc, config, correction)
+    stamps_ns = published.stamps_ns.tolist()
+    records = [_call_of(estimates, row, calls[stamp_ns]) for row, stamp_ns in enumerate(stamps_ns)]
+    records += [call for call in result.records if call.task is Task.MAPPING]
+    external = replace(run, as_published=published, convention=convention)
+    return replace(result, estimate=estimates.trajectory, records=records, external=external)
+
+
+def _converted(
+    estimates: Estimates, loc: LocSequence, config: ScoreConfig, correction: Correction
+) -> tuple[Estimates, ConventionRecord | None]:
+    """Return converted estimates and the record of the conversion, None if nothing was converted.
+
+    A diagnosis requires true poses.
+    """
+    truth = loc.ground_truth
+    if truth is not None and len(truth):
+        drive, convention = corrected(DriveToScore(estimates, truth, loc.rig), correction, config)
+        return drive.estimates, convention
+    declared = correction.declared
+    if not declared.settings:
+        return estimates, None
+    converted = converted_estimates(estimates, declared, declared.T_rb_child(loc.rig), None)
+    return converted, ConventionRecord(declared=declared.settings)
+
+
+def _call_of(estimates: Estimates, row: int, call: CallRecord) -> CallRecord:
+    """Return the call of a converted pose with the converted covariance and without its step."""
+    state = TrackingState.LOST.value if estimates.lost[row] else call.state
+    return replace(call, state=state, covariance=_full_covariance(estimates, row), step=None)
+
+
+def _full_covariance(estimates: Estimates, row: int) -> FloatArray | None:
+    """Return the covariance `(6, 6)` of a pose; None if unknown."""
+    if estimates.covariance is None or not np.isfinite(estimates.covariance[row]).all():
+        return None
+    return symmetric(estimates.covariance[row])

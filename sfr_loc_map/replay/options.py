@@ -1,0 +1,117 @@
+"""Options of a replay, and how the options of the command determine them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sfr_loc_map.config import load_yaml
+from sfr_loc_map.errors import ConfigError, naming
+from sfr_loc_map.inputs import NS_PER_S, Task
+from sfr_loc_map.io.message_stream import begin_of
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.live.live_process import LiveProcess
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import StartPose
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.pose_convention import PoseConvention
+from sfr_loc_map.runs.offline import start_pose
+from sfr_loc_map.scoring.inputs import Correction
+from sfr_loc_map.topics import RESULTS
+
+CONVERTED = "external/converted"
+"""Topic of converted results if the external node publishes on the topic of the suite."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalOptions:
+    """An external node in place of one of the suite's nodes."""
+
+    task: Task  #: Task of the node.
+    topic: str  #: Topic of its results.
+    command: str = ""  #: Command that starts the node; empty: the user starts it.
+    #: Process whose CPU and memory are measured in addition to that of `command`: process id or part of a command line.
+    watch: str = ""
+    #: Required frame ids of the answers: `parent -> child` of a pose, `parent` of a cloud. Empty: those of the first.
+    frames: str = ""
+    timeout_s: float = 5.0  #: Timeout of the answer to a pair, also the wait in lock step; later answers are late.
+    start_timeout_s: float = 60.0  #: Timeout of its subscription to images.
+    #: Convention of its poses relative to RB in DS; for a cloud, of its points relative to LM.
+    convention: PoseConvention = field(default_factory=PoseConvention)
+
+    @property
+    def converted_topic(self) -> str:
+        """Topic on which the converted results are published for the monitor."""
+        own = RESULTS[self.task]
+        return CONVERTED if self.topic == own else own
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayOptions:
+    """Options of a replay."""
+
+    localisation: LocalisationConfig  #: Parameters of the localiser.
+    mapping: MappingConfig  #: Parameters of the mapper.
+    score: ScoreConfig  #: Settings of the monitor's score.
+    limits_file: Path | None  #: Limits file for the monitor's verdicts; None: no limits.
+    limits: Limits | None  #: Content of the limits file.
+    start: StartPose | None  #: Pose of RB in DS at the start, with its stamp; None: identity.
+    rate: float  #: Multiple of the recorded speed; 0: lock step, which waits for the results of each pair.
+    offset_s: float  #: Start of the replay, s after the first message.
+    duration_s: float  #: Duration of the played interval of the source, s.
+    paused: bool  #: Whether the replay waits for the service ~/resume before the first pair.
+    parameter_file: Path | None  #: ROS parameter file for all nodes; the parameters above override it.
+    monitor: Mapping[str, Any] = field(default_factory=dict)  #: Parameters of the monitor besides score and limits.
+    page: LiveProcess | None = None  #: Live page that shows the run; None: no page.
+    external: ExternalOptions | None = None  #: External node under test; None: only nodes of the suite.
+
+
+def is_ros_parameter_file(path: Path) -> bool:
+    """Return whether a YAML file has the layout of ROS parameter files."""
+    return any(isinstance(block, dict) and "ros__parameters" in block for block in load_yaml(path).values())
+
+
+def first_pose(source: Source, start: str, offset_s: float) -> StartPose | None:
+    """Return the start pose of a localisation that is played from an offset; None for the identity or without one."""
+    if source.loc is None or start == "identity":
+        return None
+    with naming(source.path):
+        begin_ns = begin_of(source, source.loc) if offset_s else 0
+        return start_pose(source.loc, start, begin_ns + round(offset_s * NS_PER_S))
+
+
+def task_under_test(source: Source, external: str | None, method: str) -> Task | None:
+    """Return the task of an external node, None without one; raise a ConfigError if the task is ambiguous."""
+    if external is not None:
+        return Task(external)
+    if method != "external":
+        return None
+    if source.loc is not None and source.nav is not None:
+        raise ConfigError("'--method external': the source has both tasks; give --external localisation or mapping")
+    return Task.LOCALISATION if source.nav is None else Task.MAPPING
+
+
+def node_under_test(
+    task: Task | None, *, answers: str, command: str, watch: str, frames: str, timeout_s: float, correction: Correction
+) -> ExternalOptions | None:
+    """Return the options of an external node, None without one; raise a ConfigError if a map is to be diagnosed.
+
+    `answers`, `command`, `watch` and `frames` are the values of the options of the command; empty if not given.
+    """
+    if task is None:
+        return None
+    if task is Task.MAPPING and correction.apply_diagnosis:
+        raise ConfigError("'--apply-diagnosis' applies only to poses: omit it with --external mapping")
+    return ExternalOptions(
+        task=task,
+        topic=answers or RESULTS[task],
+        command=command,
+        watch=watch,
+        frames=" -> ".join(frames.split(",")),
+        timeout_s=timeout_s,
+        convention=correction.declared,
+    )

@@ -1,0 +1,107 @@
+"""The peer of a replay, which waits for the supervised nodes and calls their services."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rcl_interfaces.srv import ListParameters
+from std_srvs.srv import Trigger
+
+from sfr_loc_map.errors import NodeError
+from sfr_loc_map.inputs import MONITOR_NODE, PLAYER_NODE, Task
+from sfr_loc_map.live.live_process import LiveProcess
+from sfr_loc_map.nodes.launch.processes import Supervisor
+from sfr_loc_map.ros import environment
+from sfr_loc_map.ros.peer import Peer
+from sfr_loc_map.ros.services import call_service
+from sfr_loc_map.topics import ESTIMATE, REPORT, RESULTS, TRUE_POSES, call_topic
+
+ANSWER_TIMEOUT_S = 120.0
+SETTLE_S = 0.3  #: Time for the nodes to discover each other after this node has discovered all nodes.
+PAGE_TIMEOUT_S = 30.0
+PAGE_TOPICS = (ESTIMATE, TRUE_POSES, REPORT)
+"""Topics to which the node of the live page always subscribes. The replay waits for these subscriptions."""
+
+
+class ReplayPeer(Peer):
+    """A peer whose waits raise a NodeError as soon as a supervised node ends; a context manager."""
+
+    def __init__(self, supervisor: Supervisor) -> None:
+        super().__init__(PLAYER_NODE, parameters=True)
+        self.supervisor = supervisor
+
+    def wait_for(self, condition: Callable[[], bool], timeout_s: float, problem: Callable[[], str]) -> None:
+        """Spin until a condition holds; after the timeout, raise a NodeError with the text of `problem`."""
+
+        def is_met() -> bool:
+            self._refuse_others()  # first, because messages of these nodes may be why the condition fails
+            if condition():
+                return True
+            self.supervisor.check()
+            return False
+
+        if not self.spin(timeout_s, is_met):
+            raise NodeError(f"{problem()} within {timeout_s:g} s: check the load of this host and start again")
+
+    def wait_for_page(self, page: LiveProcess) -> bool:
+        """Wait until the live page has subscribed to its topics or has ended; return False after the timeout."""
+
+        def settled() -> bool:
+            self.supervisor.check()
+            name, receivers = page.node_name, map(self.ros_node.get_subscriptions_info_by_topic, PAGE_TOPICS)
+            return not name or all(any(found.node_name == name for found in of_topic) for of_topic in receivers)
+
+        return self.spin(PAGE_TIMEOUT_S, settled)
+
+    def spin_for(self, seconds: float) -> None:
+        """Spin for a given time, then check the nodes."""
+        self.spin(seconds)
+        self.supervisor.check()
+
+    def call_trigger(self, service: str, problem: str) -> str:
+        """Call a Trigger service and return the text of its answer; raise a NodeError if the service failed."""
+        answer = self.request(Trigger, service, Trigger.Request(), problem)
+        if not answer.success:
+            raise NodeError(f"{problem}: {answer.message}")
+        return str(answer.message)
+
+    def request(self, kind: type[Any], service: str, request: Any, problem: str) -> Any:  # noqa: ANN401 - any service
+        """Call a service and return its answer."""
+
+        def wait(condition: Callable[[], bool], seconds: float) -> bool:
+            self.wait_for(condition, seconds, lambda: problem)
+            return True
+
+        bounds = {"found_s": ANSWER_TIMEOUT_S, "answer_s": ANSWER_TIMEOUT_S}
+        return call_service(self.ros_node, kind, service, request, wait=wait, **bounds)
+
+    def wait_for_discovery(self) -> None:
+        """Wait until the nodes have discovered the endpoints of this node, and until the monitor subscribes to results.
+
+        A node that answers a service call has discovered this node: endpoints are announced in the order of their
+        creation, and the client of the call is created last.
+        """
+        for name in self.supervisor.processes:
+            problem = f"{name} did not answer"
+            self.request(ListParameters, f"{name}/list_parameters", ListParameters.Request(), problem)
+
+        def monitor_listens() -> bool:
+            tasks = [task for task in Task if task.node in self.supervisor.processes]
+            topics = [topic for task in tasks for topic in (RESULTS[task], call_topic(task))]
+            receivers = map(self.ros_node.get_subscriptions_info_by_topic, topics)
+            return all(any(found.node_name == MONITOR_NODE for found in of_topic) for of_topic in receivers)
+
+        self.wait_for(monitor_listens, ANSWER_TIMEOUT_S, lambda: "monitor_node did not subscribe to the results")
+        self.spin_for(SETTLE_S)
+
+    def _refuse_others(self) -> None:
+        """Raise a NodeError if another process has a node with the name of one of this replay."""
+        found = self.ros_node.get_node_names_and_namespaces()
+        for name in (PLAYER_NODE, *self.supervisor.processes):
+            if found.count((name, self.ros_node.get_namespace())) > 1:
+                raise NodeError(
+                    f"another {name} is in ROS domain {environment.domain()} and would interfere: "
+                    f"unset ROS_DOMAIN_ID, so that the replay uses its own domain, or end that node (a killed node "
+                    f"stays visible for 20 s)"
+                )

@@ -1,0 +1,1 @@
+"""Basic parts of every program with a ROS node: environment, messages, quality of service, services, transport."""

@@ -1,0 +1,69 @@
+"""The node of a program that observes the graph or takes part in it, beside the nodes of the suite."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Self
+
+import rclpy
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from rclpy.utilities import try_shutdown
+
+from sfr_loc_map.ros import environment
+
+POLL_S = 0.05
+NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
+
+
+class Peer:
+    """A ROS node with an executor, which the owner spins; a context manager that leaves the graph and ends ROS."""
+
+    def __init__(self, name: str, namespace: str = "", *, parameters: bool = False, remaps: Sequence[str] = ()) -> None:
+        """Join the graph, with parameter services if `parameters`. ROS installs no signal handlers.
+
+        `remaps` are ROS rules `FROM:=TO` for the topics of this node.
+        """
+        environment.see_whole_graph()
+        environment.start_ros()
+        words = ["--ros-args", *(word for remap in remaps for word in ("-r", remap))] if remaps else None
+        self.ros_node: Node = rclpy.create_node(
+            name, namespace=namespace, cli_args=words, start_parameter_services=parameters
+        )
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.ros_node)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.ros_node.destroy_node()
+        try_shutdown()
+
+    def spin(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Spin for a given time or until a condition holds; return whether the condition holds."""
+        end = time.monotonic() + seconds
+        while not until() and (left := end - time.monotonic()) > 0:
+            self.executor.spin_once(timeout_sec=min(left, POLL_S))
+        return until()
+
+    def subscribe(
+        self,
+        kind: type[Any],
+        topic: str,
+        callback: Callable[[Any, dict[str, Any]], None],
+        qos: QoSProfile,
+        *,
+        raw: bool = False,
+    ) -> Subscription:
+        """Subscribe with a callback that receives each message, serialised if `raw`, and its message info.
+
+        Incompatible peers are not reported, because the nodes of the suite do so and each event type costs the
+        executor time.
+        """
+        listener: Any = callback  # rclpy's types lack the message info
+        return self.ros_node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS, raw=raw)

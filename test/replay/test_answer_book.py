@@ -1,0 +1,68 @@
+"""The answers of an external node: early ones are a finding, late ones are no answers, and no latency is altered."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from sfr_loc_map.metrics.records import FindingKind
+from sfr_loc_map.replay.answer_book import EARLY_S, AnswerBook
+
+TIMEOUT_S = 1.0
+PAIR_NS = 1_000
+
+
+@pytest.fixture
+def book(monkeypatch: pytest.MonkeyPatch) -> AnswerBook:
+    """A book whose answers are received at 10 s."""
+    monkeypatch.setattr(time, "monotonic", lambda: 10.0)
+    return AnswerBook(TIMEOUT_S, "ds -> rb")
+
+
+def findings_of(book: AnswerBook) -> list[FindingKind]:
+    return [item.kind for item in book.findings]
+
+
+@pytest.mark.parametrize(("ahead_s", "is_early"), [(0.08, True), (EARLY_S + 0.001, True), (EARLY_S - 0.001, False)])
+def test_an_answer_before_its_pair_is_early(book: AnswerBook, ahead_s: float, is_early: bool) -> None:
+    assert book.note_answer(PAIR_NS, "ds -> rb", "")
+    book.note_sent(PAIR_NS, 10.0 + ahead_s)
+    assert findings_of(book) == ([FindingKind.EARLY] if is_early else [])
+    assert FindingKind.EARLY.fails
+    assert book.counts.early == is_early
+    assert book.latency_s is not None
+    assert book.latency_s.mean == pytest.approx(-ahead_s)
+
+
+@pytest.mark.parametrize(("latency_s", "is_late"), [(0.999, False), (1.001, True)])
+def test_an_answer_after_its_time_is_none(book: AnswerBook, latency_s: float, is_late: bool) -> None:
+    book.note_sent(PAIR_NS, 10.0 - latency_s)
+    assert book.note_answer(PAIR_NS, "ds -> rb", "") is not is_late
+    assert findings_of(book) == ([FindingKind.LATE, FindingKind.MISSING] if is_late else [])
+    assert (book.counts.answered, book.counts.missing, book.counts.late) == (not is_late, is_late, is_late)
+    assert book.latency_s is not None
+    assert book.latency_s.mean == pytest.approx(latency_s), "its time counts all the same"
+
+
+@pytest.mark.parametrize("latency_s", [0.5, 1.5, -0.05])
+def test_only_the_first_answer_in_time_is_used(book: AnswerBook, latency_s: float) -> None:
+    """A node that repeats its answers, perhaps with corrected poses, is judged by the poses that it gave in time."""
+    is_early, is_late = latency_s < 0.0, latency_s > TIMEOUT_S
+    if not is_early:
+        book.note_sent(PAIR_NS, 10.0 - latency_s)
+    assert book.note_answer(PAIR_NS, "ds -> rb", "") is not is_late
+    assert not book.note_answer(PAIR_NS, "ds -> rb", "")
+    if is_early:
+        book.note_sent(PAIR_NS, 10.0 - latency_s)
+    assert not book.note_answer(PAIR_NS, "ds -> rb", "")
+    assert (book.counts.answered, book.counts.late, book.counts.doubled) == (not is_late, is_late, 2)
+
+
+def test_a_node_that_was_started_again_has_crashed(book: AnswerBook) -> None:
+    book.note_sent(PAIR_NS, 9.9)
+    book.note_restart("the publisher has left")
+    book.note_restart("the publisher has left")
+    (finding,) = [item for item in book.findings if item.kind is FindingKind.CRASHED]
+    assert (finding.count, finding.first_stamp_ns) == (1, PAIR_NS)
+    assert not book.ended, "the process that came in its place is waited for"

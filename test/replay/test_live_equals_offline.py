@@ -1,0 +1,86 @@
+"""The figures of the monitor over topics are those of the replay's report, which `sfr score` gives of its files."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+
+from helpers.made_scene import write_folder
+from helpers.score_rows import number
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.metrics.config import score_config
+from sfr_loc_map.metrics.score_json import to_dict
+from sfr_loc_map.replay.options import ReplayOptions
+from sfr_loc_map.replay.received import ReceivedResults
+from sfr_loc_map.replay.score import score_replay
+from sfr_loc_map.replay.session import Participants, play_and_collect, started_participants
+from sfr_loc_map.runs.offline import start_pose
+
+POSES, PAIRS = 12, 3
+EXACT = 1e-12
+
+
+def numbers(score: dict[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield all numbers of the table of figures by what they are."""
+    for item in score["figures"]:
+        names = "/".join(str(item.get(name)) for name in ("subject", "condition", "part", "figure"))
+        for column, value in item.items():
+            if isinstance(value, (int, float)):
+                yield f"{names}/{column}", float(value)
+
+
+def final_report(parts: Participants, reports: list[str]) -> dict[str, Any]:
+    """Return the monitor's report once everything that was published is in it."""
+
+    def is_complete() -> bool:
+        parts.peer.call_trigger("monitor_node/finish", "monitor_node did not publish its figures")
+        report = json.loads(reports[-1]) if reports else {}
+        posed = (report.get("association") or {}).get("matched") == POSES
+        timed = posed and number(report, "localisation", "n") == POSES
+        return bool(timed and number(report, "mapping_call", "n") == 1 and number(report, "coverage"))
+
+    parts.peer.wait_for(is_complete, 60.0, lambda: f"no complete report, the last one is {reports[-1:]}")
+    return dict(json.loads(reports[-1]))
+
+
+@pytest.mark.slow
+def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
+    source = open_source(write_folder(tmp_path / "source", POSES, PAIRS))
+    assert source.loc is not None
+    config = score_config(["frames=3"], {"trajectory.spacing": 2})
+    options = ReplayOptions(
+        localisation=LocalisationConfig(),
+        mapping=MappingConfig(),
+        score=config,
+        limits_file=None,
+        limits=None,
+        start=start_pose(source.loc, "truth"),
+        rate=0.0,
+        offset_s=0.0,
+        duration_s=math.inf,
+        paused=False,
+        parameter_file=None,
+    )
+    reports: list[str] = []
+    results = ReceivedResults()
+    with started_participants(source, options, results, lambda line: None) as parts:
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        parts.peer.ros_node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
+        play_and_collect(source, options, parts, lambda rig: None)
+        live = final_report(parts, reports)
+    offline = to_dict(score_replay(source, results.replay_result(), config, None))
+    found, expected = dict(numbers(live)), dict(numbers(offline))
+    # how much of the drive has no estimate follows from the images, which the monitor does not know
+    known = {name for name in expected if not name.startswith("completeness/None/None/")}
+    assert known <= found.keys()
+    assert len(known) > 100
+    assert {name: found[name] for name in known} == pytest.approx({name: expected[name] for name in known}, abs=EXACT)

@@ -1,0 +1,53 @@
+"""The map of a replay: of ours by the call that made it; of an external node by its clouds or points."""
+
+import numpy as np
+
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.replay.received import ReceivedResults
+from sfr_loc_map.runs.calls import CallRecord
+
+
+def cloud(count: int) -> PointCloud:
+    records = np.zeros(count, PointCloud.dtype())
+    records["x"] = np.arange(count) + count
+    return PointCloud.from_structured(records)
+
+
+def results(*stamps_ns: int) -> ReceivedResults:
+    points = [(stamp_ns, cloud(stamp_ns).xyz.astype(np.float64)) for stamp_ns in stamps_ns]
+    sent_pairs = {("nav", stamp_ns) for stamp_ns in (10, 20, 30)}
+    return ReceivedResults(
+        sent_pairs=sent_pairs, points=points, clouds=[(stamp_ns, cloud(stamp_ns)) for stamp_ns in stamps_ns]
+    )
+
+
+def test_clouds_of_each_pair_are_taken_together_and_one_is_the_map_of_all() -> None:
+    whole, points, stamps = results(10, 20, 30).external_map()
+    assert (points, whole.fused) == (None, False)
+    assert np.bincount(whole.pair).tolist() == [10, 20, 30]
+    np.testing.assert_array_equal(whole.xyz[10:30], cloud(20).xyz)
+    last, _, of_last = results(30).external_map()
+    assert (last.fused, len(last)) == (True, 30)
+    assert stamps == of_last == whole.pair_stamps_ns == last.pair_stamps_ns == (10, 20, 30)
+
+
+def test_points_without_pixels_stay_points() -> None:
+    found = results(10, 20, 30)
+    found.clouds.pop()
+    whole, points, stamps = found.external_map()
+    assert (whole, points.shape, stamps) == (None, (60, 3), (10, 20, 30))
+    assert ReceivedResults().external_map() == (None, None, ())
+
+
+def test_a_cloud_is_of_the_pairs_that_its_call_names() -> None:
+    """Whatever the order of clouds and calls; a cloud whose call is missing is not complete."""
+    found = ReceivedResults(clouds=[(20, cloud(5)), (30, cloud(7)), (40, cloud(9))])
+    assert found.last_map() == (None, ())
+    for state, stamp_ns, pairs in (("fused", 30, (10, 30)), ("fused", 20, (20,)), ("mapped_set", 20, (20,))):
+        found.calls[Task.MAPPING][state, stamp_ns] = CallRecord(
+            stamp_ns, 0.1, state, pair_stamps_ns=pairs, task=Task.MAPPING
+        )
+    last, stamps = found.last_map()
+    assert (len(last), last.fused, last.pair_stamps_ns, stamps) == (7, True, (10, 30), (10, 30))
+    assert found.map_count == 1

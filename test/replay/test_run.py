@@ -1,0 +1,119 @@
+"""A replay saves the results of its drive before an error of their conversion or of the mapper is reported."""
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from helpers.made_scene import write_folder
+from sfr_loc_map.errors import MetricsError, NodeError
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.metrics.config import score_config
+from sfr_loc_map.metrics.pose_convention import PoseConvention
+from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore, MethodKind, MethodRecord
+from sfr_loc_map.replay import run
+from sfr_loc_map.replay.files import ReplayFiles
+from sfr_loc_map.replay.options import ExternalOptions, ReplayOptions
+from sfr_loc_map.replay.received import ReceivedResults
+from sfr_loc_map.replay.result import ExternalResult
+from sfr_loc_map.scoring.inputs import Correction
+
+OPTIONS = ReplayOptions(
+    localisation=LocalisationConfig(),
+    mapping=MappingConfig(),
+    score=score_config(["frames=3"], {}),
+    limits_file=None,
+    limits=None,
+    start=None,
+    rate=1.0,
+    offset_s=0.0,
+    duration_s=math.inf,
+    paused=False,
+    parameter_file=None,
+)
+
+
+def add_results(results: ReceivedResults, stamps_ns: list[int]) -> None:
+    """Add the identity as the pose of each stamp, and one mapping pair without a cloud."""
+    results.add_sent("nav", stamps_ns[0])
+    for stamp_ns in stamps_ns:
+        results.add_sent("loc", stamp_ns)
+        results.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.eye(6))
+
+
+def saved_stamps(files: ReplayFiles) -> list[int]:
+    """Return the stamps of the saved estimate."""
+    rows = files.estimate.read_text(encoding="utf-8").splitlines()[1:]
+    return [int(row.split(",")[0]) for row in rows]
+
+
+def replay(folder: Path, correction: Correction, options: ReplayOptions = OPTIONS) -> None:
+    """Replay the source of a folder and save the results there."""
+    source = open_source(folder / "source")
+    run.replay_and_score(
+        source, options, correction, ReplayFiles(folder), "", progress=lambda rig: None, say=lambda line: None
+    )
+
+
+def test_the_estimate_is_saved_if_the_mapper_published_no_cloud(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = open_source(write_folder(tmp_path / "source", 3, 1))
+    stamps_ns = list(source.loc.stamps_ns)
+
+    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, **_: object) -> bool:
+        add_results(results, stamps_ns)
+        return False
+
+    monkeypatch.setattr(run, "replay", replayed)
+    with pytest.raises(NodeError, match=r"^mapping_node published no cloud"):
+        replay(tmp_path, Correction())
+    assert saved_stamps(ReplayFiles(tmp_path)) == stamps_ns
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_the_results_before_an_error_are_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    """Without results, no file is written or removed."""
+    source = open_source(write_folder(tmp_path / "source", 3, 1))
+    stamps_ns = list(source.loc.stamps_ns)[:count]
+    files = ReplayFiles(tmp_path)
+    files.report.write_text("of an earlier replay", encoding="utf-8")
+
+    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, **_: object) -> bool:
+        for stamp_ns in stamps_ns:
+            results.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.eye(6))
+        raise NodeError("mapping_node was killed by SIGKILL")
+
+    monkeypatch.setattr(run, "replay", replayed)
+    text = f"; the received results are in '{tmp_path}'" if count else ""
+    with pytest.raises(NodeError, match=f"^mapping_node was killed by SIGKILL{re.escape(text)}$"):
+        replay(tmp_path, Correction())
+    assert files.estimate.exists() == bool(count)
+    assert files.report.exists() == (not count)
+    if count:
+        assert saved_stamps(files) == stamps_ns
+
+
+def test_poses_that_cannot_be_converted_are_saved_as_published(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = open_source(write_folder(tmp_path / "source", 3, 1))
+    stamps_ns = [stamp_ns + 10**12 for stamp_ns in source.loc.stamps_ns]  # outside of the ground truth
+    score = ExternalScore(task=Task.LOCALISATION.value, topic="pose", frames="", answers=AnswerCounts(), latency_s=None)
+    method = MethodRecord(name="theirs", version=None, kind=MethodKind.EXTERNAL)
+
+    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, **_: object) -> bool:
+        add_results(results, stamps_ns)
+        results.external = ExternalResult(method, score, ())
+        return False
+
+    monkeypatch.setattr(run, "replay", replayed)
+    options = replace(OPTIONS, external=ExternalOptions(Task.LOCALISATION, "pose"))
+    with pytest.raises(MetricsError, match="the world frame cannot be aligned"):
+        replay(tmp_path, Correction(PoseConvention(world="first_pose")), options)
+    assert saved_stamps(ReplayFiles(tmp_path)) == stamps_ns

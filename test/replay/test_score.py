@@ -1,0 +1,247 @@
+"""The score of a replay: poses of an external node converted; live, replay and `sfr score` give one map score."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from helpers import ROOT
+from helpers.made_scene import write_folder
+from helpers.score_rows import number
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.io.clouds.cloud_file import save_cloud
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.methods.registry import record_of_ours
+from sfr_loc_map.metrics.config import ScoreConfig, score_config
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.limits import OF_MAP
+from sfr_loc_map.metrics.records import (
+    AnswerCounts,
+    ExternalScore,
+    FindingKind,
+    FindingRecord,
+    MethodKind,
+    MethodRecord,
+)
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_json import to_dict
+from sfr_loc_map.replay.external_poses import with_converted_poses
+from sfr_loc_map.replay.files import ReplayFiles, save_replay
+from sfr_loc_map.replay.result import ExternalResult, ReplayResult
+from sfr_loc_map.replay.score import score_replay
+from sfr_loc_map.report.summary import banner_of
+from sfr_loc_map.runs.call_files import load_call_stats
+from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.runs.offline import MapRun, map_pairs
+from sfr_loc_map.scoring.inputs import Correction, ScoreInputs
+from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.score_run import score_files
+
+SAMPLE = ROOT / "sample" / "sample.mcap"
+OURS = record_of_ours(Task.LOCALISATION)
+
+
+def mapped(path: Path) -> tuple[Source, MapRun]:
+    source = open_source(path)
+    return source, map_pairs(source.nav, MappingConfig())
+
+
+def of_map(score: Score) -> dict[str, Any]:
+    """What a score says of a cloud, as JSON values."""
+    plain = to_dict(score)
+    is_of_map = {"map", "consistency"}
+    about = [item for item in plain["figures"] if item["subject"] in is_of_map or item["figure"] in OF_MAP]
+    return {"figures": about, "cloud": plain["cloud"]}
+
+
+def file_score(cloud: Path, source: Path) -> dict[str, Any]:
+    return of_map(score_files(ScoreInputs.of(cloud, source), ScoreConfig()))
+
+
+def live_score(source: Source, run: MapRun, cloud: PointCloud) -> dict[str, Any]:
+    """Return the map's score as the monitor makes it of what is published."""
+    monitor = MonitorScore(ScoreConfig(), None)
+    monitor.map_inputs.set_rig(source.nav.rig)
+    for item in source.nav.pairs():
+        monitor.map_inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
+        monitor.map_inputs.add_true_points(item.pair.stamp_ns, item.truth)
+    for record in run.records:
+        monitor.add_call(replace(record, fused=cloud.fused if record.state == "fused" else None))
+    message = replace(cloud, fused=None, pair_stamps_ns=None)  # it does not say
+    monitor.map_inputs.add_cloud(run.maps[-1].stamp_ns, message)
+    assert monitor.score_maps()
+    return of_map(monitor.result())
+
+
+@pytest.mark.parametrize(
+    "case", ["folder, fused", "folder, not fused", pytest.param("sample, fused", marks=pytest.mark.slow)]
+)
+def test_live_replay_and_score_of_every_file_format_are_equal_to_the_last_digit(tmp_path: Path, case: str) -> None:
+    source, run = mapped(SAMPLE if case == "sample, fused" else write_folder(tmp_path / "source", 0, 3))
+    cloud = run.unfused if case == "folder, not fused" else run.fused.cloud
+    stamps = tuple(item.stamp_ns for item in run.maps)
+    result, files = ReplayResult(Trajectory.empty(), cloud, run.records, stamps), ReplayFiles(tmp_path)
+    save_replay(result, files, OURS)
+    replayed = of_map(score_replay(source, result, ScoreConfig(), None))
+    assert replayed["cloud"]["kind"] == ("single pairs" if case == "folder, not fused" else "fused")
+    assert replayed == file_score(files.cloud, source.path) == live_score(source, run, cloud)
+    for name in ("cloud.pcd", "cloud.npz"):
+        save_cloud(tmp_path / name, cloud)
+        assert file_score(tmp_path / name, source.path) == replayed
+
+
+def test_a_cloud_is_judged_by_the_truth_of_its_own_pairs(tmp_path: Path) -> None:
+    """Of four pairs the first two were refused: the cloud's pairs 0 and 1 are the source's 2 and 3."""
+    source = open_source(write_folder(tmp_path / "source", 0, 4))
+    mapper = Mapper(source.nav.rig, MappingConfig())
+    last = list(source.nav.pairs())[2:]
+    cloud = mapper.fuse([mapper.process(item.pair, item.T_lm_navsb, k) for k, item in enumerate(last)]).cloud
+    save_cloud(tmp_path / "c.ply", cloud)
+    score = file_score(tmp_path / "c.ply", source.path)
+    assert (number(score, "pairs"), number(score, "coverage") > 0.8) == (2, True)
+    assert number(score, "point_error", "p50") < 0.02
+    save_cloud(tmp_path / "d.ply", replace(cloud, pair_stamps_ns=(1, 2)))
+    with pytest.raises(InputError, match="give the source of the cloud"):
+        file_score(tmp_path / "d.ply", source.path)
+
+
+def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
+    truth = source.loc.ground_truth
+    measured = 1.0001 * truth.positions
+    parts = {rows: Trajectory(truth.stamps_ns[:rows], measured[:rows], truth.quats_xyzw[:rows]) for rows in (12, 6, 0)}
+    limits = parse_limits(
+        {"minimum_independent": 1, "trajectory": [{"condition": "frames=2", "position_mean_m": 1.0}]}, "limits"
+    )
+    wanted = {12: None, 6: "the estimate covers 50 % of the images", 0: "no pose for any of 12 images"}
+    for (rows, estimate), partial in product(parts.items(), (False, True)):
+        files = ReplayFiles(tmp_path / f"{rows}-{partial}")
+        files.folder.mkdir()
+        result = ReplayResult(estimate, None, [], ())
+        save_replay(result, files, OURS)
+        config = score_config(["frames=2"], {"trajectory.partial": partial, "trajectory.spacing": 1})
+        score = score_replay(source, result, config, limits, files=files)
+        why = wanted[rows]
+        assert (score.incomplete or "").startswith("" if partial else why or "")
+        assert (score.incomplete is None) == (partial or why is None)
+        assert bool([text for text in score.warnings if "a part of the drive is judged" in text]) == (
+            partial and why is not None
+        )
+        expected = ["pass"] if rows else ["not enough data"]
+        if score.incomplete:
+            expected = ["incomplete", "incomplete" if rows else "not enough data"]
+        assert [item.state for item in score.verdicts] == expected
+        assert banner_of(score).state == expected[0]
+        if rows:
+            offline = score_files(ScoreInputs.of(files.estimate, source.path), config)
+            about = ((each.association, each.rows(subject="trajectory")) for each in (offline, score))
+            assert next(about) == next(about)
+            assert (offline.incomplete, offline.warnings) == (score.incomplete, score.warnings)
+
+
+def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_path: Path) -> None:
+    path = write_folder(tmp_path / "source", 12, 3)
+    place = path / "loc" / "groundtruth.csv"
+    head, *rows = place.read_text().splitlines(keepends=True)
+    place.write_text(head + "".join(rows[::5]))
+    source = open_source(path)
+    stamps = np.asarray(source.loc.stamps_ns)
+    estimate = Trajectory(stamps, np.zeros((12, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (12, 1)))
+    result = ReplayResult(estimate, None, [], ())
+    score = score_replay(source, result, score_config(["frames=2"], {}), None)
+    assert score.incomplete == "the map contains 0 of 3 pairs"
+    assert any("the truth has 3 poses for 12 images" in text for text in score.warnings)
+
+
+def test_the_calls_of_a_replay_belong_to_its_estimate(tmp_path: Path) -> None:
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
+    truth, files = source.loc.ground_truth, ReplayFiles(tmp_path / "run")
+    estimate = Trajectory(truth.stamps_ns, 0.999 * truth.positions, truth.quats_xyzw)
+    calls = [CallRecord(int(stamp), 0.1, "tracking") for stamp in truth.stamps_ns]
+    result, config = ReplayResult(estimate, None, calls, ()), score_config(["frames=2"], {})
+    files.folder.mkdir()
+    save_replay(result, files, OURS)
+    score = score_replay(source, result, config, None, files=files)
+    assert not [text for text in score.warnings if "have no positions" in text]
+    inputs = replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,))
+    assert score.warnings == score_files(inputs, config).warnings
+
+
+def of_external(
+    source: Source,
+    calls: list[CallRecord],
+    answers: AnswerCounts,
+    config: ScoreConfig,
+    findings: tuple[FindingRecord, ...] = (),
+) -> ReplayResult:
+    """The result of a replay to an external localiser whose poses are those of the truth, shortened by 0.1 %."""
+    truth = source.loc.ground_truth
+    estimate = Trajectory(truth.stamps_ns, 0.999 * truth.positions, truth.quats_xyzw)
+    node = ExternalScore(task="localisation", topic="t", frames="odom", answers=answers, latency_s=None)
+    run = ExternalResult(MethodRecord(name="n", version=None, kind=MethodKind.EXTERNAL), node, findings)
+    return with_converted_poses(ReplayResult(estimate, None, calls, (), run), source, config, Correction())
+
+
+@pytest.mark.parametrize("state", [None, "", "tracking"])
+def test_the_states_of_an_external_node_that_reports_none_are_unknown(tmp_path: Path, state: str | None) -> None:
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
+    seconds = math.nan if state is None else 0.1
+    calls = [CallRecord(int(stamp), seconds, state or "") for stamp in source.loc.ground_truth.stamps_ns]
+    config = score_config(("frames=2",), {})
+    result = of_external(source, calls, AnswerCounts(pairs=12, answered=12), config)
+    limits = parse_limits({"trajectory": [{"condition": "frames=2", "lost_max_share": 0.0}]}, "limits")
+    score = score_replay(source, result, config, limits)
+    found = [score.number(name) for name in ("lost", "degraded")]
+    assert (found, score.verdict) == (([0.0, 0.0], "pass") if state == "tracking" else ([None, None], "incomplete"))
+    assert len(result.records) == 12
+
+
+def test_the_files_of_a_replay_state_the_method_and_its_errors(tmp_path: Path) -> None:
+    """A node that crashed fails by the files of the replay as it does by the replay itself."""
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
+    stamps_ns = source.loc.ground_truth.stamps_ns.tolist()
+    calls = [CallRecord(stamp_ns, 0.1, "tracking") for stamp_ns in stamps_ns]
+    kinds = (FindingKind.MISSING, FindingKind.NOT_FINITE, FindingKind.CRASHED)
+    findings = tuple(FindingRecord(kind=kind, count=1, first_stamp_ns=stamps_ns[-1], text="why") for kind in kinds)
+    config = score_config(["frames=2"], {})
+    result = of_external(source, calls, AnswerCounts(pairs=12, answered=12), config, findings)
+    files = ReplayFiles(tmp_path)
+    save_replay(result, files, OURS)
+    replayed = score_replay(source, result, config, None, files=files)
+    inputs = replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,))
+    scored = score_files(inputs, config)
+    assert scored.method == replayed.method == result.external.method
+    assert (
+        {finding.kind for finding in scored.findings} == {finding.kind for finding in replayed.findings} == set(kinds)
+    )
+    assert scored.verdict == replayed.verdict == "fail"
+    few = replace(result, records=calls[:2])
+    save_replay(few, files, OURS)
+    assert {finding.kind for finding in load_call_stats(files.stats).findings} == set(kinds[1:])
+    save_replay(replace(result, external=None), files, OURS)
+    assert load_call_stats(files.stats).method == OURS
+
+
+@pytest.mark.parametrize("doubled", [0, 3])
+def test_a_drive_with_several_answers_to_a_pair_is_incomplete(tmp_path: Path, doubled: int) -> None:
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
+    calls = [CallRecord(int(stamp), 0.1, "tracking") for stamp in source.loc.ground_truth.stamps_ns]
+    config = score_config(("frames=2",), {"trajectory.spacing": 1})
+    result = of_external(source, calls, AnswerCounts(pairs=12, answered=12, doubled=doubled), config)
+    about = {"minimum_independent": 1, "trajectory": [{"condition": "frames=2", "position_mean_m": 1.0}]}
+    verdict = score_replay(source, result, config, parse_limits(about, "limits")).verdict
+    assert verdict == ("incomplete" if doubled else "pass")
+    accepted = {**about, "completeness": [{"calls_doubled_max_share": 0.3}]}
+    assert score_replay(source, result, config, parse_limits(accepted, "limits")).verdict == "pass"

@@ -1,0 +1,28 @@
+"""Variables that a process of ROS needs; those of the user stay."""
+
+from sfr_loc_map.ros import environment
+
+
+def test_what_the_user_chose_stays() -> None:
+    variables = {"ROS_DOMAIN_ID": "7", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
+    environment.isolate(variables)
+    assert variables == {"ROS_DOMAIN_ID": "7", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
+    fresh: dict[str, str] = {}
+    environment.isolate(fresh)
+    assert fresh["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert 1 <= int(fresh["ROS_DOMAIN_ID"]) <= environment.DOMAINS
+
+
+def test_fast_dds_of_both_versions_gets_the_same_profile() -> None:
+    for given, expected in (("", str(environment.PROFILE)), ("/own.xml", "/own.xml")):
+        for named in environment.PROFILE_VARIABLES:
+            variables = {named: given}
+            environment.prepare(variables)
+            assert [variables[name] for name in environment.PROFILE_VARIABLES] == [expected] * 2
+
+
+def test_the_profile_of_fast_dds_is_where_the_variables_point() -> None:
+    assert environment.PROFILE.is_file()
+    variables: dict[str, str] = {}
+    environment.prepare(variables)
+    assert {variables[name] for name in environment.PROFILE_VARIABLES} == {str(environment.PROFILE)}

@@ -1,0 +1,36 @@
+"""Gaps in the sequence numbers of messages are counted for each publisher."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfr_loc_map.ros.transport import TransportGaps
+
+
+def lost(numbers: list[int | None]) -> int:
+    gaps = TransportGaps()
+    return sum(gaps.add({"publication_sequence_number": number}) for number in numbers)
+
+
+@given(st.integers(1, 10_000), st.lists(st.booleans(), min_size=1, max_size=50))
+def test_every_gap_between_two_messages_that_came_counts(first: int, came: list[bool]) -> None:
+    numbers = [first, *(first + 1 + i for i, there in enumerate(came) if there)]
+    assert lost([*numbers]) == numbers[-1] - first + 1 - len(numbers)
+    assert lost([7, 8, 10, 1, 2, 4]) == 2  # a new publisher lost nothing
+    assert lost([None, None, 0, 0]) == 0  # a middleware without numbers
+
+
+def test_of_several_publishers_no_gap_is_counted() -> None:
+    gaps = TransportGaps()
+    gaps.set_several(True)
+    assert sum(gaps.add({"publication_sequence_number": number}) for number in (1, 9, 2, 10, 3, 11)) == 0
+
+
+def test_what_is_published_between_two_subscriptions_is_not_lost() -> None:
+    gaps = TransportGaps()
+    found = [gaps.add({"publication_sequence_number": number}) for number in (1, 3)]
+    gaps.begin_subscription()
+    found += [gaps.add({"publication_sequence_number": number}) for number in (50, 52)]
+    assert found == [0, 1, 0, 1]
+    assert gaps.lost == 2
