@@ -1,4 +1,4 @@
-"""Findings on observations that are made in memory."""
+"""Issues of observations that are made in memory."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def test_a_node_without_its_cameras_waits() -> None:
     unheard = {
         "nav/left/image_rect": ObservedTopic("/nav/left/image_rect", (IMAGE,), publishers=())
     }  # of the subscriber
-    findings = examine(Observation("", SourceKind.GRAPH, topics=topics | unheard, nodes=nodes))
-    assert [(item.where, item.is_blocking) for item in findings if "wait" in item.text] == [("mapping_node", False)]
-    assert not [item for item in findings if "nav/" in item.where]
+    issues = examine(Observation("", SourceKind.GRAPH, topics=topics | unheard, nodes=nodes))
+    assert [(item.where, item.is_blocking) for item in issues if "wait" in item.text] == [("mapping_node", False)]
+    assert not [item for item in issues if "nav/" in item.where]
     alone = examine(Observation("", SourceKind.GRAPH, topics=unheard, nodes=nodes))
     assert {item.where for item in alone if item.is_blocking} >= {"/nav/left/image_rect", "loc/left/image_rect"}
 
@@ -39,7 +39,7 @@ def test_images_of_which_none_has_a_stamp_are_no_fault() -> None:
             for name, found in zip(sides, stamps, strict=True)
         }
         for kind in (SourceKind.BAG, SourceKind.GRAPH):
-            assert "pair" not in {finding.cause.value for finding in examine(Observation("", kind, topics=topics))}
+            assert "pair" not in {issue.cause.value for issue in examine(Observation("", kind, topics=topics))}
 
 
 def test_the_finding_of_a_camera_has_the_problem_and_its_fix() -> None:
