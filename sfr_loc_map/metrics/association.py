@@ -298,7 +298,13 @@ def nearness_ns(needed: IntArray, tolerance_ns: int = 0) -> int:
     return max(tolerance_ns, int(IMAGE_PERIOD_SHARE * np.median(np.diff(needed))))
 
 
-def has_near(stamps: IntArray, among: IntArray, near_ns: int) -> Mask:
-    """Return which stamps have a stamp of `among` within `near_ns`; both are ascending."""
-    first = np.searchsorted(among, stamps - near_ns, "left")
-    return np.asarray(first < np.searchsorted(among, stamps + near_ns, "right"))
+def has_own(expected_ns: IntArray, stamps_ns: IntArray, near_ns: int) -> Mask:
+    """Return which expected stamps are the nearest one to any of the stamps, within `near_ns`; both are ascending.
+
+    Each stamp counts for one expected stamp, so that expected stamps that are close together need one stamp each.
+    """
+    is_own = np.zeros(len(expected_ns), np.bool_)
+    if len(expected_ns):
+        nearest, difference = nearest_stamps(stamps_ns, expected_ns)
+        is_own[nearest[difference <= near_ns]] = True
+    return is_own

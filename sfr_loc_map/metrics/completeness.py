@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.metrics.association import has_near, nearness_ns
+from sfr_loc_map.metrics.association import has_own, nearness_ns
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
 from sfr_loc_map.metrics.table import Figure, figure_row
@@ -100,7 +100,7 @@ def calls_completeness(
 
 def judged_calls(kind: CallKind, given: IntArray, expected: IntArray) -> tuple[int, int]:
     """Return the number of expected calls of a kind that were measured, and the number of expected calls."""
-    has_call = has_near(expected, np.unique(given), nearness_ns(expected))
+    has_call = has_own(expected, np.unique(given), nearness_ns(expected))
     judged, many = int(np.count_nonzero(has_call)), len(expected)
     if kind not in (CallKind.LOCALISATION, CallKind.MAPPING):
         judged, many = min(judged, 1), 1
@@ -111,9 +111,10 @@ def wrong_calls(part: str | None, given: IntArray, expected: IntArray) -> Iterat
     """Yield the rows of the measured calls that belong to no expected pair, or to the pair of another call."""
     total = len(given)
     unique, counts = np.unique(given, return_counts=True)
-    is_of_drive = has_near(unique, expected, nearness_ns(expected))
+    pair, difference = nearest_stamps(unique, expected)
+    is_of_drive = difference <= nearness_ns(expected)
     other = int(counts[~is_of_drive].sum())
-    pairs = nearest_stamps(unique[is_of_drive], expected)[0]
+    pairs = pair[is_of_drive]
     repeated_stamps = int((counts - 1).sum())
     doubled = repeated_stamps + len(pairs) - len(np.unique(pairs))
     yield figure_row("calls_other", part=part, n=total, value=share_of(other, total))

@@ -26,7 +26,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.association import has_near, nearness_ns, unique_rows
+from sfr_loc_map.metrics.association import has_own, nearness_ns, unique_rows
 from sfr_loc_map.metrics.completeness import expected_row, share_rows
 from sfr_loc_map.metrics.config import AssociationMode, Condition, ConditionKind
 from sfr_loc_map.metrics.records import Association
@@ -247,8 +247,8 @@ def coverage_of(
 ) -> Coverage:
     """Return which expected stamps have an estimate and a ground truth; all stamps ascend."""
     near_ns = nearness_ns(expected_ns, tolerance_of(association))
-    has_estimate = has_near(expected_ns, estimates_ns, near_ns)
-    has_frame = has_near(expected_ns, frames_ns, near_ns)
+    has_estimate = has_own(expected_ns, estimates_ns, near_ns)
+    has_frame = has_own(expected_ns, frames_ns, near_ns)
     has_truth = is_spanned(expected_ns, true_ns, max_gap_of(association), tolerance_of(association))
     has_truth &= has_frame | ~has_estimate | ~needs_frame(expected_ns, true_ns, near_ns, association.mode)
     return Coverage(expected_ns, has_estimate, has_truth)
@@ -269,7 +269,7 @@ def needs_frame(expected_ns: IntArray, true_ns: IntArray, near_ns: int, mode: As
         np.diff(expected_ns)
     )
     if mode == AssociationMode.MATCH and is_sparse:
-        is_inside &= has_near(expected_ns, true_ns, near_ns)
+        is_inside &= has_own(expected_ns, true_ns, near_ns)
     return np.asarray(is_inside)
 
 

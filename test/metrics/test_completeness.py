@@ -407,3 +407,33 @@ def test_of_two_true_poses_with_one_stamp_the_last_is_used_throughout() -> None:
     np.testing.assert_array_equal(*(interpolation_errors(each, between_ns) for each in (doubled, truth)))
     frames = associate(truth, doubled, AssociationConfig())[0]
     np.testing.assert_array_equal(spline_positions(doubled, frames), spline_positions(truth, frames))
+
+
+def bursts(count: int = 300) -> np.ndarray:
+    """Stamps of images with the intervals 1, 1 and 0.35 s."""
+    return np.cumsum(np.tile([1.0, 1.0, 0.35], count) * SECOND).astype(np.int64)
+
+
+@pytest.mark.clause("4.1.1")
+def test_an_estimate_covers_one_image_of_a_burst() -> None:
+    """Images that are less than 0.4 typical periods apart require one estimate each."""
+    images_ns = bursts()
+    positions = np.column_stack((0.05e-9 * images_ns, np.zeros((len(images_ns), 2))))
+    full = Trajectory(images_ns, positions, np.tile([0.0, 0.0, 0.0, 1.0], (len(images_ns), 1)))
+    is_first = np.diff(images_ns, prepend=0) > SECOND // 2
+    for estimate, judged_share in ((full, 1.0), (full[np.flatnonzero(is_first)], 2.0 / 3.0)):
+        made = covered(estimate, full, full)
+        assert made.matched == len(estimate)
+        assert (made.judged_share, made.missing) == (pytest.approx(judged_share), len(full) - len(estimate))
+        assert (made.incomplete is None) == (judged_share == 1.0)
+
+
+@pytest.mark.clause("4.2.1")
+def test_a_call_belongs_to_one_pair_of_a_burst() -> None:
+    expected = bursts()
+    is_first = np.diff(expected, prepend=0) > SECOND // 2
+    for given, missing in ((expected, 0.0), (expected[is_first], 1.0 / 3.0)):
+        measured = {Scope.CALLS: np.full(len(given), 0.1)}
+        rows = values_of(calls_completeness(CallKind.LOCALISATION, given, expected, measured))
+        assert rows["calls_missing localisation"] == pytest.approx(missing)
+        assert rows["calls_other localisation"] == rows["calls_doubled localisation"] == 0.0
