@@ -1,9 +1,10 @@
 """Estimates that are not measurements: copies of the previous pose, and copies of the ground truth.
 
 Both are counted as figures of completeness. A pose is repeated if it is bit-identical to the previous pose although the
-rover moves and no state reports the pose as lost or degraded. A pose is a copy of the truth if its step equals the true
-step more accurately than any measurement, or if the pose is the rounded true pose. The same test applies to the judged
-motions from start to end. See docs/metrics.md, "Completeness".
+rover moves and no state reports the pose as lost or degraded. A pose is a copy of the truth if the motion to it equals
+the true motion more accurately than any measurement, or if the pose is the rounded true pose. The motion is long
+compared with the resolution of the positions, because short steps of any estimate are rounded to those of the truth.
+The same test applies to the judged motions from start to end. See docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ MOVING_SHARE = 0.1  #: The rover moves if its motion exceeds this fraction of th
 DRIFT_SHARE = 0.02
 """Fraction of the typical true speed up to which a displacement is a drift of the tracking, not a motion. A stationary
 rover with a zero-velocity update repeats its pose while the truth drifts, for instance by 3 mm in 90 s."""
-EXACT_SHARE = 1e-5  #: Relative error of a step that no odometry reaches: 10 um per metre.
+EXACT_SHARE = 1e-5  #: Relative error of a motion that no odometry reaches: 10 um per metre.
 RESOLUTIONS_M = (1e-3, 1e-4, 1e-5, 1e-6)  #: Resolutions of the positions of a file that are recognised, m.
-FINE_M = 1e-6  #: Resolution up to which rounding is smaller than the error of any estimate, m.
+FINEST_M = RESOLUTIONS_M[-1]  #: Resolution of the positions of a file that is finer than those recognised, at most.
 ROUNDED_IN_A_ROW = 50  #: Number of consecutive rounded true poses that an estimate does not reach by chance.
 ROUNDED_PATH = 2000.0
 """Minimum path of these poses, in units of the resolution: an error of 0.05 % over 2 m equals a resolution of 1 mm."""
@@ -112,27 +113,43 @@ def is_of_truth(frames: Frames, references: list[FloatArray], is_moving: Mask) -
     resolution_m = resolution_of(frames.position)
     found = np.zeros(len(frames.stamps_ns), np.bool_)
     for true_pos in references:
-        found |= has_true_step(frames, true_pos, resolution_m if resolution_m <= FINE_M else 0.0)
-        if resolution_m > FINE_M:
+        found |= ends_true_motion(frames, true_pos, resolution_m)
+        if resolution_m:
             found |= is_rounded_truth(frames.position, true_pos, resolution_m, is_moving)
     return found & is_moving
 
 
-def has_true_step(frames: Frames, true_pos: FloatArray, resolution_m: float) -> Mask:
-    """Return at which frames `(F,)` the step equals the true step, in DS or in RB before the step."""
+def ends_true_motion(frames: Frames, true_pos: FloatArray, resolution_m: float) -> Mask:
+    """Return at which frames `(F,)` the last motion over the least testable path equals the true motion."""
     found = np.zeros(len(true_pos), np.bool_)
-    later = np.arange(1, len(true_pos))
-    found[1:] = is_true_motion(frames, true_pos, later - 1, later, resolution_m)
+    steps_m = np.linalg.norm(np.diff(true_pos, axis=0), axis=1)
+    travelled_m = np.append(0.0, np.cumsum(steps_m))[: len(true_pos)]
+    starts = np.searchsorted(travelled_m, travelled_m - least_motion_m(resolution_m), "right") - 1
+    ends = np.flatnonzero(starts >= 0)
+    found[ends] = is_true_motion(frames, true_pos, starts[ends], ends, resolution_m)
     return found
 
 
+def least_motion_m(resolution_m: float) -> float:
+    """Return the shortest motion that can be tested: over it, the rounding is as small as `EXACT_SHARE` of the motion.
+
+    It is 0.17 m for a resolution of 1 um or finer.
+    """
+    return float(np.sqrt(3.0)) * max(resolution_m, FINEST_M) / EXACT_SHARE
+
+
 def is_true_motion(frames: Frames, true_pos: FloatArray, starts: IntArray, ends: IntArray, resolution_m: float) -> Mask:
-    """Return which motions from `starts` to `ends` equal the true motions, in DS or in RB at the start."""
+    """Return which motions from `starts` to `ends` equal the true motions, in DS or in RB at the start.
+
+    A displacement of less than half of the least testable motion, as after a turn back, equals no other.
+    """
     motion, true_motion = frames.position[ends] - frames.position[starts], true_pos[ends] - true_pos[starts]
     in_body = quat_rotate(quat_conjugate(frames.attitude[starts]), motion)
     true_in_body = quat_rotate(quat_conjugate(frames.true_attitude[starts]), true_motion)
     error_m = np.minimum(np.linalg.norm(motion - true_motion, axis=1), np.linalg.norm(in_body - true_in_body, axis=1))
-    return np.asarray(error_m <= EXACT_SHARE * np.linalg.norm(true_motion, axis=1) + np.sqrt(3.0) * resolution_m)
+    length_m = np.linalg.norm(true_motion, axis=1)
+    is_long = length_m >= 0.5 * least_motion_m(resolution_m)
+    return np.asarray(is_long & (error_m <= EXACT_SHARE * length_m + np.sqrt(3.0) * resolution_m))
 
 
 def judged_of_truth(frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]]) -> Figure:
@@ -146,9 +163,7 @@ def judged_of_truth(frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]])
         lengths_m = np.linalg.norm(frames.true_position[ends] - frames.true_position[starts], axis=1)
         is_moving = lengths_m > MOVING_SHARE * np.max(lengths_m, initial=0.0)
         starts, ends = starts[is_moving], ends[is_moving]
-        is_true = is_true_motion(
-            frames, frames.true_position, starts, ends, resolution_m if resolution_m <= FINE_M else 0.0
-        )
+        is_true = is_true_motion(frames, frames.true_position, starts, ends, resolution_m)
         count = len(is_true)
         share = share_of(int(np.count_nonzero(is_true)), count) if count >= MIN_STEPS else None
         if share is not None and share >= (worst.value or 0.0):

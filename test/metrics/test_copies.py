@@ -5,7 +5,7 @@ import pytest
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Frames
-from sfr_loc_map.metrics.copies import copy_rows, moving_steps, repeats_pose, resolution_of, scatter_m
+from sfr_loc_map.metrics.copies import copy_rows, judged_of_truth, moving_steps, repeats_pose, resolution_of, scatter_m
 from sfr_loc_map.metrics.score import Score
 
 COUNT = 200
@@ -79,9 +79,9 @@ def test_the_scatter_of_a_truth_is_that_of_its_noise() -> None:
     assert scatter_m(noisy) == pytest.approx(1e-3 * np.sqrt(6.0) * 1.54, rel=0.1)
 
 
-def test_a_step_of_the_truth_is_one_to_10_um_a_metre() -> None:
+def test_a_motion_is_that_of_the_truth_to_10_um_a_metre() -> None:
     growing = np.arange(COUNT)[:, None] * [1.0, 0.0, 0.0]
-    assert counted(TRUE + 0.9e-6 * growing, TRUE) == (0, COUNT - 1)
+    assert counted(TRUE + 0.9e-6 * growing, TRUE) == (0, COUNT - 2), "the first step is shorter than 0.17 m"
     assert counted(TRUE + 1.1e-6 * growing, TRUE) == (0, 0)
     assert counted(TRUE + NOISE, TRUE) == (0, 0)
 
@@ -123,3 +123,27 @@ def test_a_slow_drive_in_millimetres_is_no_copy() -> None:
     assert counted(np.round(slow * 1.0001, 3), slow) == (0, 0)
     fast = 20.0 * slow
     assert counted(np.round(fast, 3), fast)[1] > 0.9 * COUNT, "over 4 m the rounded truth is no estimate"
+
+
+@pytest.mark.parametrize("digits", [3, 4, 5, 6, 7, 12])
+@pytest.mark.parametrize("rate_hz", [10.0, 50.0, 100.0])
+def test_short_steps_of_an_honest_estimate_are_not_those_of_the_truth(rate_hz: float, digits: int) -> None:
+    """60 m at 6 cm/s: steps of 0.6 to 6 mm are rounded to those of the truth, whose file has the same decimals."""
+    count = round(rate_hz * 1000.0)
+    heading = np.linspace(0.0, 2.0, count)
+    steps = 0.06 / rate_hz * np.column_stack((np.cos(heading), np.sin(heading), 0.2 * np.sin(8.0 * heading)))
+    drift = np.radians(0.1) * 0.06 / rate_hz * np.arange(count)
+    drifted = 0.06 / rate_hz * np.column_stack((np.cos(heading + drift), np.sin(heading + drift), steps[:, 2] * 0.0))
+    drifted[:, 2] = steps[:, 2]
+    true = np.round(np.cumsum(steps, axis=0), digits)
+    level = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
+    stamps_ns = np.round(np.arange(count) * 1e9 / rate_hz).astype(np.int64)
+    for estimated in (1.001 * steps, 1.0001 * steps, drifted):
+        position = np.round(np.cumsum(estimated, axis=0), digits)
+        made = Frames(stamps_ns, true, level, position, level, np.arange(count))
+        none = np.zeros(count, np.bool_)
+        rows = Score(figures=tuple(copy_rows(made, Trajectory(stamps_ns, true, level), none, interpolated=False)))
+        assert (rows.number("poses_of_truth") or 0.0) < 0.05
+        frames_of_1_s = round(rate_hz)
+        starts = np.arange(0, count - frames_of_1_s, frames_of_1_s)
+        assert (judged_of_truth(made, [(starts, starts + frames_of_1_s)]).value or 0.0) < 0.05
