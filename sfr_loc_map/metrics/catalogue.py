@@ -172,6 +172,7 @@ CATALOGUE = (
         "points", Subject.MAP, "", "1", "points of the cloud", (), ONE_NUMBER, is_count=True, is_one_number=True
     ),
     FigureKind("pairs", Subject.MAP, "", "1", "mapping pairs of the ground truth", is_count=True, is_one_number=True),
+    FigureKind("maps", Subject.MAP, "", "1", "maps of the live run", is_count=True, is_one_number=True),
     # calls; the document defines the time on the target, and leaves the method of measuring memory to the supplier
     FigureKind("localisation", Subject.TIMING, "4.2.1", "s", "localisation time", OF_ERRORS, OF_CALLS),
     FigureKind("mapping_call", Subject.TIMING, "4.3.1", "s", "mapping call time", OF_ERRORS, OF_CALLS),

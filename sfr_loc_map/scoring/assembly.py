@@ -68,7 +68,7 @@ def score_of_parts(
     )
     score = judged(score, limits, partial=config.trajectory.partial)
     warnings = [*_convention_warnings(run.convention), *trajectory.warnings, *surface.warnings, *calls.warnings]
-    caveats = (*trajectory.caveats, *calls.caveats, *_unbound_calls(run))
+    caveats = (*trajectory.caveats, *surface.caveats, *calls.caveats, *_unbound_calls(run))
     warnings += caveats
     warnings += () if method is None else _process_warnings(method, run)
     warnings += [*_partial_warnings(score), *reading_caveats(score)]

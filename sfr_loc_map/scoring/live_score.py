@@ -54,7 +54,7 @@ class Received:
 
     run: Run
     messages: int  #: Number of received poses, true poses and calls.
-    map: MapResult | None  #: Result of the last map; None before the first map.
+    map: MapResult | None  #: Result of the worst map; None before the first map.
     convention_finding: ConventionFinding | None  #: Result of the last diagnosis, which takes 0.1 s or more.
 
 

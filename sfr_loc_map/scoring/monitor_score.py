@@ -33,12 +33,12 @@ from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.results import MapResult
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs.call_stats import CallStats, estimates_of
 from sfr_loc_map.runs.calls import CallRecord, is_covariance_reported
 from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch
 from sfr_loc_map.scoring.inputs import DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.live_maps import LiveMaps
 from sfr_loc_map.scoring.live_score import ENDED, LiveRun, Received, score_so_far
 
 T = TypeVar("T")
@@ -189,7 +189,7 @@ class MapInputs:
 
 
 class MonitorScore:
-    """Collects poses, truth, clouds and calls, and scores them; `map_score` is the score of the last complete map."""
+    """Collects poses, truth, clouds and calls, and scores them; `maps` has the score of each complete map."""
 
     def __init__(self, config: ScoreConfig, limits: Limits | None, body: TrackedBodyConfig = RB_ITSELF) -> None:
         """Start a run, judged by limits if there are any. `body` is the tracked body of the true poses."""
@@ -206,7 +206,7 @@ class MonitorScore:
         self._covariance_ns = -1  # stamp of the last estimate with a published covariance
         self._convention_finding: ConventionFinding | None = None  # result of the last diagnosis
         self._diagnosed_poses = 0  # number of poses at the last diagnosis
-        self.map_score: MapResult | None = None
+        self.maps = LiveMaps(self._limits, partial=self._config.trajectory.partial)
 
     def add_estimate(
         self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], covariance: FloatArray | None
@@ -237,10 +237,10 @@ class MonitorScore:
         self.map_inputs.add_call(record)
 
     def score_maps(self) -> bool:
-        """Score the clouds whose inputs are complete and keep the last score. Return whether there was a cloud."""
+        """Score the clouds whose inputs are complete. Return whether there was a cloud."""
         scored = False
         for cloud, truths, expected in self.map_inputs.take_complete():
-            self.map_score = score_map(cloud, truths, self._config.map, expected_pairs=expected)
+            self.maps.add(score_map(cloud, truths, self._config.map, expected_pairs=expected))
             scored = True
         return scored
 
@@ -258,6 +258,7 @@ class MonitorScore:
         if truth is not None and estimates is not None:
             drive = DriveToScore(estimates, truth, image_stamps_ns=live.image_stamps_ns)
         pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)
+        worst_map = self.maps.result
         images_ns = () if live.image_stamps_ns is None else live.image_stamps_ns
         run = Run(
             ScoreInputs(),
@@ -265,12 +266,12 @@ class MonitorScore:
             drive=drive,
             unposed_images=len(images_ns) if estimates is None and not is_under_way else 0,
             nav_stamps_ns=pairs,
-            unmapped_pairs=len(pairs) if self.map_score is None and not is_under_way else 0,
+            unmapped_pairs=len(pairs) if worst_map is None and not is_under_way else 0,
         )
         received = Received(
             run=run,
             messages=self._poses + len(self._calls),
-            map=self.map_score,
+            map=worst_map,
             convention_finding=self._convention_finding,
         )
         return score_so_far(received, live, self._config, self._limits)

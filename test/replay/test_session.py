@@ -43,7 +43,7 @@ def test_the_figures_are_requested_again_until_they_contain_the_last_result(
         results.add_call(call.task, call)
 
     def add_map() -> None:
-        score.map_score = score_map(cloud, truths, ScoreConfig().map)
+        score.maps.add(score_map(cloud, truths, ScoreConfig().map))
 
     arrivals = [*(partial(score.add_call, call) for call in CALLS), add_map]
     late = arrivals[len(arrivals) - missing :]

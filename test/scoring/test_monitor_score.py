@@ -12,7 +12,7 @@ import pytest
 from msgspec.structs import replace as struct_replace
 from scipy.spatial.transform import Rotation
 
-from helpers.made_scene import NAV_RIG
+from helpers.made_scene import NAV_RIG, nav_pair, true_cloud
 from helpers.message_bags import write_messages
 from helpers.random_drives import as_score
 from sfr_loc_map.errors import InputError, MetricsError
@@ -28,12 +28,14 @@ from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_types import STRING
 from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
+from sfr_loc_map.metrics.cloud_error import score_map, truths_of
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.results import TrajectoryResult
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.nodes.report_file import ReportFile
 from sfr_loc_map.replay.received import ReceivedResults
@@ -41,6 +43,7 @@ from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.runs.call_stats import estimates_of, stats_of
 from sfr_loc_map.runs.calls import CallRecord, encode_call
 from sfr_loc_map.scoring.bag_estimates import bag_estimates
+from sfr_loc_map.scoring.live_maps import LiveMaps
 from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.topics import ESTIMATE, call_topic
@@ -350,3 +353,42 @@ def test_a_new_run_forgets_which_pairs_the_maps_of_the_run_before_contain() -> N
         monitor.map_inputs.add_cloud(3, PointCloud.empty())
         expected += [count for _, _, count in monitor.map_inputs.take_complete()]
     assert expected == [3, 3]
+
+
+def live_maps(stretches: Sequence[float]) -> Score:
+    """The score of a live run with a limit of 5 cm and a map of one pair for each stretch of the ranges."""
+    limits = {"map": {"point_error_mean_m": 0.05}}
+    monitor = MonitorScore(ScoreConfig(), parse_limits(limits, "limits"))
+    monitor.map_inputs.set_rig(NAV_RIG)
+    made, cloud = nav_pair(0), true_cloud(0)
+    for number, stretch in enumerate(stretches):
+        stamp_ns = made.pair.stamp_ns + number * 10**9
+        monitor.map_inputs.add_pose(stamp_ns, made.T_lm_navsb)
+        monitor.map_inputs.add_true_points(stamp_ns, made.truth)
+        monitor.add_call(CallRecord(stamp_ns, 0.1, "fused", pair_stamps_ns=(stamp_ns,), fused=False, task=Task.MAPPING))
+        stretched = replace(cloud, xyz=(stretch * cloud.xyz).astype(np.float32), fused=None, pair_stamps_ns=None)
+        monitor.map_inputs.add_cloud(stamp_ns, stretched)
+        assert monitor.score_maps()
+    return from_json(to_json(monitor.result()))
+
+
+@pytest.mark.clause("4.3.4")
+@pytest.mark.parametrize("stretches", [(1.1, 1.001), (1.001, 1.1), (1.001, 1.1, 1.001)])
+def test_the_worst_map_of_a_live_run_decides(stretches: tuple[float, ...]) -> None:
+    worst, score = live_maps((1.1,)), live_maps(stretches)
+    assert live_maps((1.001,)).verdict == "pass"
+    assert worst.verdict == score.verdict == "fail"
+    assert score.number("point_error", "mean") == worst.number("point_error", "mean")
+    assert score.number("maps") == len(stretches)
+    assert any(f"worst of {len(stretches)} maps" in each for each in score.caveats)
+
+
+def test_a_map_without_points_is_worse_than_a_map_within_the_limits() -> None:
+    made, cloud = nav_pair(0), true_cloud(0)
+    truths = truths_of([made], NAV_RIG)
+    maps = LiveMaps(parse_limits({"map": {"point_error_mean_m": 0.05}}, "limits"), partial=False)
+    for each in (PointCloud.from_structured(cloud.to_structured()[:0], fused=False), cloud):
+        maps.add(score_map(each, truths, ScoreConfig().map, expected_pairs=1))
+    assert maps.result is not None
+    rows = Score(figures=maps.result.figures)
+    assert (rows.number("points"), rows.number("maps")) == (0, 2)
