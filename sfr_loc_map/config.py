@@ -234,8 +234,8 @@ NODE_SECTIONS = {
 }
 """Sections that contain node parameters."""
 SIMILAR = 0.8
-"""Minimum similarity (`difflib`) of an unknown name to the name of a section that it misspells. No parameter is as
-similar to the name of a section."""
+"""Minimum similarity (`difflib`) of an unknown prefix to the prefix that it misspells. No parameter of another node is
+as similar to a prefix."""
 ROS_PARAMETERS = "ros__parameters"  #: Name of the parameters of a node in a ROS parameter file.
 _SECTION_OF_PREFIX = {known.prefix: name for name, known in NODE_SECTIONS.items() if known.prefix}
 
@@ -254,8 +254,7 @@ def node_parameters(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, dict
 def read_sections(path: Path) -> dict[str, Any]:
     """Return the values of a configuration file by section, as mappings of dotted names.
 
-    The file is an `sfr.yaml`, a ROS parameter file (`/**: ros__parameters:` or `NODE: ros__parameters:`), or a plain
-    mapping of parameter names of localiser or mapper. The section of a plain mapping has an empty name. Raises
+    The file is an `sfr.yaml` or a ROS parameter file (`/**: ros__parameters:` or `NODE: ros__parameters:`). Raises
     ConfigError.
     """
     flat = flatten(load_yaml(path))
@@ -285,24 +284,22 @@ def _sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
 
 
 def _sections_of_file(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
-    """Return the sections of an `sfr.yaml`, or a plain mapping as the section with an empty name."""
+    """Return the sections of an `sfr.yaml`."""
     sections: dict[str, Any] = {}
     for key, value in flat.items():
         section, _, name = key.partition(".")
         section = "extrinsics" if section == NODE_SECTIONS["extrinsics"].prefix else section
         if section not in SECTIONS:
-            sections.setdefault("", {})[key] = value
-        elif name:
+            raise ConfigError(
+                f"{path}: unknown section '{section}'{suggestion(section, SECTIONS)}: parameters belong to a section, "
+                "such as localisation or mapping"
+            )
+        if name:
             sections.setdefault(section, {})[name] = value
         elif section in SECTIONS_WITHOUT_KEYS or value is None:
             sections[section] = value or {}
         else:
             raise ConfigError(f"{path}: '{section}' is {value!r:.40}: names with values are required")
-    unknown = [key.partition(".")[0] for key in sections.get("", {})]
-    misspelt = [name for name in unknown if _is_misspelt(name, SECTIONS)]
-    if misspelt or (unknown and sections.keys() - {""}):
-        wrong = (misspelt or unknown)[0]
-        raise ConfigError(f"{path}: unknown section '{wrong}'{suggestion(wrong, SECTIONS)}")
     return sections
 
 
@@ -329,8 +326,8 @@ class Configuration:
         return found
 
     def build(self, config_type: type[C], name: str) -> C:
-        """Return the parameters of a section, such as `localisation`, or those of a plain mapping."""
-        return build(config_type, self.section(name) or self.section(""), origin=f"{self.path}, {name}")
+        """Return the parameters of a section, such as `localisation`."""
+        return build(config_type, self.section(name), origin=f"{self.path}, {name}")
 
 
 def read_config(config_type: type[C], path: Path | None, part: str) -> C:

@@ -71,10 +71,10 @@ def test_bad_source(sfr: Sfr, made_once: MadeOnce, out: Path, source: str, comma
 @pytest.mark.parametrize(
     ("command", "content", "words"),
     [
-        ("localise", "max_feature: 100\n", "unknown key 'max_feature' .did you mean 'max_features'?"),
+        ("localise", "localisation: {max_feature: 100}\n", "unknown key 'max_feature' .did you mean 'max_features'?"),
         ("localise", "/**:\n  ros__parameters:\n    localisation.max_feature: 1\n", "unknown key 'max_feature'"),
         ("localise", "[1, 2", "not valid YAML"),
-        ("map", "nope: 1\n", "unknown key 'nope'"),
+        ("map", "mapping: {nope: 1}\n", "unknown key 'nope'"),
     ],
 )
 def test_bad_configuration(
