@@ -170,7 +170,7 @@ def _convert_trajectory(
         check_outputs(*files_written(destination), inputs=(source, config), overwrite=overwrite)
     if is_poses:
         read = read_trajectory_file(source, columns)
-        poses = read.trajectory
+        poses = read.stamped
         if read.is_announced:
             say(read.text, err=True)
     else:

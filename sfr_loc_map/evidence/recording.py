@@ -122,7 +122,7 @@ def calls_of_check(source: Source, most_pairs: int) -> int:
 def read_estimates(paths: Sequence[Path]) -> list[Run]:
     """Read estimates of other methods; each is named as by `names_of_estimates`."""
     names = names_of_estimates(paths)
-    return [Run(name, Estimates.of(read_trajectory_file(path).trajectory)) for path, name in names.items()]
+    return [Run(name, Estimates.of(read_trajectory_file(path).stamped)) for path, name in names.items()]
 
 
 def names_of_estimates(paths: Sequence[Path]) -> dict[Path, str]:

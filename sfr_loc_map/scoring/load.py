@@ -267,7 +267,7 @@ def load_drive(estimate: Path, truth: Path) -> DriveToScore:
 def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
     """Read estimated poses; lost flags and covariances come from the bag or from the statistics of the calls."""
     if not is_bag(path):
-        return estimates_of_calls(read_trajectory_file(path).trajectory, stats)
+        return estimates_of_calls(read_trajectory_file(path).stamped, stats)
     from sfr_loc_map.scoring.bag_estimates import bag_estimates
 
     return bag_estimates(path)

@@ -80,18 +80,25 @@ def _check_units(found: PoseColumns, head: TableHead) -> None:
 
 
 def _check_decimal_marks(found: PoseColumns, head: TableHead) -> None:
-    """Raise InputError if commas in numbers may separate thousands, because they are read as decimal commas."""
+    """Raise InputError if commas in numbers may separate thousands, because they are read as decimal commas.
+
+    Three decimals of metres are millimetres, as total stations write them. Three decimals of a smaller unit are not
+    plausible.
+    """
     columns = [found.index_of[key] for key in found.value_keys]
     cells = [row[column] for row in head.rows for column in columns if column < len(row)]
     with_comma = [cell for cell in cells if "," in cell]
     others = [cell for cell in cells if "." in cell]
     if all(map(_THOUSANDS.fullmatch, with_comma)):
         others += [cell for cell in cells if _BELOW_THOUSAND.fullmatch(cell)]
-    if with_comma and others:
-        raise InputError(
-            f"{head.name} has the numbers '{with_comma[0]}' and '{others[0]}': the comma may separate thousands or "
-            "decimals: write numbers with a decimal point and without separators of thousands"
-        )
+    small = [unit for unit in (found.units.get(key, "") for key in found.position_keys) if METRES[unit] < 1.0]
+    if not with_comma or not (others or (small and all(map(_THOUSANDS.fullmatch, with_comma)))):
+        return
+    numbers = f"the numbers '{with_comma[0]}' and '{others[0]}'" if others else f"'{with_comma[0]}' in {small[0]}"
+    raise InputError(
+        f"{head.name} has {numbers}: the comma may separate thousands or decimals: write numbers with a decimal point "
+        "and without separators of thousands"
+    )
 
 
 def _with_time_unit(found: PoseColumns, head: TableHead) -> PoseColumns:

@@ -19,6 +19,7 @@ from sfr_loc_map.io.tables.pose_columns import (
     MATRIX,
     METRES,
     NANOSECONDS,
+    POSITION,
     QUATERNION,
     SECONDS,
     STAMP,
@@ -35,11 +36,17 @@ NAMES: dict[str, tuple[str, ...]] = {
         *("nsec", "nsecs", "nanosec", "nanosecs", "headerstampnanosec", "headerstampnsecs", "stampnanosec"),
         *("usec", "usecs", "microsec", "microsecs", "microseconds", "msec", "msecs", "millisec", "millisecs"),
     ),
-    "x": ("x", "px", "tx", "posx", "positionx", "translationx", "xenu", "east", "easting", "e", "prsrx"),
-    "y": ("y", "py", "ty", "posy", "positiony", "translationy", "yenu", "north", "northing", "n", "prsry"),
-    "z": ("z", "pz", "tz", "posz", "positionz", "translationz", "zenu", "up", "height", "h", "elevation", "prsrz"),
-    DOWN: (DOWN, "zned"),
 }
+_FORMS = ("{}", "p{}", "t{}", "pos{}", "position{}", "translation{}", "{}enu", "prsr{}")
+_EAST, _NORTH, _UP = ("east", "easting", "e"), ("north", "northing", "n"), ("up", "height", "h", "elevation")
+FAMILIES: tuple[dict[str, tuple[str, ...]], ...] = (
+    *({axis: (form.format(axis),) for axis in "xyz"} for form in _FORMS),
+    {"x": _EAST, "y": _NORTH, "z": _UP},
+    {"x": _EAST, "y": _NORTH, DOWN: (DOWN,)},
+    {"x": ("yned",), "y": ("xned",), DOWN: ("zned",)},
+)
+"""Names of the three columns of a position. A height below `x` and `y` is of a left-handed frame and thus not read."""
+NAMES |= {key: tuple(name for family in FAMILIES for name in family.get(key, ())) for key in ("x", "y", "z", DOWN)}
 NAMES |= {
     f"q{axis}": (f"q{axis}", f"quat{axis}", f"quaternion{axis}", f"orientation{axis}", f"rotation{axis}", f"qrs{axis}")
     for axis in "xyzw"
@@ -79,7 +86,10 @@ def key_of(cell: str) -> tuple[str, int] | None:
 
 
 def named_columns(cells: Sequence[str]) -> dict[str, int]:
-    """Return the columns with known names, from 0; of several columns of one key, the preferred name decides."""
+    """Return the columns with known names, from 0; of several columns of one key, the preferred name decides.
+
+    x, y and z are those of the first complete family of names, so that they belong to one position.
+    """
     ranked: dict[str, tuple[int, int]] = {}
     for index, cell in enumerate(cells):
         known = key_of(cell)
@@ -88,7 +98,26 @@ def named_columns(cells: Sequence[str]) -> dict[str, int]:
         key, rank = known
         if key not in ranked or rank < ranked[key][0]:
             ranked[key] = (rank, index)
-    return {key: index for key, (_, index) in ranked.items()}
+    found = {key: index for key, (_, index) in ranked.items()}
+    positions = named_positions(cells)
+    if not positions:
+        return {key: index for key, index in found.items() if key != DOWN}
+    return {key: index for key, index in found.items() if key not in (*POSITION, DOWN)} | positions[0]
+
+
+def named_positions(cells: Sequence[str]) -> list[dict[str, int]]:
+    """Return the columns of x, y, and z or down of each complete family of names."""
+    index_of: dict[str, int] = {}
+    for index, cell in enumerate(cells):
+        known = key_of(cell)
+        if known is not None and known[0] in (*POSITION, DOWN):
+            index_of.setdefault(NAMES[known[0]][known[1]], index)
+    found = []
+    for family in FAMILIES:
+        columns = {key: index_of[name] for key, names in family.items() for name in names[::-1] if name in index_of}
+        if len(columns) == len(family):
+            found.append(columns)
+    return found
 
 
 # ---- names in the header
@@ -104,6 +133,7 @@ def columns_of_header(head: TableHead) -> PoseColumns | None:
         found = named_columns(cells)
         if found.keys() & {STAMP, SECONDS} and {"x", "y"} <= found.keys() and found.keys() & {"z", DOWN}:
             _check_names_differ(cells, found, head, number)
+            _check_names_are_complete(cells, found, head, number)
             return _of_header(cells, found, _units_below(head, number, len(cells)), head)
     return None
 
@@ -135,17 +165,43 @@ def _check_names_differ(cells: Sequence[str], found: Mapping[str, int], head: Ta
             )
 
 
+def _check_names_are_complete(cells: Sequence[str], found: Mapping[str, int], head: TableHead, number: int) -> None:
+    """Raise InputError if the header names two positions, or only some of the columns of a row without attitude.
+
+    Attitudes would not be rotations if the names were shifted against the columns.
+    """
+    problem = ""
+    if len(named_positions(cells)) > 1:
+        names = (" ".join(cells[index] for index in position.values()) for position in named_positions(cells))
+        problem = f"names several positions: {' and '.join(names)}"
+    filled = [len(row) for row in head.rows if row[-1]]
+    if filled and min(filled) > len(cells) and not set(QUATERNION) <= found.keys():
+        problem = f"has {len(cells)} names, and the rows have {min(filled)} columns"
+    if problem:
+        raise InputError(
+            f"{head.name} line {number + 1}: the header {problem}: "
+            f"{head.named_by('t=#NUMBER[s],x=#NUMBER,y=#NUMBER,z=#NUMBER')}"
+        )
+
+
 def _units_below(head: TableHead, number: int, count: int) -> list[str]:
     """Return the units of `count` columns in a line between the header and the rows; empty without such a line.
 
     In a line with a unit of time, other units may be unknown. `column_detection` refuses them.
     """
     for line in head.before[number + 1 :]:
-        units = [cell.strip("()[] ").lower() for cell in head.cells_of(line)]
-        are_known = any(units) and all(unit in UNITS for unit in units)
-        if len(units) == count and (are_known or any(unit in TIMES for unit in units)):
+        units = _as_units(head.cells_of(line))
+        if len(units) == count and _are_units(units):
             return units
     return []
+
+
+def _as_units(cells: Sequence[str]) -> list[str]:
+    return [cell.strip("()[] ").lower() for cell in cells]
+
+
+def _are_units(units: Sequence[str]) -> bool:
+    return any(units) and (all(unit in UNITS for unit in units) or any(unit in TIMES for unit in units))
 
 
 def _of_header(cells: Sequence[str], found: Mapping[str, int], below: Sequence[str], head: TableHead) -> PoseColumns:
@@ -173,7 +229,7 @@ def _of_header(cells: Sequence[str], found: Mapping[str, int], below: Sequence[s
 
 def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
     """Return the columns that the user names as `NAME=HEADER[UNIT]`, or as `NAME[UNIT]` in the order of columns."""
-    header = max((head.cells_of(line) for line in head.before), key=len, default=[])
+    header = _header_above(head)
     items = [item.strip() for item in columns.split(",")]
     is_ordered = not any("=" in item for item in items)
     index_of: dict[str, int] = {}
@@ -203,6 +259,16 @@ def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
     titles = [*header, *(f"#{number + 1}" for number in range(len(header), head.width))]
     ignored = tuple(title for index, title in enumerate(titles) if index not in index_of.values())
     return PoseColumns("columns as given", head.separator, index_of, units, head.width, by_header=True, ignored=ignored)
+
+
+def _header_above(head: TableHead) -> list[str]:
+    """Return the cells of the last line before the rows that has a title for most columns and is not a line of units.
+
+    Otherwise the cells of the longest line; empty without lines before the rows.
+    """
+    lines = [head.cells_of(line) for line in head.before]
+    titles = [cells for cells in lines if 2 * sum(map(bool, cells)) > head.width and not _are_units(_as_units(cells))]
+    return titles[-1] if titles else max(lines, key=len, default=[])
 
 
 def _column(text: str, header: Sequence[str]) -> tuple[int | None, str]:

@@ -62,6 +62,7 @@ LAYOUTS = (
 MAX_FRAME = 1e7  #: Integers below are frame numbers; larger integers are stamps.
 FIT = 0.9  #: Minimum fraction of rows that must fit a layout; the others are invalid rows.
 HALF_FIT = 0.5  #: Minimum fraction if no layout reaches `FIT`, so that error messages can name the invalid rows.
+LEVEL = 0.5  #: Smallest vertical component of the z-axis of an upright rover: a tilt of 60 deg.
 _SCALAR_FIRST_TEXT = re.compile(r"\bq?_?w\W+q?_?x\W+q?_?y\W+q?_?z\b|\bwxyz\b", re.IGNORECASE)
 _SCALAR_LAST_TEXT = re.compile(r"\bq?_?x\W+q?_?y\W+q?_?z\W+q?_?w\b|\bxyzw\b", re.IGNORECASE)
 
@@ -78,6 +79,7 @@ def columns_of_layout(head: TableHead) -> PoseColumns:
     table = _table([cells for cells in rows if len(cells) >= width], width)
     layout = _only_layout(head, table)
     _check_stated_order(head, layout)
+    _check_scalar_is_last(head, layout, table)
     index_of = {key: index for index, key in enumerate(layout.keys)}
     ignored = tuple(f"#{number + 1}" for number in range(len(layout.keys), width))
     units = {STAMP: layout.unit} if layout.unit and STAMP in index_of else {}
@@ -95,11 +97,13 @@ def _only_layout(head: TableHead, table: FloatArray) -> Layout:
     if len(fitting) == 1:
         return fitting[0]
     problem = f", and fits no layout of: {'; '.join(layout.name for layout in LAYOUTS)}"
+    examples = ["t[s],x,y,z,qx,qy,qz,qw"]
     if fitting:
         problem = f"; possible layouts are {' or '.join(layout.name for layout in fitting)}"
+        examples = [f"{layout.keys[0]}[UNIT],{','.join(layout.keys[1:])}" for layout in fitting]
     raise InputError(
         f"{head.name} has {table.shape[1]} columns and no header{problem} (line {len(head.before) + 1}: "
-        f"'{head.first_row[:60]}'): {head.named_by('t[s],x,y,z,qx,qy,qz,qw')}"
+        f"'{head.first_row[:60]}'): {' or '.join(head.named_by(example) for example in examples)}"
     )
 
 
@@ -183,6 +187,26 @@ def _check_stated_order(head: TableHead, layout: Layout) -> None:
         f"{head.name} line {stated.line} states that quaternions have the scalar {order}, unlike {layout.name}: "
         f"{head.named_by(columns)}"
     )
+
+
+def _check_scalar_is_last(head: TableHead, layout: Layout, table: FloatArray) -> None:
+    """Raise InputError if a rover would be upside down, but upright with the scalar of the quaternion first."""
+    if layout.keys[-4:] != QUATERNION:
+        return
+    quats = table[:, layout.keys.index("qx") : layout.keys.index("qw") + 1]
+    quats = quats[np.isfinite(quats).all(axis=1)]
+    upward = _upward(quats)
+    if np.mean(upward < -LEVEL) < HALF_FIT or np.mean(_upward(quats[:, [1, 2, 3, 0]]) > LEVEL) < FIT:
+        return
+    raise InputError(
+        f"{head.name} has no header, and its poses are upside down as {layout.name}, but upright if the scalar of the "
+        f"quaternions is first: {head.named_by('t[s],x,y,z,qw,qx,qy,qz')} or {head.named_by('t[s],x,y,z,qx,qy,qz,qw')}"
+    )
+
+
+def _upward(quats_xyzw: FloatArray) -> FloatArray:
+    """Return the vertical component of the body's z-axis `(N,)`: 1 if the body is level, -1 if it is upside down."""
+    return np.asarray(1.0 - 2.0 * (quats_xyzw[:, 0] ** 2 + quats_xyzw[:, 1] ** 2))
 
 
 def _stated_order(comments: Sequence[str]) -> _StatedOrder | None:

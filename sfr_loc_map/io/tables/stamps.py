@@ -30,6 +30,7 @@ UNIT_WORDS = {1: "nanoseconds", 1_000: "microseconds", 1_000_000: "milliseconds"
 NANOSECOND_DIGITS = 9  #: Number of decimals of a stamp in seconds with nanosecond resolution.
 EARLIEST_CLOCK_S = 3e8  #: Stamps of clocks are in 1979 or later; smaller stamps count from the start of a program.
 LATEST_CLOCK_S = 4.62e9  #: 146 years after 1970, the limit of stamps; larger numbers have a smaller unit.
+LONGEST_SENSOR_STEP = 10.0  #: Longest step of stamps from which seconds are inferred.
 LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps in seconds.
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 _BELOW_MICROSECONDS = re.compile(r"[.,][0-9]{6}([0-9]{1,3})")
@@ -144,8 +145,9 @@ def _parse_aligned(texts: NDArray[np.bytes_], *, has_point: bool) -> IntArray | 
 def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
     """Return the unit of stamps, inferred from their magnitude; empty if several units are possible.
 
-    Stamps of a clock are between 1979 and 2116 in only one unit. Other stamps are in seconds if they have decimals,
-    or in the only unit with steps of a sensor. `is_seconds`: the layout prescribes seconds.
+    Stamps of a clock are between 1979 and 2116 in only one unit. Other stamps are in seconds if they have nine
+    decimals, or in the only unit with steps of a sensor; decimals exclude smaller units for short steps only.
+    `is_seconds`: the layout prescribes seconds.
     """
     numbers = np.array([number_or_nan(text) for text in texts])
     numbers = numbers[np.isfinite(numbers)]
@@ -157,11 +159,13 @@ def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
         if EARLIEST_CLOCK_S <= magnitude * unit_ns / NS_PER_S <= LATEST_CLOCK_S < magnitude:
             return unit
     has_nine_decimals = any(len(text.partition(".")[2]) >= NANOSECOND_DIGITS for text in texts)
-    if magnitude <= LATEST_CLOCK_S and (has_nine_decimals or (numbers != np.floor(numbers)).any()):
-        return "s"
+    has_decimals = bool((numbers != np.floor(numbers)).any())
     steps = np.abs(np.diff(numbers))
     step = float(np.median(steps)) if len(steps) > 1 else 0.0
-    unit = _unit_of_step(step)
+    is_long = step > LONGEST_STEP_S if is_seconds or magnitude >= EARLIEST_CLOCK_S else step > LONGEST_SENSOR_STEP
+    if magnitude <= LATEST_CLOCK_S and (has_nine_decimals or (has_decimals and not is_long)):
+        return "s"
+    unit = "" if has_decimals else _unit_of_step(step)
     if unit == "s" and not is_seconds and magnitude < EARLIEST_CLOCK_S:  # the unit may also be milliseconds
         return ""
     return unit or ("s" if is_seconds and step <= LONGEST_STEP_S else "")
@@ -172,7 +176,7 @@ def _unit_of_step(step: float) -> str:
 
     Milliseconds cannot be inferred, because their steps overlap with those of seconds and microseconds.
     """
-    if step <= 10.0:
+    if step <= LONGEST_SENSOR_STEP:
         return "s"
     if 1e4 < step <= 1e6:
         return "us"

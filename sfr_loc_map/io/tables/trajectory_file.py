@@ -80,7 +80,7 @@ class LoadedTrajectory:
     trajectory: Trajectory
     format: TrajectoryFormat = TrajectoryFormat.CSV
     stamps: str = ""  #: Origin of the stamps for messages, if the file itself has none.
-    by_index: bool = False  #: Whether the stamps are only line numbers.
+    by_index: bool = False  #: Whether the stamps are only numbers of lines or frames.
     columns: PoseColumns | None = None  #: The columns that were read; None for the csv of the suite.
     skipped: str = ""  #: Description of the skipped rows.
     covariance: FloatArray | None = None  #: `(N, 6, 6)` in ROS order (m^2, rad^2), if the file has it.
@@ -108,6 +108,16 @@ class LoadedTrajectory:
         columns = self.columns
         unusual = columns is not None and bool(columns.inferred or columns.ignored)
         return self.format in ANNOUNCED or bool(self.skipped) or unusual
+
+    @property
+    def stamped(self) -> Trajectory:
+        """The trajectory with the stamps of the file; InputError if the file has no stamps."""
+        if self.by_index:
+            raise InputError(
+                f"'{self.path}' has no stamps ({len(self.trajectory)} poses by number): put the seconds of each pose "
+                f"into '{times_beside(self.path).name}' beside it"
+            )
+        return self.trajectory
 
     def with_stamps_of(self, other: LoadedTrajectory) -> LoadedTrajectory:
         """Return the trajectory; if it has no stamps, with the stamps of another trajectory, pose by pose."""

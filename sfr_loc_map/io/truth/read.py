@@ -9,6 +9,7 @@ Of several origins, the first in this list has priority:
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.tables.pose_columns import TrajectoryFormat
 from sfr_loc_map.io.tables.trajectory_file import CONFIGURED_OPTION, TRUTH_OPTION, read_trajectory_file
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.conversion import truth_of_rb
@@ -26,6 +28,8 @@ from sfr_loc_map.io.truth.recorded import RecordedTruth
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.bag.bag import Bag
+
+_log = logging.getLogger(__name__)
 
 
 def truth_of_recording(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> Truth:
@@ -72,5 +76,11 @@ def _configured_truth(path: Path, config: TruthConfig) -> Truth:
 def _poses_of_file(file: Path, config: TruthConfig, option: str) -> Truth:
     """Return the poses of a file in the order of their stamps; the rows of a file may have any order."""
     loaded = read_trajectory_file(file, config.columns, option)
-    recorded = RecordedTruth(loaded.trajectory, loaded.text)
-    return truth_of_rb(recorded.where(np.argsort(loaded.trajectory.stamps_ns, kind="stable")), config)
+    poses = loaded.stamped
+    if loaded.format is TrajectoryFormat.KITTI and not config.has_lever:
+        _log.warning(
+            f"the truth '{file}' contains poses of the left camera: set truth.lever_arm_m to the position of the left "
+            "camera in RB"
+        )
+    recorded = RecordedTruth(poses, loaded.text)
+    return truth_of_rb(recorded.where(np.argsort(poses.stamps_ns, kind="stable")), config)

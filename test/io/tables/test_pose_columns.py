@@ -16,6 +16,8 @@ from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
+from sfr_loc_map.io.truth.config import TruthConfig
+from sfr_loc_map.io.truth.read import truth_of_path
 
 
 def matrices(poses: Trajectory) -> np.ndarray:
@@ -243,6 +245,24 @@ REFUSED = {
         "",
         "'1,000' and '5': the comma may separate",
     ),
+    "millimetres with separators of thousands": (
+        "t[s];x[mm];y[mm];z[mm]\n0.5;100,050;200,000;50,000\n",
+        "",
+        "'100,050' in mm: the comma may separate",
+    ),
+    "columns that the header does not name": ("time,x,y,z\n0.1,7,1,2,3\n0.2,8,2,3,4\n", "", "4 names, .* 5 columns"),
+    "two positions": ("t[s],x,y,z,px,py,pz\n1,2,3,4,5,6,7\n", "", "several positions: x y z and px py pz"),
+    "a height downwards beside x and y": ("t[s],x,y,down\n1,2,3,4\n", "", "z not found"),
+    "decimals of milliseconds": (
+        "time,x,y,z\n0.25,1,2,3\n100.25,1,2,3\n200.25,1,2,3\n",
+        "",
+        "the unit of the stamps 0.25, 100.25, 200.25 is ambiguous",
+    ),
+    "scalar first without a header": (
+        "".join(f"{k}.5 {k} 0 0 0.99 0.01 -0.01 0.14\n" for k in range(20)),
+        "",
+        "upside down as TUM .* upright if the scalar of the quaternions is first",
+    ),
     "times of day": ("time,x,y,z\n10:22:01.25,1,2,3\n", "", "line 1 is 'time,x,y,z', line 2 is '10:22:01.25,1,2,3'"),
     "a text without rows": ('{"poses": []}\n', "", """has no pose: .* line 1 is '{"poses": \\[\\]}'"""),
 }
@@ -261,6 +281,42 @@ def test_a_file_that_is_no_text_is_refused_as_such(tmp_path: Path, encoding: str
     (tmp_path / "theirs.csv").write_text("t,x,y,z\n1.0,2,3,4\n", encoding=encoding)
     with pytest.raises(InputError, match=words):
         read_trajectory_file(tmp_path / "theirs.csv")
+
+
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        ("t[s],x,y,px,py,pz", (0, 3, 4, 5)),
+        ("t[s],north,east,down", (0, 2, 1, 3)),
+        ("t[s],xned,yned,zned", (0, 2, 1, 3)),
+        ("t[s],x,y,height", (0, 1, 2, 3)),
+    ],
+)
+def test_a_position_consists_of_columns_that_belong_together(
+    tmp_path: Path, header: str, columns: tuple[int, ...]
+) -> None:
+    numbers = ",".join(str(number + 1) for number in range(header.count(",") + 1))
+    (tmp_path / "theirs.csv").write_text(f"{header}\n{numbers}\n")
+    found = read_trajectory_file(tmp_path / "theirs.csv").trajectory
+    _, x, y, z = (column + 1.0 for column in columns)
+    upward = -1.0 if header.endswith(("down", "zned")) else 1.0
+    assert found.positions.tolist() == [[x, y, upward * z]]
+
+
+def test_the_header_of_given_columns_is_below_a_title(tmp_path: Path) -> None:
+    text = "Total Station Export;;;;\nZeit;Rechts;Hoch;Hoehe;Code\n(s);(m);(m);(m);\n0,5;1,25;2,5;3,0;A\n"
+    (tmp_path / "station.csv").write_text(text)
+    found = read_trajectory_file(tmp_path / "station.csv", "t=Zeit[s],x=Rechts,y=Hoch,z=Hoehe")
+    assert found.trajectory.positions.tolist() == [[1.25, 2.5, 3.0]]
+
+
+def test_a_truth_and_a_conversion_require_poses_with_stamps(tmp_path: Path, sfr: Sfr) -> None:
+    (tmp_path / "poses.txt").write_text(rows(matrices(drive()), separator=" "))
+    done = sfr("convert", tmp_path / "poses.txt", tmp_path / "poses.csv")
+    assert done.code == 2
+    assert "poses.txt' has no stamps" in done.err
+    with pytest.raises(InputError, match=r"poses\.txt' has no stamps .*poses\.times\.txt"):
+        truth_of_path(tmp_path, TruthConfig(source=str(tmp_path / "poses.txt")))
 
 
 @pytest.mark.parametrize("item", ["t=Zeit[s]", "t=Zeit", "t=zeit [s]"])
