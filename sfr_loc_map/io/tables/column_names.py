@@ -39,8 +39,9 @@ NAMES: dict[str, tuple[str, ...]] = {
 }
 _FORMS = ("{}", "p{}", "t{}", "pos{}", "position{}", "translation{}", "{}enu", "prsr{}")
 _EAST, _NORTH, _UP = ("east", "easting", "e"), ("north", "northing", "n"), ("up", "height", "h", "elevation")
+_OF_AXES: list[dict[str, tuple[str, ...]]] = [{axis: (form.format(axis),) for axis in "xyz"} for form in _FORMS]
 FAMILIES: tuple[dict[str, tuple[str, ...]], ...] = (
-    *({axis: (form.format(axis),) for axis in "xyz"} for form in _FORMS),
+    *_OF_AXES,
     {"x": _EAST, "y": _NORTH, "z": _UP},
     {"x": _EAST, "y": _NORTH, DOWN: (DOWN,)},
     {"x": ("yned",), "y": ("xned",), DOWN: ("zned",)},
