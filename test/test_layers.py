@@ -77,6 +77,18 @@ IO_FLOORS = (
     {"convert", "message_stream", "registry"},
 )
 """Folders of `io`, and the modules beside them, from the bottom."""
+LOCALISATION_FLOORS = (
+    {"config", "motion_size", "small_linalg", "symmetric_matrices"},
+    {"estimate"},
+    {"frontend"},
+    {"backend"},
+    {"findings"},
+    {"uncertainty"},
+    {"motion_model", "relocalisation"},
+    {"ground"},
+    {""},
+)
+"""Folders of `localisation`, and the modules below them, from the bottom; the name of the other modules is empty."""
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
 FILES = sorted(PACKAGE.rglob("*.py"))
 
@@ -141,7 +153,9 @@ def test_ros_is_imported_by_its_folders_alone_and_no_import_is_relative() -> Non
     assert not wrong
 
 
-@pytest.mark.parametrize(("layer", "floors"), [("io", IO_FLOORS), ("nodes", NODE_FLOORS)])
+@pytest.mark.parametrize(
+    ("layer", "floors"), [("io", IO_FLOORS), ("localisation", LOCALISATION_FLOORS), ("nodes", NODE_FLOORS)]
+)
 def test_folders_of_a_layer_import_lower_folders_alone(layer: str, floors: Sequence[set[str]]) -> None:
     floor = {folder: number for number, folders in enumerate(floors) for folder in folders}
     wrong = []

@@ -9,12 +9,12 @@ pair and returns one `PoseEstimate`:
    (Lucas and Kanade 1981; `frontend/`).
 3. The pose is estimated from all observations, with robust weights (Geman and McClure 1985) and the uncertainty of each
    landmark (`frontend/pose_solver.py`).
-4. Landmarks of another rigid motion are excluded (`ground_motion.py`). Guards check the images and the pose
+4. Landmarks of another rigid motion are excluded (`ground/selection.py`). Guards check the images and the pose
    (`guards.py`).
 5. The keyframes of the window are adjusted jointly, and keyframes that leave the window are marginalised as in OKVIS
    (Leutenegger et al. 2015; `keyframes.py`, `backend/`). The rotation error of the right camera is estimated online
    (`backend/online_calibration.py`).
-6. The covariance of each pose and each step is composed of named error sources (`error_sources.py`, `covariance.py`).
+6. The covariance of each pose and each step is composed of named error sources (`uncertainty/`).
 """
 
 import lazy_loader

@@ -13,8 +13,8 @@ inferred ones. The published reason is therefore not always that of the largest 
 | `REPEATED_PAIR`, `FROZEN_IMAGE`, `STALE_ROWS` | `guards.check_images`, after the comparison in `stale_images` |
 | `IDENTICAL_IMAGES` | `guards.check_wiring` |
 | `UNTEXTURED`, `FROZEN_AND_FEW`, `FEW_LANDMARKS` | `guards.check_landmarks`, `guards.check_tracks` |
-| `CONTRADICTED`, `PARTIAL_TRANSFER`, `DOUBLE_EXPOSURE`, `UNEXPLAINED`, `RECOVERING` | `ground_cases.findings_of` |
-| `GROUND_IN_DOUBT`, `AT_REST_IN_DOUBT`, `AMBIGUOUS` | `ground_cases.findings_of` |
+| `CONTRADICTED`, `PARTIAL_TRANSFER`, `DOUBLE_EXPOSURE`, `UNEXPLAINED`, `RECOVERING` | `ground.cases.findings_of` |
+| `GROUND_IN_DOUBT`, `AT_REST_IN_DOUBT`, `AMBIGUOUS` | `ground.cases.findings_of` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
 | `AFTER_GAP` | `guards.check_gap` |
@@ -30,7 +30,7 @@ A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, a
 - The memory of a guard is a field of `State`. A memory that learns from poses is passed to `_accept` by the `Candidate`
   and changes only there. The memory of the ground is passed by `Ground`.
 
-A guard for the ground's motion is a case in `ground_cases`.
+A guard for the ground's motion is a case in `ground.cases`.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Finding(Enum):
     #: An earlier pair had stale rows or a finding about the ground's motion; too few pairs with motion have followed.
     RECOVERING = auto()
     ONE_SIDED = auto()  #: Few inliers are observed in both images; both have texture, and one may be stale.
-    GROUND_IN_DOUBT = auto()  #: Only one motion was found, but the ground is in doubt (`ground_memory.Phase.IN_DOUBT`).
+    GROUND_IN_DOUBT = auto()  #: Only one motion was found, but the ground is in doubt (`ground.memory.Phase.IN_DOUBT`).
     AT_REST_IN_DOUBT = auto()  #: The ground is in doubt, but neither the pose nor the image shows a motion.
     AMBIGUOUS = auto()  #: Two motions were found, and either may be the ground's.
 

@@ -4,7 +4,7 @@ Each guard is a pure function `check_*` that takes values and returns findings. 
 findings (`findings.RULES`). A guard that compares a pair with earlier pairs takes the result as an argument: the
 comparison of the images (`stale_images.compare`), or the running mean of the shear (`ShearMean`). `check_sides` takes
 the tracker, because it tracks all landmarks again in swapped images. Findings about the ground's motion come from
-`ground_cases.findings_of`.
+`ground.cases.findings_of`.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
    of at most 800 landmarks, warped by their local planes, in both images (Lucas and Kanade 1981), and solve for the
    pose with robust weights.
 4. Relocalise if the pose is not trusted: optical flow, then SIFT descriptors (`relocalisation`).
-5. Select the ground's motion among the motions in the image (`ground_motion`). If one motion does not explain the
+5. Select the ground's motion among the motions in the image (`ground.selection`). If one motion does not explain the
    tracks, track the landmarks again from its pose. If many are still unexplained, search for another motion. Remove
    landmarks that do not move with the ground from the map.
 6. Correct the right camera: estimate its rotation error, and correct its drift (`backend/online_calibration`).
@@ -87,7 +87,6 @@ from sfr_loc_map.localisation import guards, stale_images, trajectory, warm_up
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.covariance import pose_covariance
 from sfr_loc_map.localisation.estimate import (
     PoseEstimate,
     StartPose,
@@ -97,11 +96,12 @@ from sfr_loc_map.localisation.estimate import (
     lost_covariance,
 )
 from sfr_loc_map.localisation.findings import Action, Finding, Findings, Verdict, decide
-from sfr_loc_map.localisation.frontend.cell_change import Change
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_shift
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
-from sfr_loc_map.localisation.ground_memory import GroundMemory
-from sfr_loc_map.localisation.ground_motion import Ground, GroundSelector
+from sfr_loc_map.localisation.ground.cell_change import Change
+from sfr_loc_map.localisation.ground.memory import GroundMemory
+from sfr_loc_map.localisation.ground.motion_tools import MotionTools
+from sfr_loc_map.localisation.ground.selection import Ground, GroundSelector
 from sfr_loc_map.localisation.guards import ShearMean
 from sfr_loc_map.localisation.keyframes import (
     BACKGROUND,
@@ -112,14 +112,14 @@ from sfr_loc_map.localisation.keyframes import (
     max_corners,
 )
 from sfr_loc_map.localisation.motion_model import Prediction
-from sfr_loc_map.localisation.motion_tools import MotionTools
 from sfr_loc_map.localisation.pair_statistics import accepted_statistics, displayed, residual_statistics
 from sfr_loc_map.localisation.relocalisation import RESTART_AFTER, RecoveryImages, Relocaliser
-from sfr_loc_map.localisation.rover_model import RoverModel
 from sfr_loc_map.localisation.stage_clock import StageClock
 from sfr_loc_map.localisation.stale_images import ImageComparison
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
+from sfr_loc_map.localisation.uncertainty.covariance import pose_covariance
+from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
 
 class CorrectedTracks(NamedTuple):

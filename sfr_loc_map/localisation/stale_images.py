@@ -14,8 +14,8 @@
 
 Stale parts are blanked, so that nothing is tracked in them. Rows that are stale in two pairs in a row are assumed to
 show something fixed to the camera (own body, sky), and are not blanked in the second pair. If two partial transfers in
-a row affect the same rows, the second pair is therefore not blanked, and is left to the selection of the ground
-(`ground_motion`). A frozen image between two exposures is skipped in this comparison, because all its rows are stale.
+a row affect the same rows, the second pair is therefore not blanked, and is left to `ground.selection`. A frozen image
+between two exposures is skipped in this comparison, because all its rows are stale.
 """
 
 from __future__ import annotations

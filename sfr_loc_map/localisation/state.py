@@ -23,7 +23,7 @@ from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibratio
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.estimate import StateReason, StepEstimate, TrackingState, TrackingStatistics
 from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.ground_memory import GroundMemory
+from sfr_loc_map.localisation.ground.memory import GroundMemory
 from sfr_loc_map.localisation.guards import ShearMean
 from sfr_loc_map.localisation.keyframes import KeyframeJob
 from sfr_loc_map.localisation.relocalisation import RecoveryImages

@@ -28,7 +28,15 @@ from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
-from sfr_loc_map.localisation.covariance import (
+from sfr_loc_map.localisation.datum import MAX_AHEAD_NS, MAX_START_AHEAD_NS, Datum, PendingPose
+from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
+from sfr_loc_map.localisation.findings import Inflation
+from sfr_loc_map.localisation.frontend.tracking import Tracks
+from sfr_loc_map.localisation.history import History, PastPose
+from sfr_loc_map.localisation.motion_model import LastPose, MotionSince
+from sfr_loc_map.localisation.motion_size import MotionSize, size_of
+from sfr_loc_map.localisation.symmetric_matrices import positive_part, symmetric
+from sfr_loc_map.localisation.uncertainty.covariance import (
     MIN_VARIANCE,
     AddedError,
     StepMotion,
@@ -41,14 +49,7 @@ from sfr_loc_map.localisation.covariance import (
     unobserved_motion,
     updated_variance_factor,
 )
-from sfr_loc_map.localisation.datum import MAX_AHEAD_NS, MAX_START_AHEAD_NS, Datum, PendingPose
-from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
-from sfr_loc_map.localisation.findings import Inflation
-from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.history import History, PastPose
-from sfr_loc_map.localisation.motion_model import LastPose, MotionSince
-from sfr_loc_map.localisation.motion_size import MotionSize, size_of
-from sfr_loc_map.localisation.path_errors import (
+from sfr_loc_map.localisation.uncertainty.path_errors import (
     ZERO,
     DirectedError,
     DisparityBias,
@@ -56,8 +57,7 @@ from sfr_loc_map.localisation.path_errors import (
     Origin,
     PathErrors,
 )
-from sfr_loc_map.localisation.rover_model import RoverModel
-from sfr_loc_map.localisation.symmetric_matrices import positive_part, symmetric
+from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,16 +15,16 @@ from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation import trajectory
 from sfr_loc_map.localisation.backend.online_calibration import FIRST_SIGMA_PX, OnlineCalibration, YawEstimate
 from sfr_loc_map.localisation.config import MotionBounds
-from sfr_loc_map.localisation.covariance import pose_covariance
-from sfr_loc_map.localisation.error_sources import ErrorSources
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
-from sfr_loc_map.localisation.rover_model import RoverModel
 from sfr_loc_map.localisation.trajectory import AcceptedPair, PathState
+from sfr_loc_map.localisation.uncertainty.covariance import pose_covariance
+from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
+from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2, Transform.from_quat([0.3, 0.1, 0.2], [0.5, -0.5, 0.5, -0.5]))
 IN_CAMERA = replace(RIG, T_rb_sb=RIG.T_sb_left.inverse())

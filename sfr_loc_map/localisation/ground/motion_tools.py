@@ -1,6 +1,6 @@
 """Tools that search for rigid motions in a pair, and what they are given.
 
-The terms are defined in `ground_motion`. The conditions that use the results are in `ground_evidence`.
+The terms are defined in `selection`. The conditions that use the results are in `evidence`.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
-from sfr_loc_map.localisation.frontend.cell_change import Change, cell_counts
-from sfr_loc_map.localisation.frontend.cell_motion import Explained, explain, image_motion
-from sfr_loc_map.localisation.frontend.double_exposure import mixture_of
 from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
+from sfr_loc_map.localisation.ground.cell_change import Change, cell_counts
+from sfr_loc_map.localisation.ground.cell_motion import Explained, explain, image_motion
+from sfr_loc_map.localisation.ground.double_exposure import mixture_of
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 
@@ -29,7 +29,7 @@ CONVINCING = 0.6
 """Minimum fraction of the landmarks searched for that the other motion must explain to be accepted without further
 tests. Chosen by hand above one half: the majority agrees. If smaller, slow motions near the main motion are accepted.
 If larger, fewer motions are accepted by this test alone; the others must also differ from the main motion in the
-image (`ground_evidence.MIN_DIFFERENCE_PX`)."""
+image (`evidence.MIN_DIFFERENCE_PX`)."""
 MIN_MIXTURE_WEIGHT = 0.1
 """Minimum weight of a second exposure, for the lower bound of the estimated weight. In images of one exposure the
 estimate is 0 within some hundredths."""
@@ -46,7 +46,7 @@ class ComparedPair(NamedTuple):
     recovery: RecoveryImages
     change: Change  #: Cells that changed, and cells that stayed, since the earlier image.
     earlier_pose: Pose  #: Pose of the earlier image.
-    far_px: float  #: Image motion, px, from which an outlier does not count as unexplained (`ground_motion.FAR_RATIO`).
+    far_px: float  #: Image motion, px, from which an outlier does not count as unexplained (`selection.FAR_RATIO`).
 
 
 class MotionTools(NamedTuple):

@@ -8,8 +8,8 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.config import MotionBounds
-from sfr_loc_map.localisation.error_sources import ErrorSources
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
+from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
 
 
 @dataclass(frozen=True, slots=True, eq=False)

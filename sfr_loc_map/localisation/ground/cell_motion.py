@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
-from sfr_loc_map.localisation.frontend.cell_change import CELL, Change
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, MIN_INVERSE_DEPTH
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 from sfr_loc_map.localisation.frontend.projection import (
@@ -24,6 +23,7 @@ from sfr_loc_map.localisation.frontend.projection import (
     rotated_ray,
     scaled_point,
 )
+from sfr_loc_map.localisation.ground.cell_change import CELL, Change
 from sfr_loc_map.localisation.small_linalg import reorder_to_rank
 
 NEAR: Final = 4

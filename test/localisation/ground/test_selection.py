@@ -29,9 +29,9 @@ from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.findings import Finding
-from sfr_loc_map.localisation.ground_cases import CASES, EFFECTS, Case, findings_of
-from sfr_loc_map.localisation.ground_evidence import OLD_WEIGHT, Evidence
-from sfr_loc_map.localisation.ground_memory import (
+from sfr_loc_map.localisation.ground.cases import CASES, EFFECTS, Case, findings_of
+from sfr_loc_map.localisation.ground.evidence import OLD_WEIGHT, Evidence
+from sfr_loc_map.localisation.ground.memory import (
     AGREEING_PAIRS,
     LONG_DOUBT_PAIRS,
     MAX_TRANSFERS,
@@ -113,7 +113,7 @@ def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> N
 
 
 def test_a_second_motion_before_the_ground_is_known_degrades_twelve_pairs() -> None:
-    """The example in the docstring of `ground_motion`: ten pairs of doubt and recovery follow, then clean pairs."""
+    """The example in the docstring of `selection`: ten pairs of doubt and recovery follow, then clean pairs."""
     memory = GroundMemory.none((32, 32))
     image = np.zeros((16, 16), np.float32)
     earlier = EarlierImage(image, Pose(np.eye(3), np.zeros(3)))

@@ -1,6 +1,6 @@
-"""Evidence of a pair about the ground's motion: the conditions of the table of cases (`ground_cases.CASES`).
+"""Evidence of a pair about the ground's motion: the conditions of the table of cases (`cases.CASES`).
 
-The terms are defined in `ground_motion`. Each condition is a property. Properties that search for a motion or compare
+The terms are defined in `selection`. Each condition is a property. Properties that search for a motion or compare
 two motions are evaluated at their first use and cached, because a search takes some milliseconds.
 """
 
@@ -12,11 +12,11 @@ from functools import cached_property
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import Mask
-from sfr_loc_map.localisation.frontend.cell_motion import MOVED_PX, Explained
-from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL
 from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.ground_memory import MAX_TRANSFERS, NEARLY_HALF, GroundMemory, MainMotion, Phase
-from sfr_loc_map.localisation.motion_tools import CONVINCING, ComparedPair, MotionTools
+from sfr_loc_map.localisation.ground.cell_motion import MOVED_PX, Explained
+from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL
+from sfr_loc_map.localisation.ground.memory import MAX_TRANSFERS, NEARLY_HALF, GroundMemory, MainMotion, Phase
+from sfr_loc_map.localisation.ground.motion_tools import CONVINCING, ComparedPair, MotionTools
 
 MAX_CONTRADICTING_UNKNOWN = 0.05
 """Maximum fraction of cells that contradict a motion while the ground is unknown. Chosen by hand, above the 1 % of

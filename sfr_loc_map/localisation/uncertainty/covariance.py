@@ -52,12 +52,12 @@ from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import KeyframeMotion
-from sfr_loc_map.localisation.error_sources import ErrorSources
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize, Speed, size_of
-from sfr_loc_map.localisation.path_errors import ZERO, DirectedError, PathErrors
-from sfr_loc_map.localisation.rover_model import RoverModel
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
+from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
+from sfr_loc_map.localisation.uncertainty.path_errors import ZERO, DirectedError, PathErrors
+from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
 EXPECTED_CHI_MEDIAN = 0.839  #: Median of chi-square with four degrees of freedom, divided by four.
 MIN_VARIANCE = 1e-12  #: Added to the variances of a step, so that each is positive, m^2 and rad^2.

@@ -9,9 +9,9 @@ motions, the pose is ambiguous.
 | term | meaning |
 |---|---|
 | partial transfer | image whose rows belong to two exposures (`stale_images`) |
-| double exposure | image in which two exposures are blended (`frontend/double_exposure`) |
+| double exposure | image in which two exposures are blended (`double_exposure`) |
 | moving pair | pair with a trusted pose, whose image moved |
-| stationary cell | textured cell whose content did not move since the earlier image (`frontend/cell_change`) |
+| stationary cell | textured cell whose content did not move since the earlier image (`cell_change`) |
 | fixed cell | stationary cell for which a pose predicts image motion, and therefore fixed to the camera |
 | dynamic cell | cell of landmarks that move differently from the ground |
 | own body | what stationary cells show if the landmarks outside these cells agree on a motion |
@@ -25,11 +25,11 @@ motions, the pose is ambiguous.
 `GroundSelector.begin_change` compares the left image with an earlier image, cell by cell, while landmarks are tracked.
 `GroundSelector.select` works in four steps:
 
-1. Gather the `Evidence` of the tracks and of the comparison (`ground_evidence.py`). If many landmarks are unexplained,
+1. Gather the `Evidence` of the tracks and of the comparison (`evidence`). If many landmarks are unexplained,
    all are first tracked again from the pose of the main motion.
-2. Determine the case (`ground_cases.case_of`) and its effect (`ground_cases.EFFECTS`).
+2. Determine the case (`cases.case_of`) and its effect (`cases.EFFECTS`).
 3. Select the tracks that follow the ground, and the landmarks and cells to exclude, by the case (`_selection`).
-4. Return the findings (`ground_cases.findings_of`) and the memory for the next pair (`GroundMemory.after`).
+4. Return the findings (`cases.findings_of`) and the memory for the next pair (`GroundMemory.after`).
 
 In the following examples the rover moves in each pair.
 
@@ -68,16 +68,16 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.findings import Findings
-from sfr_loc_map.localisation.frontend.cell_change import LEVEL, Change, change_of
-from sfr_loc_map.localisation.frontend.cell_motion import MOVED_PX
-from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracks
-from sfr_loc_map.localisation.ground_cases import EFFECTS, Case, case_of, findings_of
-from sfr_loc_map.localisation.ground_evidence import CLEAR_RATIO, Evidence
-from sfr_loc_map.localisation.ground_memory import MIN_EXCESS, EarlierImage, GroundMemory
+from sfr_loc_map.localisation.ground.cases import EFFECTS, Case, case_of, findings_of
+from sfr_loc_map.localisation.ground.cell_change import LEVEL, Change, change_of
+from sfr_loc_map.localisation.ground.cell_motion import MOVED_PX
+from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL
+from sfr_loc_map.localisation.ground.evidence import CLEAR_RATIO, Evidence
+from sfr_loc_map.localisation.ground.memory import MIN_EXCESS, EarlierImage, GroundMemory
+from sfr_loc_map.localisation.ground.motion_tools import ComparedPair, MotionTools
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
-from sfr_loc_map.localisation.motion_tools import ComparedPair, MotionTools
 from sfr_loc_map.localisation.relocalisation import RecoveryImages
 from sfr_loc_map.parallel import Pending, beside
 

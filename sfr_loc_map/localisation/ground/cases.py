@@ -12,8 +12,8 @@ from enum import Enum, auto
 from typing import Final
 
 from sfr_loc_map.localisation.findings import Finding, Findings
-from sfr_loc_map.localisation.ground_evidence import Evidence
-from sfr_loc_map.localisation.ground_memory import Effect, GroundMemory
+from sfr_loc_map.localisation.ground.evidence import Evidence
+from sfr_loc_map.localisation.ground.memory import Effect, GroundMemory
 
 
 class Case(Enum):

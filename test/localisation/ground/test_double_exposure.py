@@ -10,10 +10,10 @@ from scipy.ndimage import gaussian_filter
 from helpers.wall import wall_view
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL, Mixture, mixture_of
 from sfr_loc_map.localisation.frontend.landmarks import NO_PATCHES, HostPatches, Patches
 from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes
 from sfr_loc_map.localisation.frontend.pyramid import build_pyramid
+from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL, Mixture, mixture_of
 
 CAMERA = StereoCamera(200.0, 210.0, 119.5, 89.5, 0.1)
 HEIGHT, WIDTH, DEPTH_M = 180, 240, 2.0

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import Mask
-from sfr_loc_map.localisation.excluded_cells import DYNAMIC_LIFE, FIXED_LIFE, ExcludedCells
-from sfr_loc_map.localisation.frontend.cell_change import cell_counts
+from sfr_loc_map.localisation.ground.cell_change import cell_counts
+from sfr_loc_map.localisation.ground.excluded_cells import DYNAMIC_LIFE, FIXED_LIFE, ExcludedCells
 
 SHAPE = (128, 160)
 NOTHING = np.zeros(cell_counts(SHAPE), np.bool_)

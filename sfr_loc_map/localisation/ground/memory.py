@@ -9,10 +9,10 @@ The ground is identified by its motion. A moving pair has a trusted pose and an 
 | `KNOWN` | one motion has explained several moving pairs | `LEARNING` with a new window |
 | `IN_DOUBT` | the image contradicted the motion, or two motions competed | `LEARNING` after several pairs that agree |
 
-A case with `leaves_doubt` (`ground_cases.EFFECTS`) leads from each phase to `IN_DOUBT`. A moving pair agrees if few
+A case with `leaves_doubt` (`cases.EFFECTS`) leads from each phase to `IN_DOUBT`. A moving pair agrees if few
 cells are excluded as dynamic, and if landmarks also follow the motion in the cells that were unexplained before. An
 unusual moving pair that does not agree prolongs the doubt. `GroundMemory.after` updates the memory with a pair. The
-terms are defined in `ground_motion`.
+terms are defined in `selection`.
 
 Three values record faults of earlier pairs. They are separate because they answer different questions:
 
@@ -36,12 +36,12 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose
-from sfr_loc_map.localisation.excluded_cells import ExcludedCells
 from sfr_loc_map.localisation.findings import Finding, Findings
-from sfr_loc_map.localisation.frontend.cell_change import LEVEL
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame
+from sfr_loc_map.localisation.ground.cell_change import LEVEL
+from sfr_loc_map.localisation.ground.excluded_cells import ExcludedCells
 
-# The values here, in `ground_evidence`, in `motion_tools` and in `ground_motion` were chosen by hand on rendered drives
+# The values here, in `evidence`, in `motion_tools` and in `selection` were chosen by hand on rendered drives
 # with injected faults, so that clean drives have no findings, and no error of a faulty drive exceeds five times the
 # stated 3 sigma without a finding.
 
@@ -176,7 +176,7 @@ class EarlierImage(NamedTuple):
     image: FloatImage  #: Pyramid level `LEVEL` of a left image.
     pose: Pose  #: Pose of the left camera at that image.
     #: Number of pairs that were compared with the image. A refused pair from which the memory does not learn is not
-    #: counted. The image motion from which outliers are ignored is proportional to the age (`ground_motion.FAR_RATIO`).
+    #: counted. The image motion from which outliers are ignored is proportional to the age (`selection.FAR_RATIO`).
     age: int = 0
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
-from sfr_loc_map.localisation.frontend.cell_change import CELL, cell_counts
+from sfr_loc_map.localisation.ground.cell_change import CELL, cell_counts
 
 FIXED_LIFE: Final = 10
 """Lifetime, pairs, of a cell that was detected as fixed to the camera. Each pair, including the pair of the detection,
