@@ -282,10 +282,10 @@ class Localiser:
         tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
         # 5 select the ground's motion
         ground = self._select_ground(frame, tracks, prediction, state, images, pending_change.result())
-        state = replace(state, ground_memory=ground.memory_if_refused)  # replaced in `_accept`
         findings |= ground.findings
         verdict = decide(findings | guards.check_tracks(frame, ground.tracks))
         if verdict.refuses:
+            state = replace(state, ground_memory=ground.memory_after(verdict))
             return self._refuse_or_restart(state, verdict, frame, count, ground.tracks)
         # 6 correct the right camera
         corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
@@ -293,6 +293,7 @@ class Localiser:
         # 7 judge
         verdict = self._judge(state, candidate, findings)
         if verdict.refuses:
+            state = replace(state, ground_memory=ground.memory_after(verdict))
             return self._refuse_or_restart(state, verdict, frame, count, candidate.tracks)
         # 8 complete, 9 accept
         final = self._complete(state, candidate, verdict, clock)
@@ -428,7 +429,7 @@ class Localiser:
             landmark_map=landmark_map,
             calibration=corrected.calibration,
             shear_mean=corrected.shear_mean,
-            ground_memory=ground.memory_if_reference if verdict.can_be_reference else ground.memory_if_accepted,
+            ground_memory=ground.memory_after(verdict),
             recovery=recovery,
             failed_recoveries=0,
             keyframes=state.keyframes + int(final.is_keyframe),

@@ -238,13 +238,6 @@ class GroundMemory:
             typical=self.typical_after(main.unexplained_fraction) if effect.confirms else self.typical,
         )
 
-    def if_refused(self, after: GroundMemory, effect: Effect) -> GroundMemory:
-        """Return the memory after a pair whose pose is refused, given the memory after the pair if it is accepted.
-
-        The previous image remains that at the last known pose.
-        """
-        return replace(after, previous=self.previous) if effect.outlasts_refusal else self
-
     def confidence_after(self, effect: Effect, main: MainMotion) -> Confidence:
         """Return the confidence in the ground's motion after a pair."""
         if effect.leaves_doubt:

@@ -67,7 +67,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
-from sfr_loc_map.localisation.findings import Findings
+from sfr_loc_map.localisation.findings import Findings, Verdict
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracks
 from sfr_loc_map.localisation.ground.cases import EFFECTS, Case, case_of, findings_of
 from sfr_loc_map.localisation.ground.cell_change import LEVEL, Change, change_of
@@ -117,16 +117,22 @@ class Ground(NamedTuple):
     findings: Findings
     not_ground: NDArray[np.intp]  #: `(N,)` window rows of the landmarks that do not move with the ground.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
-    #: Memory after the pair if its pose is refused: that before the pair, unless the image contradicts the pose.
-    memory_if_refused: GroundMemory
-    memory_if_accepted: GroundMemory  #: Memory if the pose is accepted, but later pairs are not compared with the pair.
-    memory_if_reference: GroundMemory  #: Memory if the pose is accepted, and later pairs may be compared with the pair.
+    before: GroundMemory  #: Memory before the pair.
+    learnt: GroundMemory  #: Memory with what the pair shows.
+    next_earlier: EarlierImage | None  #: Earlier image of the next pairs if they may be compared with this pair.
+    outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
 
     @classmethod
     def unselected(cls, tracks: Tracks, memory: GroundMemory) -> Ground:
         """Return all tracks as those of the ground, without a comparison with earlier pairs."""
-        after = replace(memory, previous=None)
-        return cls(tracks, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), memory, after, after)
+        learnt = replace(memory, previous=None)
+        return cls(tracks, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), memory, learnt, memory.earlier)
+
+    def memory_after(self, verdict: Verdict) -> GroundMemory:
+        """Return the memory after the pair. After a refused pair, the previous image is that at the last known pose."""
+        if not verdict.refuses:
+            return replace(self.learnt, earlier=self.next_earlier) if verdict.can_be_reference else self.learnt
+        return replace(self.learnt, previous=self.before.previous) if self.outlasts_refusal else self.before
 
 
 class GroundSelector:
@@ -167,7 +173,7 @@ class GroundSelector:
             self._tools.shape,
             has_excluded=len(selection.not_ground) > 0,
         )
-        after = memory.after(
+        learnt = memory.after(
             effect,
             evidence.main_motion,
             excluded=excluded,
@@ -181,9 +187,10 @@ class GroundSelector:
             findings=findings,
             not_ground=selection.not_ground,
             other_distance=selection.other_distance,
-            memory_if_refused=memory.if_refused(after, effect),
-            memory_if_accepted=after,
-            memory_if_reference=replace(after, earlier=next_earlier),
+            before=memory,
+            learnt=learnt,
+            next_earlier=next_earlier,
+            outlasts_refusal=effect.outlasts_refusal,
         )
 
     def _evidence(self, pair: ComparedPair, main: Tracks, memory: GroundMemory) -> Evidence:

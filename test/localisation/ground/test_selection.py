@@ -28,7 +28,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.localisation.findings import Finding
+from sfr_loc_map.localisation.findings import Finding, decide
 from sfr_loc_map.localisation.ground.cases import CASES, EFFECTS, Case, findings_of
 from sfr_loc_map.localisation.ground.evidence import OLD_WEIGHT, Evidence
 from sfr_loc_map.localisation.ground.memory import (
@@ -41,6 +41,7 @@ from sfr_loc_map.localisation.ground.memory import (
     MainMotion,
     Phase,
 )
+from sfr_loc_map.localisation.ground.selection import Ground
 from sfr_loc_map.localisation.localiser import Localiser
 
 SAMPLE, PAIRS = ROOT / "sample" / "sample.mcap", 14
@@ -106,8 +107,10 @@ def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
 def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> None:
     before = replace(GroundMemory.none((32, 32)), previous=np.zeros((16, 16), np.float32))
     after = replace(before, previous=np.ones((16, 16), np.float32), transfers=2)
-    assert before.if_refused(after, EFFECTS[Case.ONE_MOTION]) is before
-    learnt = before.if_refused(after, EFFECTS[Case.CONTRADICTED])
+    ground = Ground.unselected(None, before)._replace(learnt=after)  # type: ignore[arg-type]
+    refused = decide({Finding.CONTRADICTED})
+    assert ground.memory_after(refused) is before
+    learnt = ground._replace(outlasts_refusal=True).memory_after(refused)
     assert learnt.previous is before.previous
     assert learnt.transfers == 2
 
