@@ -14,7 +14,8 @@ cells are excluded as dynamic, and if landmarks also follow the motion in the ce
 unusual moving pair that does not agree prolongs the doubt. `GroundMemory.after` updates the memory with a pair. The
 terms are defined in `selection`.
 
-Three values record faults of earlier pairs. They are separate because they answer different questions:
+Three values record faults of earlier pairs. They are separate because they answer different questions and because all
+combinations occur: a recovery follows a double exposure while the ground is known, and a doubt while it is learnt.
 
 | value | question | set by | reset by |
 |---|---|---|---|
@@ -93,20 +94,18 @@ class Phase(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Confidence:
-    """The phase, and the number of pairs until its end."""
+    """The phase, and what ends it."""
 
     phase: Phase = Phase.LEARNING
-    agreed_pairs: int = 0  #: Number of moving pairs in this phase that one motion explained.
-    required_pairs: int = AGREEING_PAIRS  #: Number of such pairs that ends the phase; not used if known.
+    pairs_left: int = AGREEING_PAIRS  #: Number of moving pairs that must agree until the phase ends; not used if known.
     unexplained: Mask | None = None  #: `(R, C)` cells of unexplained landmarks; None if not in doubt.
 
     def after_agreement(self) -> Confidence:
         """Return the confidence after a moving pair that one motion explained."""
         if self.phase is Phase.KNOWN:
             return self
-        agreed_pairs = self.agreed_pairs + 1
-        if agreed_pairs < self.required_pairs:
-            return replace(self, agreed_pairs=agreed_pairs)
+        if self.pairs_left > 1:
+            return replace(self, pairs_left=self.pairs_left - 1)
         return Confidence(Phase.KNOWN) if self.phase is Phase.LEARNING else Confidence()
 
     def after_interruption(self) -> Confidence:
@@ -124,12 +123,10 @@ class Confidence:
         pairs.
         """
         is_in_doubt = self.phase is Phase.IN_DOUBT
-        lacks_few_pairs = is_in_doubt and self.required_pairs - self.agreed_pairs <= AGREEING_PAIRS
-        is_short = self.phase is Phase.KNOWN or lacks_few_pairs
+        is_short = self.phase is Phase.KNOWN or (is_in_doubt and self.pairs_left <= AGREEING_PAIRS)
         if is_in_doubt and self.unexplained is not None:
             cells = self.unexplained | cells
-        required_pairs = AGREEING_PAIRS if is_short else LONG_DOUBT_PAIRS
-        return Confidence(Phase.IN_DOUBT, 0, required_pairs, cells)
+        return Confidence(Phase.IN_DOUBT, AGREEING_PAIRS if is_short else LONG_DOUBT_PAIRS, cells)
 
     def is_covered_by(self, inliers: Mask) -> bool:
         """Return whether inlier cells `(R, C)` are in or beside at least half of the unexplained cells."""

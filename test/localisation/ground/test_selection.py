@@ -278,7 +278,7 @@ def test_a_standstill_in_doubt_adds_nothing_to_the_covariance() -> None:
         StereoPair(last.stamp_ns + k * 10**8, noisy(last.left, 1, rng), noisy(last.right, 1, rng)) for k in range(1, 40)
     ]
     run(stop[:12], by)
-    doubt = Confidence(Phase.IN_DOUBT, required_pairs=LONG_DOUBT_PAIRS)
+    doubt = Confidence(Phase.IN_DOUBT, pairs_left=LONG_DOUBT_PAIRS)
     by._state = replace(by._state, ground_memory=replace(by._state.ground_memory, confidence=doubt))
     stopped = run(stop[12:], by)
     assert {item.state for item in stopped} == {TrackingState.DEGRADED}
