@@ -155,6 +155,9 @@ RULES: Final = {
 }
 """Consequences of each finding, in the order of precedence.
 
+The order is the only precedence between the findings of the guards. The selection of the ground contributes at most
+one finding, that of its case (`ground.cases`), because a covariance shall not grow by the inflation of several cases.
+
 The published reason is that of the first finding, with two exceptions. A pair that is kept while the localiser is lost
 publishes the reason for which the localiser was lost. A refused pair with which a window begins publishes only the
 findings of that window.

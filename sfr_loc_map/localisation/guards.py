@@ -60,10 +60,11 @@ def check_images(images: ImageComparison, *, has_map: bool) -> Findings:
 
     Without a map, a repeated pair is not reported. Its two images belong together, and a window may begin with it.
     """
-    if images.is_repeated:
-        return _found(Finding.REPEATED_PAIR, has_map)
-    is_torn = bool(images.stale_rows.any())
-    return _found(Finding.FROZEN_IMAGE, images.is_one_frozen) | _found(Finding.STALE_ROWS, is_torn)
+    return (
+        _found(Finding.REPEATED_PAIR, images.is_repeated and has_map)
+        | _found(Finding.FROZEN_IMAGE, images.is_one_frozen)
+        | _found(Finding.STALE_ROWS, bool(images.stale_rows.any()))
+    )
 
 
 def check_wiring(pair: StereoPair) -> Findings:
@@ -89,10 +90,12 @@ def check_tracks(frame: StereoFrame, tracks: Tracks) -> Findings:
 
 
 def _too_few(frame: StereoFrame) -> Findings:
-    """Return the finding of too few landmarks."""
-    if not frame.is_textured:
-        return frozenset({Finding.UNTEXTURED})
-    return frozenset({Finding.FROZEN_AND_FEW if frame.has_frozen_image else Finding.FEW_LANDMARKS})
+    """Return the findings of too few landmarks, with the causes in the images."""
+    return (
+        frozenset({Finding.FEW_LANDMARKS})
+        | _found(Finding.UNTEXTURED, not frame.is_textured)
+        | _found(Finding.FROZEN_AND_FEW, frame.has_frozen_image)
+    )
 
 
 def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBounds) -> Findings:
@@ -133,7 +136,7 @@ def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: Ri
     if not is_textured(frame.right if tracks.is_left_fuller else frame.left):
         return frozenset()
     is_swapped = tracker.fits_swapped(frame, tracks, offset)
-    return frozenset({Finding.SWAPPED if is_swapped else Finding.ONE_SIDED})
+    return frozenset({Finding.ONE_SIDED}) | _found(Finding.SWAPPED, is_swapped)
 
 
 def check_gap(*, keyframes: int, clean_from_keyframe: int) -> Findings:
