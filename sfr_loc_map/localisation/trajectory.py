@@ -47,6 +47,7 @@ from sfr_loc_map.localisation.uncertainty.covariance import (
     step_covariance,
     systematic_step,
     unobserved_motion,
+    unobserved_size,
     updated_variance_factor,
 )
 from sfr_loc_map.localisation.uncertainty.path_errors import (
@@ -159,12 +160,12 @@ def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPos
     """Return the pose of an accepted pair relative to the last known pose."""
     now = Transform(*pair.tracks.pose)
     since = path.last.since_last(pair.stamp_ns, now)
-    unobserved = unobserved_motion(path.last.speed, since.seconds, model)
     added = inflation_of(
         pair.inflation,
-        unobserved_rb=unobserved,
+        unobserved=unobserved_size(path.last.speed, since.seconds, model.bounds),
         moved=MotionSize(since.metres, since.radians),
         other_distance=pair.other_distance,
+        sources=model.sources,
     )
     given_keyframes = np.asarray(np.linalg.inv(pair.tracks.information))
     return _NewPose(pair, now, since, given_keyframes, added)
@@ -225,7 +226,7 @@ def _step_to_new_pose(path: PathState, pose: _NewPose, published: PublishedPose,
         systematic=systematic_step(step, depth_m, pose.pair.calibration, model),
         noise=published.noise,
         noise_before=before.noise,
-        speed_change=ZERO if pose.pair.was_known else unobserved_motion(path.last.speed, seconds, model),
+        speed_change=ZERO if pose.pair.was_known else _unobserved_rb(path, seconds, model),
     )
 
 
@@ -310,8 +311,13 @@ def _past_pose(
 
 def _unobserved_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:
     """Return the covariance of the unobserved motion up to a stamp, for the left camera in the world."""
-    of_rb = unobserved_motion(path.last.speed, path.last.unobserved_s(stamp_ns), model)
+    of_rb = _unobserved_rb(path, path.last.unobserved_s(stamp_ns), model)
     return _covariance_of_left(path, of_rb, model)
+
+
+def _unobserved_rb(path: PathState, seconds: float, model: RoverModel) -> FloatArray:
+    """Return the covariance of the motion of RB in a time without images, in RB at the last known pose."""
+    return unobserved_motion(unobserved_size(path.last.speed, seconds, model.bounds), model.sources)
 
 
 def _covariance_of_left(path: PathState, covariance: FloatArray, model: RoverModel) -> FloatArray:
@@ -328,9 +334,8 @@ def _step_to_kept_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tup
     """
     before = path.published
     seconds = 0.0 if before.stamp_ns is None else (stamp_ns - before.stamp_ns) / NS_PER_S
-    speed = path.last.speed
-    unobserved = unobserved_motion(speed, path.last.unobserved_s(stamp_ns), model)
-    growth = np.maximum(unobserved - before.unobserved_rb, unobserved_motion(speed, seconds, model))
+    unobserved = _unobserved_rb(path, path.last.unobserved_s(stamp_ns), model)
+    growth = np.maximum(unobserved - before.unobserved_rb, _unobserved_rb(path, seconds, model))
     covariance = growth + MIN_VARIANCE * np.eye(6)
     now = path.last.T_world_left
     published = replace(before, stamp_ns=stamp_ns, T_world_left=now, unobserved_rb=unobserved)
@@ -393,7 +398,7 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     """Return the path, moved so that it passes through an external pose at a past stamp. Errors count from there."""
     past, apart_s = path.history.at(at_ns)
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ past.T_world_left.inverse()
-    unobserved = unobserved_motion(path.last.speed, apart_s, model)
+    unobserved = _unobserved_rb(path, apart_s, model)
     unobserved = symmetric(propagated_covariance(unobserved, np.zeros(3), pose.T_ds_rb.rotation))
     covariance = model.covariance_of_left(
         pose.covariance + unobserved, R_world_frame=T_ds_world.rotation.T, R_world_left=past.T_world_left.rotation

@@ -52,6 +52,7 @@ from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import KeyframeMotion
+from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize, Speed, size_of
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
@@ -134,23 +135,31 @@ def lens_turn_per_m(calibration: OnlineCalibration, model: RoverModel) -> float:
 # ---- what findings add
 
 
-def unobserved_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
-    """Return the covariance M `(6, 6)` of an unobserved motion, in RB at its start.
-
-    For a motion in a time t (seconds) at a speed s (m/s) and a turn rate w (rad/s),
-
-        M = diag(s t, s t, climb_ratio s t, tilt_ratio w t, tilt_ratio w t, w t)^2
+def unobserved_size(speed: Speed, seconds: float, bounds: MotionBounds) -> MotionSize:
+    """Return the standard deviations of length and heading of a motion that no image showed.
 
     Speed and turn rate are those of the last motion, because the rover may have continued. They are at least the
     configured values of an unobserved motion, and at most the configured maximum values, because two pairs with nearly
-    the same stamp may show any speed. Each angle is at most `MAX_ANGLE_RAD`.
+    the same stamp may show any speed.
     """
-    bounds = model.bounds
-    metres = min(max(bounds.unseen_speed_m_s, speed.m_s), bounds.max_speed_m_s) * seconds
-    heading = min(max(bounds.unseen_turn_rad_s, speed.rad_s), bounds.max_turn_rad_s) * seconds
-    tilt = min(model.sources.tilt_ratio * heading, MAX_ANGLE_RAD)
-    climb = model.sources.climb_ratio * metres
-    return np.diag(np.square([metres, metres, climb, tilt, tilt, min(heading, MAX_ANGLE_RAD)]))
+    m_s = min(max(bounds.unseen_speed_m_s, speed.m_s), bounds.max_speed_m_s)
+    rad_s = min(max(bounds.unseen_turn_rad_s, speed.rad_s), bounds.max_turn_rad_s)
+    return MotionSize(m_s * seconds, rad_s * seconds)
+
+
+def unobserved_motion(size: MotionSize, sources: ErrorSources) -> FloatArray:
+    """Return the covariance `unobserved` `(6, 6)` of a motion that no image showed, in RB at its start.
+
+        unobserved = diag(metres, metres, climb_ratio metres,
+                          tilt_ratio radians, tilt_ratio radians, radians)^2
+
+    `metres` and `radians` are the standard deviations of length and heading (`unobserved_size`). Each angle is at most
+    `MAX_ANGLE_RAD`.
+    """
+    metres, radians = size
+    tilt = min(sources.tilt_ratio * radians, MAX_ANGLE_RAD)
+    climb = sources.climb_ratio * metres
+    return np.diag(np.square([metres, metres, climb, tilt, tilt, min(radians, MAX_ANGLE_RAD)]))
 
 
 class AddedError(NamedTuple):
@@ -168,24 +177,32 @@ class AddedError(NamedTuple):
 
 
 def inflation_of(
-    inflation: Inflation, *, unobserved_rb: FloatArray, moved: MotionSize, other_distance: MotionSize
+    inflation: Inflation,
+    *,
+    unobserved: MotionSize,
+    moved: MotionSize,
+    other_distance: MotionSize,
+    sources: ErrorSources,
 ) -> AddedError:
     """Return what findings add to covariances, by the kinds of inflation that they require (`findings.RULES`).
 
     Args:
         inflation: Kinds of inflation that the findings of the pair require.
-        unobserved_rb: `(6, 6)` covariance of the motion since the last pose as if unobserved, in RB at that pose.
+        unobserved: Size of the motion since the last pose as if unobserved.
         moved: Length and angle of the estimated motion since the last pose.
         other_distance: Distance between the poses of two possible motions; zero if only one was found.
+        sources: Error sources of an unobserved motion.
     """
+    unobserved_rb = None
+    if Inflation.UNOBSERVED in inflation:
+        unobserved_rb = unobserved_motion(unobserved, sources)
     ambiguity = None
     if Inflation.AMBIGUITY in inflation:  # either motion, or a standstill, may be the true one
-        forwards_m, *_, heading_rad = np.sqrt(unobserved_rb.diagonal())
         ambiguity = DirectedError(
-            max(other_distance.metres, moved.metres, forwards_m),
-            max(other_distance.radians, moved.radians, heading_rad),
+            max(other_distance.metres, moved.metres, unobserved.metres),
+            max(other_distance.radians, moved.radians, min(unobserved.radians, MAX_ANGLE_RAD)),
         )
-    return AddedError(unobserved_rb if Inflation.UNOBSERVED in inflation else None, ambiguity)
+    return AddedError(unobserved_rb, ambiguity)
 
 
 # ---- a step
