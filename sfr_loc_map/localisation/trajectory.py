@@ -75,7 +75,7 @@ class PublishedPose:
     #: if a window began at this pose.
     unobserved_rb: FloatArray = field(default_factory=lambda: ZERO)
     noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of the pose, in RB.
-    variance_factor: float | None = None  #: Variance factor v (`covariance`); None before the first residuals.
+    variance_factor: float | None = None  #: Variance factor (`covariance`); None before the first residuals.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +111,7 @@ class _NewPose(NamedTuple):
     pair: AcceptedPair
     T_world_left: Transform
     since: MotionSince
-    given_keyframes: FloatArray  #: `(6, 6)` covariance C of the pose given the keyframes.
+    given_keyframes: FloatArray  #: `(6, 6)` covariance of the pose given the keyframes.
     added: AddedError  #: What findings add to the covariance.
 
 

@@ -1,41 +1,52 @@
 """Covariances of the estimates, composed of the named error sources.
 
-The docstring of each function contains its formula:
+The docstring of each function contains its formula, which defines one covariance by name:
 
-| letter | covariance of | function |
+| name | covariance of | function |
 |---|---|---|
-| P | a pose of the left camera in the world | `pose_covariance` |
-| Q | the motion of RB in a step, in RB at the previous pose | `step_covariance`, and `added` (below) |
-| N | the white noise of a pose of RB, in RB, which cancels between consecutive steps | `pose_noise` |
-| S | errors common to all steps, in RB, which add up with their sign; a vector | `systematic_step` |
-| M | an unobserved motion of RB, in RB at its start | `unobserved_motion` |
+| `pose` | a pose of the left camera in the world | `pose_covariance` |
+| `step` | the motion of RB in a step, in RB at the previous pose | `step_covariance`, and `added` (below) |
+| `noise` | the white noise of a pose of RB, in RB, which cancels between consecutive steps | `pose_noise` |
+| `systematic` | errors common to all steps, in RB, which add up with their sign; a vector | `systematic_step` |
+| `unobserved` | an unobserved motion of RB, in RB at its start | `unobserved_motion` |
 
-Consecutive poses share most of P, and P shrinks when the yaw is estimated. The uncertainty of the motion between two
-poses is therefore composed of steps and not computed from P. The covariance of the motion of a step, and thereby of the
-twist, is `Q + N + N_before + S^2 + speed_change` (`StepEstimate.motion_covariance`).
+Consecutive poses share most of `pose`, which shrinks when the yaw is estimated. The uncertainty of the motion between
+two poses is therefore composed of steps and not computed from `pose`. The covariance of the motion of a step, and
+thereby of the twist, is `step + noise + noise_before + systematic^2 + speed_change`
+(`StepEstimate.motion_covariance`).
 
-In the formulas, names with underscores are fields of `error_sources.ErrorSources`, unless the text says otherwise. The
-other symbols:
+The other names in the formulas are fields of `error_sources.ErrorSources`, unless the text below the formula explains
+them, or one of these:
 
 - f and b: focal length, px, and baseline, m (`RoverModel.fx`; f b is `RoverModel.focal_baseline`).
-- Z: median depth of the landmarks, m; of the map in P, of the tracked landmarks in Q and S.
-- C: covariance of a pose given the keyframes, the inverse of `Tracks.information`.
-- v: variance factor, the ratio of the squared residuals to their stated variance (Foerstner and Wrobel, Photogrammetric
+- Z: median depth of the landmarks, m; of the map in `pose`, of the tracked landmarks in `step` and `systematic`.
+- `given_keyframes`: covariance of a pose given the keyframes, the inverse of `Tracks.information`.
+- `variance_factor`: ratio of the squared residuals to their stated variance (Foerstner and Wrobel, Photogrammetric
   Computer Vision, chapter 4; `updated_variance_factor`).
 - `yaw_sigma_px`, `yaw.target_px`, `remaining_px`: standard deviation of the right camera's yaw, the yaw to be
   corrected, and the part of this yaw that is not corrected yet (`OnlineCalibration`).
 
 `added` in the step (`trajectory._step_to_new_pose`) has three parts: the inflation by findings of the two poses of the
-step (`inflation_of`), the displacement of the previous pose by a correction of the yaw, and M while the previous pose
-was kept (`PublishedPose.unobserved_rb`). An added error of a pose has opposite signs in the steps to and from that
-pose. Each of the two steps contains its covariance, which is conservative (`PublishedPose.undone_by_next_step`). The
-parts of the previous pose are zero if its pair began a window, because the step is measured from its image.
+step (`inflation_of`), the displacement of the previous pose by a correction of the yaw, and `unobserved` while the
+previous pose was kept (`PublishedPose.unobserved_rb`). An added error of a pose has opposite signs in the steps to and
+from that pose. Each of the two steps contains its covariance, which is conservative
+(`PublishedPose.undone_by_next_step`). The parts of the previous pose are zero if its pair began a window, because the
+step is measured from its image.
 
-A new error source requires a field of `ErrorSources` and a term in one of the formulas. An error that accumulates along
-the path also requires a field of `path_errors.PathErrors`, which only the methods of that class change, and its
-increment in `trajectory._errors_at`. The table of that class shows what each event does to each field. An error that an
-external pose ends is a sum that is never reset, as `directed`. A field of `path_errors.Origin` and a field of
-`history.PastPose`, set in `trajectory._past_pose`, hold this sum at the origin and at a past pose.
+A new error source requires a field of `ErrorSources`, and a term in one of the formulas:
+
+| the error | is added in |
+|---|---|
+| of one pose, from its images or its calibration | `pose_covariance`, and `step_covariance` or `pose_noise` |
+| common to all steps, with a constant direction | `pose_covariance` by `PathErrors.bias`, and `systematic_step` |
+| that findings require | `inflation_of`, with a flag of `findings.Inflation` |
+| that accumulates along the path | as below |
+
+An error that accumulates along the path also requires a field of `path_errors.PathErrors`, which only the methods of
+that class change, and its increment in `trajectory._errors_at`. The table of that class shows what each event does to
+each field. An error that an external pose ends is a sum that is never reset, as `directed`. A field of
+`path_errors.Origin` and a field of `history.PastPose`, set in `trajectory._past_pose`, hold this sum at the origin and
+at a past pose.
 
 Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is that of position and rotation about fixed axes.
 """
@@ -70,29 +81,31 @@ MIN_VARIANCE = 1e-12  #: Added to the variances of a step, so that each is posit
 def pose_covariance(
     errors: PathErrors, position: FloatArray, depth_m: float, calibration: OnlineCalibration, model: RoverModel
 ) -> FloatArray:
-    """Return the covariance P of the left camera at a position, relative to the pose that placed the world in DS.
+    """Return the covariance `pose` of the left camera at a position, relative to the pose that placed the world in DS.
 
-        P = start + adjustment_inflation D + A + blur + attitude + unobserved
-            + (disparity_px^2 + yaw_sigma_px^2 + (unsettled_yaw_ratio remaining_px)^2) B B' + U U'
+        pose = start + adjustment_inflation drift + directed + blur + attitude + unobserved
+               + (disparity_px^2 + yaw_sigma_px^2 + (unsettled_yaw_ratio remaining_px)^2) bias bias'
+               + uncorrected uncorrected'
 
     - start (`Origin.start`): covariance of that pose, propagated to the present position. A new window adds to it
-      `adjustment_inflation D`, `unobserved` and `blur` of the pose at which the window begins.
-    - D: drift within the window, W + C - O. W is the covariance of the newest keyframe in its window, from the bundle
-      adjustment. C is zero once the pose itself is an adjusted keyframe. W + C is `PathErrors.in_window`. O is zero
-      unless an external pose applies to a past pose of this window. O is then W + C of that past pose
-      (`Origin.past_in_window`), propagated to the present position, and negative eigenvalues of D are replaced by zero.
-    - A: directed errors, which add up along the path (ambiguous motions, bending of the path by the lens), propagated
-      to the present position (`PathErrors.directed_covariance`).
+      `adjustment_inflation drift`, `unobserved` and `blur` of the pose at which the window begins.
+    - drift: covariance that arose within the window, `in_window - past_in_window`. `PathErrors.in_window` is the
+      covariance of the newest keyframe in its window, from the bundle adjustment, plus `given_keyframes` of the pose,
+      which is zero once the pose itself is an adjusted keyframe. `Origin.past_in_window` is zero unless an external
+      pose applies to a past pose of this window. It is then `in_window` of that past pose, propagated to the present
+      position, and negative eigenvalues of `drift` are replaced by zero.
+    - directed: errors that add up along the path (ambiguous motions, bending of the path by the lens), propagated to
+      the present position (`PathErrors.directed_covariance`).
     - blur: standard deviation blur_px / f, rad, about each axis, and this angle times Z in position (`blur_of`).
-    - B: position error per pixel of a constant disparity error, m/px: the sum of displacement Z / (f b) over the steps
-      since the origin.
-    - U: position error of the path that was travelled before the yaw was corrected, m: the sum over the steps of
-      (`yaw.target_px` - yaw corrected at the step) displacement Z / (f b).
-    - attitude: (bent_attitude_ratio hypot(yaw_sigma_px, yaw.target_px))^2 + (followed_attitude_ratio d)^2, divided by
-      f^2. d is the sum of the absolute drifts of the right camera that were followed, px (`followed_px`).
-    - unobserved (`PathErrors.unobserved`): M of two motions. The motion to the last accepted pose counts as unobserved
-      if the findings of that pose require this (`findings.RULES`). The motion since that pose is unobserved while the
-      pose is kept.
+    - attitude: (bent_attitude_ratio hypot(yaw_sigma_px, yaw.target_px))^2 + (followed_attitude_ratio followed_px)^2,
+      divided by f^2. `followed_px` is the sum of the absolute drifts of the right camera that were followed.
+    - unobserved (`PathErrors.unobserved`): `unobserved` of two motions. The motion to the last accepted pose counts as
+      unobserved if the findings of that pose require this (`findings.RULES`). The motion since that pose is unobserved
+      while the pose is kept.
+    - bias: position error per pixel of a constant disparity error, m/px: the sum of displacement Z / (f b) over the
+      steps since the origin.
+    - uncorrected: position error of the path that was travelled before the yaw was corrected, m: the sum over the steps
+      of (`yaw.target_px` - yaw corrected at the step) displacement Z / (f b).
 
     `trajectory._errors_at` computes the increments of each pair, and `PathErrors` accumulates them.
     """
@@ -249,24 +262,25 @@ def step_covariance(
     variance_factor: float | None,
     model: RoverModel,
 ) -> FloatArray:
-    """Return the covariance Q `(6, 6)` of a step without `added`, for the motion of RB, in RB at the previous pose.
+    """Return the covariance `step` `(6, 6)` without `added`, for the motion of RB, in RB at the previous pose.
 
-        Q = step_inflation max(v, min_variance_factor) r (adjustment_inflation K + k)
-        k = (keyframe_px Z / f)^2 diag(1, 1, 1, 0, 0, 0)
-        r = max(step / max(keyframe interval, min_interval_ratio usual interval), min_step_ratio)
+        step = step_inflation max(variance_factor, min_variance_factor) step_ratio
+               (adjustment_inflation between_keyframes + common)
+        common = (keyframe_px Z / f)^2 diag(1, 1, 1, 0, 0, 0)
+        step_ratio = max(flow of the step / max(flow of the keyframes, min_interval_ratio usual flow), min_step_ratio)
 
-    Errors from images are independent from step to step. K is the covariance of the newest keyframe given the previous
-    keyframe (`KeyframeMotion.covariance`), and the keyframe interval is the motion between the two. In a window of one
-    keyframe, C replaces K, and the usual interval (`RoverModel.keyframe_rad`) is used. Steps and intervals are measured
-    as optical flow, rad. Before the first residuals, the factor before r is 1. `MIN_VARIANCE` is added to each variance
-    of Q.
+    Errors from images are independent from step to step. `between_keyframes` is the covariance of the newest keyframe
+    given the previous keyframe (`KeyframeMotion.covariance`), and the flow of the keyframes is that of the motion
+    between the two. In a window of one keyframe, `given_keyframes` and the usual flow (`RoverModel.keyframe_rad`) are
+    used instead. Flow is optical flow, rad. Before the first residuals, the factor before `step_ratio` is 1.
+    `MIN_VARIANCE` is added to each variance.
 
     Args:
         step: The motion.
         keyframes: Motion between the two newest keyframes.
-        given_keyframes: `(6, 6)` covariance C of the pose given the keyframes, used if there is no second keyframe.
+        given_keyframes: `(6, 6)` covariance of the pose given the keyframes, used if there is no second keyframe.
         depth_m: Median depth of the landmarks.
-        variance_factor: Ratio v of the squared residuals to their stated variance; None before the first residuals.
+        variance_factor: Ratio of the squared residuals to their stated variance; None before the first residuals.
         model: Extrinsics, camera geometry and error sources.
     """
     sources = model.sources
@@ -298,11 +312,12 @@ def pose_noise(
     shear_chi2: float,
     model: RoverModel,
 ) -> FloatArray:
-    """Return the covariance N `(6, 6)` of the white noise of a pose of RB, in RB.
+    """Return the covariance `noise` `(6, 6)` of the white noise of a pose of RB, in RB.
 
-        N = white_ratio max(v, min_variance_factor) max(shear_chi2, 1) C + exposure_rad^2 (attitude)
+        noise = white_ratio max(variance_factor, min_variance_factor) max(shear_chi2, 1) given_keyframes
+                + exposure_rad^2 (attitude)
 
-    `given_keyframes` is the covariance C of the pose given the keyframes. `shear_chi2` is the squared shear of the rows
+    `shear_chi2` is the squared shear of the rows
     of the image over its variance, per degree of freedom.
     """
     sources = model.sources
@@ -315,14 +330,14 @@ def pose_noise(
 
 
 def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
-    """Return the signed one-sigma effects S `(6,)` on one step, in RB, of the errors that all steps share.
+    """Return the signed one-sigma effects `systematic` `(6,)` on one step, in RB, of the errors that all steps share.
 
-        S = (position, attitude)
+        systematic = (position, attitude)
         position = hypot(disparity_px, yaw_sigma_px, remaining_px) Z / (f b) displacement
         attitude = hypot(lens_px, lens_ratio RMS of the residual disparities) / (f b) length
 
-    The remaining yaw enters a step in full. In the pose it is multiplied by `unsettled_yaw_ratio`, because P also
-    contains U. The depth Z is the median depth of the landmarks, m.
+    The remaining yaw enters a step in full. In the pose it is multiplied by `unsettled_yaw_ratio`, because `pose`
+    also contains `uncorrected`. The depth Z is the median depth of the landmarks, m.
     """
     disparity_px = np.sqrt(model.sources.disparity_px**2 + calibration.yaw_sigma_px**2 + calibration.remaining_px**2)
     scaled = disparity_px * depth_m / model.focal_baseline * step.displacement

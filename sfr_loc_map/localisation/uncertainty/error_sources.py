@@ -5,9 +5,9 @@ are defined where they are used, because the estimates also depend on them.
 
 | value | module | enters |
 |---|---|---|
-| `PIXEL_FLOOR`, `RESIDUAL_GAIN`, `EDGE_RESIDUALS` | `frontend.tracking` | noise of observations, hence C, W, K |
+| `PIXEL_FLOOR`, `RESIDUAL_GAIN`, `EDGE_RESIDUALS` | `frontend.tracking` | noise of observations |
 | `FIRST_SIGMA_PX`, `YAW_WALK_PX`, `FOLLOWED_ERROR_RATIO` | `backend.online_calibration` | `yaw_sigma_px` |
-| `START_VARIANCE` | `backend.sliding_window` | first pose of a window, hence W |
+| `START_VARIANCE` | `backend.sliding_window` | first pose of a window, hence `in_window` |
 | `MIN_VARIANCE` | `covariance` | variance added to each step |
 | `unseen_speed_m_s`, `unseen_turn_rad_s` | `config.MotionBounds` | unobserved motion |
 """
@@ -25,45 +25,46 @@ class ErrorSources:
     value is too large, the covariance exceeds the errors and this NEES falls below 1. If a value is too small, this
     NEES exceeds 1.
 
-    The letters at the beginning of each description name the formulas of `covariance` that use the field: P pose,
-    Q step, N noise, S systematic errors, M unobserved motion. The twist includes Q, N, S and M.
+    The words at the beginning of each description name the formulas of `covariance` that use the field. The twist
+    includes all formulas except that of the pose.
     """
 
     blur_px: float = 0.03
-    """P. Error of a whole image (blur, jitter), px, which is common to all landmarks and therefore unobservable."""
+    """Pose. Error of a whole image (blur, jitter), px, which is common to all landmarks and therefore unobservable."""
     exposure_rad: float = 1e-5
-    """N. Attitude noise of a whole image, rad, because the stamp is not at mid-exposure (with vibration: 4e-5)."""
+    """Noise. Attitude noise of a whole image, rad, because the stamp is not at mid-exposure (with vibration: 4e-5)."""
     disparity_px: float = 0.01
-    """P, S. Error common to all disparities, px, which scales the path."""
+    """Pose, systematic. Error common to all disparities, px, which scales the path."""
     lens_px: float = 0.0007
-    """P (in A), S. Disparity error that varies over the image and bends the path, px, if the residuals show no lens
-    distortion."""
+    """Pose (directed), systematic. Disparity error that varies over the image and bends the path, px, if the residuals
+    show no lens distortion."""
     lens_ratio: float = 0.17
-    """P (in A), S. The error of `lens_px` as a ratio to the RMS of the residual disparities."""
+    """Pose (directed), systematic. The error of `lens_px` as a ratio to the RMS of the residual disparities."""
     unsettled_yaw_ratio: float = 0.5
-    """P. Error of the yaw of the right camera as a ratio to the yaw that is not yet corrected."""
+    """Pose. Error of the yaw of the right camera as a ratio to the yaw that is not yet corrected."""
     bent_attitude_ratio: float = 0.25
-    """P. Attitude error as a ratio to the yaw, because an uncorrected yaw bends the path."""
+    """Pose. Attitude error as a ratio to the yaw, because an uncorrected yaw bends the path."""
     followed_attitude_ratio: float = 0.1
-    """P. Attitude error as a ratio to the followed drift of the right camera."""
+    """Pose. Attitude error as a ratio to the followed drift of the right camera."""
     adjustment_inflation: float = 2.0
-    """P, Q. Factor on the covariance of the bundle adjustment, because errors of neighbouring landmarks are
+    """Pose, step. Factor on the covariance of the bundle adjustment, because errors of neighbouring landmarks are
     correlated."""
     keyframe_px: float = 0.01
-    """Q. Position error of a keyframe, common to all its landmarks, px at their median depth."""
+    """Step. Position error of a keyframe, common to all its landmarks, px at their median depth."""
     min_step_ratio: float = 0.02
-    """Q. Minimum ratio of a step to the keyframe interval, because a step at rest has an error, too."""
+    """Step. Minimum ratio of a step to the keyframe interval, because a step at rest has an error, too."""
     min_interval_ratio: float = 0.25
-    """Q. Minimum keyframe interval as a ratio to the interval that triggers a keyframe."""
+    """Step. Minimum keyframe interval as a ratio to the interval that triggers a keyframe."""
     variance_gain: float = 0.1
-    """Q, N. Gain of the variance factor per pair. The factor adapts to light and ground within about 10 pairs."""
+    """Step, noise. Gain of the variance factor per pair. The factor adapts to light and ground within ten pairs."""
     min_variance_factor: float = 0.2
-    """Q, N. Minimum variance factor. Below this value, errors that do not appear in residuals dominate."""
+    """Step, noise. Minimum variance factor. Below this value, errors that residuals do not show dominate."""
     step_inflation: float = 1.5
-    """Q. Factor on the variance factor in steps. Errors common to neighbouring landmarks do not appear in residuals."""
+    """Step. Factor on the variance factor, because errors common to neighbouring landmarks do not appear in
+    residuals."""
     white_ratio: float = 0.5
-    """N. Fraction of the covariance of a pose that is independent from pair to pair (image noise)."""
+    """Noise. Fraction of the covariance of a pose that is independent from pair to pair (image noise)."""
     climb_ratio: float = 0.3
-    """M. Ratio of vertical to horizontal speed in an unobserved motion: slopes of 17 deg."""
+    """Unobserved. Ratio of vertical to horizontal speed in an unobserved motion: slopes of 17 deg."""
     tilt_ratio: float = 0.2
-    """M. Ratio of roll and pitch rate to turn rate in an unobserved motion."""
+    """Unobserved. Ratio of roll and pitch rate to turn rate in an unobserved motion."""

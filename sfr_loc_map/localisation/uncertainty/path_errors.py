@@ -1,4 +1,4 @@
-"""Components of the covariance of the present pose, accumulated along the path (formula P of `covariance`).
+"""Components of the covariance of the present pose, accumulated along the path (formula `pose` of `covariance`).
 
 Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is that of position and rotation about fixed axes, for the
 left camera in the world.
@@ -58,7 +58,7 @@ class Origin(NamedTuple):
     """The pose to which the covariance is relative: start of the run or of the window, or an external pose."""
 
     start: LocatedCovariance  #: Covariance of the origin.
-    #: O: `in_window` of the past pose to which an external pose of this window applies; None if the drift counts from
+    #: `in_window` of the past pose to which an external pose of this window applies; None if the drift counts from
     #: the start of the window.
     past_in_window: LocatedCovariance | None = None
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the origin.
@@ -70,16 +70,16 @@ class PathErrors:
     """Components of the covariance of the present pose, accumulated since its origin.
 
     The table shows how each event changes each component: `=` sets the component, `+` adds to the component, `0` sets
-    the component to zero. M is the covariance of an unobserved motion, and D the drift within a window.
+    the component to zero. The names of the values are those of `covariance.pose_covariance`.
 
     | component | `with_pose` | `kept` | `adjusted` | `restarted` | `placed` | `rebased` |
     |---|---|---|---|---|---|---|
-    | `origin.start` | | | | + `adjustment_inflation` D, both M, first image | = external pose | = external pose |
+    | `origin.start` | | | | + inflated drift, both unobserved, first image | = external pose | = external pose |
     | `origin.past_in_window` | | | | none | none | = past pose of this window, or none |
-    | `before_window` | | | | + `adjustment_inflation` (W + C), both M, first image | 0 | |
-    | `in_window` | = W + C | | = W | = W | 0 | |
-    | `unobserved_to_pose` | = M if the findings require it, or 0 | | | 0 | 0 | |
-    | `unobserved_since_pose` | 0 | = M | | 0 | 0 | |
+    | `before_window` | | | | + inflated `in_window`, both unobserved, first image | 0 | |
+    | `in_window` | = keyframe + given keyframes | | = keyframe | = keyframe | 0 | |
+    | `unobserved_to_pose` | = unobserved if the findings require it, or 0 | | | 0 | 0 | |
+    | `unobserved_since_pose` | 0 | = unobserved | | 0 | 0 | |
     | `bias` | + step | | | | | |
     | `directed` | + step (`with_directed`) | | | | | |
     | `directed_covariance` | + step (`with_directed`) | | | | 0 | = sum since the external pose |
@@ -94,11 +94,11 @@ class PathErrors:
     #: Covariance that earlier windows, and the motions between windows, added since the map was placed, at the start of
     #: the window. External poses with past stamps do not reset it.
     before_window: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
-    #: W + C: covariance of the present pose in its window.
+    #: Covariance of the present pose in its window.
     in_window: FloatArray = field(default_factory=lambda: ZERO)
-    #: M of the motion to the last accepted pose, which counts as unobserved if its images may be partly stale.
+    #: Covariance of the motion to the last accepted pose, which counts as unobserved if its images may be partly stale.
     unobserved_to_pose: FloatArray = field(default_factory=lambda: ZERO)
-    #: M of the motion since that pose while it is kept.
+    #: Covariance of the motion since that pose while it is kept.
     unobserved_since_pose: FloatArray = field(default_factory=lambda: ZERO)
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the present pose.
     #: Sum of the directed errors (ambiguous motions, bending by the lens) up to the present pose. The sum is never
@@ -152,7 +152,7 @@ class PathErrors:
         return replace(self, in_window=in_window)
 
     def since_origin(self, position: FloatArray, inflation: float) -> FloatArray:
-        """Return the sum of the terms start and `adjustment_inflation D` of the pose covariance P at a position."""
+        """Return the sum of the terms `start` and `adjustment_inflation drift` of the pose covariance at a position."""
         drift = self.in_window
         origin = self.origin
         if origin.past_in_window is not None:
