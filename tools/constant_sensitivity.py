@@ -43,7 +43,7 @@ VALUES: dict[str, tuple[object, ...]] = {
     "frontend.tracking.ALIGNMENT_ITERATIONS": ((3, 2), (12, 8)),
     "frontend.tracking.POSE_ITERATIONS": (5, 20),
     "frontend.tracking.INLIER_CHI2_PER_DOF": (4.0, 16.0),
-    "frontend.tracking.RESIDUAL_GAIN": (0.8, 1.8),
+    "frontend.noise.RESIDUAL_GAIN": (0.8, 1.8),
     "frontend.row_search.SEARCH_HALF": (3, 6),
     "frontend.row_search.MIN_SEARCH_NCC": (0.6, 0.9),
     "frontend.row_search.MAX_AMBIGUITY": (0.7, 1.0),

@@ -20,7 +20,8 @@ from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibratio
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Finding, Findings
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, is_textured
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame, is_textured
+from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.motion_model import LastPose
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 from sfr_loc_map.localisation.stale_images import ImageComparison, are_equal

@@ -25,9 +25,11 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.feature_detection import find_corners
 from sfr_loc_map.localisation.frontend.landmarks import BORDER
 from sfr_loc_map.localisation.frontend.masks import load_mask
+from sfr_loc_map.localisation.frontend.noise import position_variance
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.stereo_matching import match_corners
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
+from sfr_loc_map.localisation.frontend.tracking import Tracks
 
 BACKGROUND = ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
 """Thread in which keyframes are processed, started with the first keyframe."""
@@ -94,12 +96,11 @@ def max_corners(rig: StereoRig, config: LocalisationConfig) -> int:
 class KeyframeMaker:
     """Makes keyframes. It holds parameters and masks, and keeps no state between calls."""
 
-    def __init__(self, rig: StereoRig, config: LocalisationConfig, tracker: Tracker) -> None:
+    def __init__(self, rig: StereoRig, config: LocalisationConfig) -> None:
         """Load the masks. ConfigError if a mask cannot be read or its size is not the rig's."""
         self._rig = rig
         self._camera = rig.camera
         self._config = config
-        self._tracker = tracker
         self._left_mask = load_mask(config.left_mask, rig)
         self._right_mask = load_mask(config.right_mask, rig)
         self._is_large = rig.width * rig.height >= LARGE_IMAGE_PX
@@ -182,7 +183,7 @@ class KeyframeMaker:
         right_uv = found.right - calibration.offset.at(found.right, self._camera)
         inverse_depth_per_px = 1.0 / focal_baseline
         disparity_px = np.maximum(found.uv[:, 0] - right_uv[:, 0], MIN_INVERSE_DEPTH_PX)
-        variance = self._tracker.position_variance(found.covariance, found.residual)
+        variance = position_variance(found.covariance, found.residual, self._camera.fx)
         new = NewLandmarks(
             uv=found.uv,
             inverse_depth=disparity_px * inverse_depth_per_px,

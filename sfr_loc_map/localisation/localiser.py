@@ -97,7 +97,8 @@ from sfr_loc_map.localisation.estimate import (
 )
 from sfr_loc_map.localisation.findings import Action, Finding, Findings, Verdict, decide
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_shift
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
+from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.ground.cell_change import Change
 from sfr_loc_map.localisation.ground.memory import GroundMemory
 from sfr_loc_map.localisation.ground.motion_tools import MotionTools
@@ -182,7 +183,7 @@ class Localiser:
         self._ground_selector = GroundSelector(
             MotionTools(self._tracker, self._relocaliser, rig.camera, (rig.height, rig.width), config.min_tracked)
         )
-        self._keyframes = KeyframeMaker(rig, config, self._tracker)
+        self._keyframes = KeyframeMaker(rig, config)
         self._pending: Future[KeyframeResult] | None = None
         self.reset(start)
 

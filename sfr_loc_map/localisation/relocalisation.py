@@ -18,7 +18,8 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.feature_detection import find_corners
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, is_textured
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame, is_textured
+from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 
 RESTART_AFTER = 3
 """Number of good images with a refused pose since the last accepted pair, after which a new window begins. Chosen by

@@ -27,7 +27,8 @@ from sfr_loc_map.geometry.transform import Transform, interpolated, propagated_c
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StateReason, TrackingState
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracks
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
+from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.selection import Ground
 from sfr_loc_map.localisation.localiser import Candidate, CorrectedTracks, Localiser
 

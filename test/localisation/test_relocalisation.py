@@ -9,7 +9,7 @@ from helpers.loc_drive import drive
 from helpers.made_scene import LOC_RIG, WIDTH, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.keyframes import max_corners
 from sfr_loc_map.localisation.localiser import Localiser
 

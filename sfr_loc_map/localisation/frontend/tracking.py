@@ -11,20 +11,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, Mask, median
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
-from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
+from sfr_loc_map.localisation.frontend.noise import position_variance
 from sfr_loc_map.localisation.frontend.patch_tracking import TrackingLimits, track_patches
 from sfr_loc_map.localisation.frontend.photometric_alignment import align_patches
 from sfr_loc_map.localisation.frontend.plane_warp import plane_homographies
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, solve_pose
-from sfr_loc_map.localisation.frontend.pyramid import LEVELS, Pyramid, build_pyramid
+from sfr_loc_map.localisation.frontend.pyramid import LEVELS, Pyramid
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.parallel import both
 
 LIMITS = TrackingLimits(max_shift=2.5, iterations=6, min_correlation=0.6)
@@ -50,53 +50,6 @@ landmarks found may belong to a single object."""
 SWAPPED_STEREO_FRACTION = 0.6
 """Minimum fraction of inliers observed in both images if the left and right images are swapped. It is a majority, and
 twice the limit for one-sided pairs (`guards.MIN_STEREO_FRACTION`)."""
-PIXEL_FLOOR = 0.05
-"""Standard deviation added in quadrature to that of each observation, px. Values from 0.01 to 0.03 were tried
-(measurements/localiser_trials.md, "What limits it, and what was tried")."""
-RESIDUAL_GAIN = 1.2  #: Ratio of the noise variance to the squared residual of a patch. Chosen on rendered drives.
-EDGE_RESIDUALS = (0.5, 4.0)
-"""Minimum and maximum ratio of a residual to the median residual. At focal lengths of `EDGE_FOCAL_PX` or more,
-`PIXEL_FLOOR` is multiplied by the square of this ratio, that is by 0.25 to 16 (measurements/localiser_trials.md,
-"Images of a megapixel: the sun and the edges of stones")."""
-MIN_RESIDUAL = 1e-6  #: Minimum of the median residual, grey levels. It prevents a division by zero.
-EDGE_FOCAL_PX = 600.0
-"""Focal length, px, at and above which edges of stones limit the pose more than image noise. The visible edge of a
-stone is a different point of the stone from each position, which biases the rotation. Landmarks with a large residual
-therefore have a larger added standard deviation."""
-MIN_TEXTURE = 1.0
-"""Minimum standard deviation of the coarsest pyramid level of a textured image, grey levels. Image noise of 8 grey
-levels has a standard deviation of 1 after averaging over 8 x 8 px."""
-
-
-class StereoFrame(NamedTuple):
-    """A stereo pair, prepared for tracking."""
-
-    stamp_ns: int  #: Stamp of the pair.
-    image: GreyImage  #: `(H, W)` uint8, left image with its stale parts blanked.
-    left: Pyramid  #: Pyramid of the left image.
-    right: Pyramid  #: Pyramid of the right image.
-    received: StereoPair  #: The pair with its stale parts.
-    has_frozen_image: bool  #: Whether one image is frozen, and therefore blanked.
-
-    @classmethod
-    def of(cls, pair: StereoPair, received: StereoPair | None = None, *, has_frozen_image: bool = False) -> StereoFrame:
-        """Build the pyramids of a pair, each image in its own thread.
-
-        `received` is the pair before its stale parts were blanked; None if nothing was blanked.
-        """
-        left, right = both(build_pyramid, (pair.left,), (pair.right,))
-        return cls(pair.stamp_ns, pair.left, left, right, received or pair, has_frozen_image)
-
-    @property
-    def is_textured(self) -> bool:
-        """Whether both images have texture. Stale parts count, because only the localiser blanked them."""
-        images = (self.received.left, self.received.right)
-        return all(is_textured(build_pyramid(image)) for image in images)
-
-
-def is_textured(image: Pyramid) -> bool:
-    """Return whether an image has texture; a black, white or overexposed image has none."""
-    return float(np.std(image[-1].image)) > MIN_TEXTURE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,8 +151,8 @@ class Tracker:
         uv[:, :2] = left.uv
         uv[:, 2:] = right.uv - offset.at(right.uv, self._camera)
         variance = np.empty((len(planes.uv), 2, 3))
-        variance[:, 0] = self.position_variance(left.covariance, left.residual)
-        variance[:, 1] = self.position_variance(right.covariance, right.residual)
+        variance[:, 0] = position_variance(left.covariance, left.residual, self._camera.fx)
+        variance[:, 1] = position_variance(right.covariance, right.residual, self._camera.fx)
         return StereoObservations(uv, variance)
 
     def solve(self, landmarks: Landmarks, observed: StereoObservations, start: Pose) -> Tracks:
@@ -264,22 +217,3 @@ class Tracker:
         start = Pose(rotation, position - baseline if tracks.is_left_fuller else position + baseline)
         swapped = self.refine(frame._replace(left=frame.right, right=frame.left), tracks.landmarks, start, offset)
         return swapped.is_trusted and swapped.stereo_fraction > SWAPPED_STEREO_FRACTION
-
-    def position_variance(self, covariance: FloatArray, residual: FloatArray) -> FloatArray:
-        """Return the variances `(N, 3)` uu, uv, vv of tracked positions, px^2.
-
-        The covariance `(N, 3)` is for an image noise of one grey level. The residual `(N,)` is the RMS of the patch,
-        grey levels, or NaN if the patch was not found. A residual below the median may be small by chance and is
-        replaced by the median.
-        """
-        found = residual[~np.isnan(residual)]
-        typical = median(found) if len(found) else 1.0
-        noise = np.maximum(residual, typical)
-        variance = covariance * (RESIDUAL_GAIN * (noise * noise))[:, None]
-        floor: FloatArray | float = PIXEL_FLOOR**2
-        if self._camera.fx >= EDGE_FOCAL_PX:
-            least, most = EDGE_RESIDUALS
-            floor = floor * np.clip(residual / max(typical, MIN_RESIDUAL), least, most) ** 4
-        variance[:, 0] += floor
-        variance[:, 2] += floor
-        return np.asarray(variance)

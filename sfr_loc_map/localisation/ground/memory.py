@@ -38,7 +38,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.localisation.findings import Finding, Findings
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.ground.cell_change import LEVEL
 from sfr_loc_map.localisation.ground.excluded_cells import ExcludedCells
 

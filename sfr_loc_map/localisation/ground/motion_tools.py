@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landmarks
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
+from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
 from sfr_loc_map.localisation.ground.cell_change import Change, cell_counts
 from sfr_loc_map.localisation.ground.cell_motion import Explained, explain, image_motion
 from sfr_loc_map.localisation.ground.double_exposure import mixture_of

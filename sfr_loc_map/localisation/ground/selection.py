@@ -68,7 +68,8 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.findings import Findings, Verdict
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracks
+from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
+from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.cases import EFFECTS, Case, case_of, findings_of
 from sfr_loc_map.localisation.ground.cell_change import LEVEL, Change, change_of
 from sfr_loc_map.localisation.ground.cell_motion import MOVED_PX

@@ -5,7 +5,7 @@ are defined where they are used, because the estimates also depend on them.
 
 | value | module | enters |
 |---|---|---|
-| `PIXEL_FLOOR`, `RESIDUAL_GAIN`, `EDGE_RESIDUALS` | `frontend.tracking` | noise of observations |
+| `PIXEL_FLOOR`, `RESIDUAL_GAIN`, `EDGE_RESIDUALS` | `frontend.noise` | noise of observations |
 | `FIRST_SIGMA_PX`, `YAW_WALK_PX`, `FOLLOWED_ERROR_RATIO` | `backend.online_calibration` | `yaw_sigma_px` |
 | `START_VARIANCE` | `backend.sliding_window` | first pose of a window, hence `in_window` |
 | `MIN_VARIANCE` | `covariance` | variance added to each step |

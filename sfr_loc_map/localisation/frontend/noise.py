@@ -1,0 +1,44 @@
+"""Noise of tracked positions, from the residuals of their patches."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, median
+
+PIXEL_FLOOR = 0.05
+"""Standard deviation added in quadrature to that of each observation, px. Values from 0.01 to 0.03 were tried
+(measurements/localiser_trials.md, "What limits it, and what was tried")."""
+RESIDUAL_GAIN = 1.2  #: Ratio of the noise variance to the squared residual of a patch. Chosen on rendered drives.
+EDGE_RESIDUALS = (0.5, 4.0)
+"""Minimum and maximum ratio of a residual to the median residual. At focal lengths of `EDGE_FOCAL_PX` or more,
+`PIXEL_FLOOR` is multiplied by the square of this ratio, that is by 0.25 to 16 (measurements/localiser_trials.md,
+"Images of a megapixel: the sun and the edges of stones")."""
+EDGE_FOCAL_PX = 600.0
+"""Focal length, px, at and above which edges of stones limit the pose more than image noise. The visible edge of a
+stone is a different point of the stone from each position, which biases the rotation. Landmarks with a large residual
+therefore have a larger added standard deviation."""
+MIN_RESIDUAL = 1e-6  #: Minimum of the median residual, grey levels. It prevents a division by zero.
+
+
+def position_variance(covariance: FloatArray, residual: FloatArray, fx: float) -> FloatArray:
+    """Return the variances `(N, 3)` uu, uv, vv of tracked positions, px^2.
+
+    A residual below the median may be small by chance and is replaced by the median.
+
+    Args:
+        covariance: `(N, 3)` for an image noise of one grey level.
+        residual: `(N,)` RMS of the patches, grey levels; NaN if a patch was not found.
+        fx: Focal length, px.
+    """
+    found = residual[~np.isnan(residual)]
+    typical = median(found) if len(found) else 1.0
+    noise = np.maximum(residual, typical)
+    variance = covariance * (RESIDUAL_GAIN * (noise * noise))[:, None]
+    floor: FloatArray | float = PIXEL_FLOOR**2
+    if fx >= EDGE_FOCAL_PX:
+        least, most = EDGE_RESIDUALS
+        floor = floor * np.clip(residual / max(typical, MIN_RESIDUAL), least, most) ** 4
+    variance[:, 0] += floor
+    variance[:, 2] += floor
+    return np.asarray(variance)
