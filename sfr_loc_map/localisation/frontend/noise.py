@@ -10,14 +10,16 @@ PIXEL_FLOOR = 0.05
 """Standard deviation added in quadrature to that of each observation, px. Values from 0.01 to 0.03 were tried
 (measurements/localiser_trials.md, "What limits it, and what was tried")."""
 RESIDUAL_GAIN = 1.2  #: Ratio of the noise variance to the squared residual of a patch. Chosen on rendered drives.
-EDGE_RESIDUALS = (0.5, 4.0)
-"""Minimum and maximum ratio of a residual to the median residual. At focal lengths of `EDGE_FOCAL_PX` or more,
-`PIXEL_FLOOR` is multiplied by the square of this ratio, that is by 0.25 to 16 (measurements/localiser_trials.md,
-"Images of a megapixel: the sun and the edges of stones")."""
-EDGE_FOCAL_PX = 600.0
-"""Focal length, px, at and above which edges of stones limit the pose more than image noise. The visible edge of a
+EDGE_FOCAL_PX = (500.0, 700.0)
+"""Focal lengths, px, between which edges of stones begin to limit the pose more than image noise. The visible edge of a
 stone is a different point of the stone from each position, which biases the rotation. Landmarks with a large residual
-therefore have a larger added standard deviation."""
+therefore have a larger added standard deviation. The focal lengths are between those of the trials, 402 px without and
+804 px with this effect."""
+EDGE_RESIDUALS = (0.5, 4.0)
+"""Minimum and maximum ratio of a residual to the median residual. At the larger of the focal lengths `EDGE_FOCAL_PX`,
+and above it, `PIXEL_FLOOR` is multiplied by the square of this ratio, that is by 0.25 to 16
+(measurements/localiser_trials.md, "Images of a megapixel: the sun and the edges of stones"). The exponent grows
+linearly from 0 at the smaller focal length."""
 MIN_RESIDUAL = 1e-6  #: Minimum of the median residual, grey levels. It prevents a division by zero.
 
 
@@ -36,9 +38,11 @@ def position_variance(covariance: FloatArray, residual: FloatArray, fx: float) -
     noise = np.maximum(residual, typical)
     variance = covariance * (RESIDUAL_GAIN * (noise * noise))[:, None]
     floor: FloatArray | float = PIXEL_FLOOR**2
-    if fx >= EDGE_FOCAL_PX:
+    smaller_px, larger_px = EDGE_FOCAL_PX
+    if fx > smaller_px:
         least, most = EDGE_RESIDUALS
-        floor = floor * np.clip(residual / max(typical, MIN_RESIDUAL), least, most) ** 4
+        exponent = 4.0 * min((fx - smaller_px) / (larger_px - smaller_px), 1.0)
+        floor = floor * np.clip(residual / max(typical, MIN_RESIDUAL), least, most) ** exponent
     variance[:, 0] += floor
     variance[:, 2] += floor
     return np.asarray(variance)
