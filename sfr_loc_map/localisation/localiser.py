@@ -18,12 +18,6 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 9. Accept: update the path and its accumulated errors, and compute the motion since the last pose with its covariance
    (`trajectory`, `covariance`).
 
-Other modules describe how to extend or read these stages:
-
-- what a new guard requires: the docstring of `findings`;
-- what a new error source requires, and what enlarges a covariance: the docstring of `covariance`;
-- which reason is published if a pair has several findings: the order of the rows of `findings.RULES`.
-
 Before and after these stages, `Localiser.process`
 
 - adopts the keyframe of the previous call, which was made in the background (`_with_finished_keyframe`);
@@ -55,18 +49,48 @@ changes these parts of the state:
 | lost (`_lose`) | path (a standstill is predicted), number of failed recoveries (after a good image), status, reason |
 | begins a window (`_begin`) | all but `shear_mean`; the window starts at the last known pose |
 
-Four other events change the state:
+Five other events change the state:
 
 - A keyframe of the previous call is finished: path, map, calibration and recovery images. If its adjustment diverged,
   the map is discarded and the calibration is reset instead.
 - An external pose is applied: path. The map is discarded if the stamp of that pose is more than one period later than
   the last pair that was accepted or began a window.
-- The first pair arrives: path.
+- A pair arrives: path (its stamp; with the first pair also the stamp of the start pose).
 - `set_pose` is called: path.
+- `reset` is called: all.
 
 Two memories also change with refused pairs. `image_memory` changes with every pair that does not repeat the previous
 pair. `ground_memory` changes with every pair that has stale rows, or whose image contradicts its pose. If the localiser
 is already lost, a pair that would otherwise be kept is lost as well.
+
+The order of the rows of `findings.RULES` decides which reason is published if a pair has several findings. The
+docstring of `findings` lists what a new guard requires.
+
+What enlarges the covariance of a pose (`uncertainty.covariance` has the formulas):
+
+| event | adds | until |
+|---|---|---|
+| accepted pair | covariance given the keyframes; `blur_px` of the image | next accepted pair |
+| step | yaw and lens errors in proportion to its length | external pose |
+| keyframe | drift of the window by the adjustment, times `adjustment_inflation` | external pose |
+| finding with `Inflation.UNOBSERVED` | speed times the time since the last accepted pair | next accepted pair |
+| finding with `Inflation.AMBIGUITY` | distance between two motions, at least the above; sigmas add up | external pose |
+| kept pair | speed times the time since the last accepted pair | next accepted pair |
+| a window begins | speed times the time since the last known pose; `blur_px` of the image | external pose |
+| external pose with a past stamp | speed times the time to the nearest accepted pair | external pose |
+| lost pair | the covariance of an unknown pose replaces all | next pair that is not lost |
+
+The speed is the last one, but at least `motion.unseen_speed_m_s` and at most `motion.max_speed_m_s`. The turn rate and
+the angle are treated likewise.
+
+Where a new error source goes. Its size is always a field of `error_sources.ErrorSources`:
+
+| the error | is a term of |
+|---|---|
+| of one pose, from its images or its calibration | `pose_covariance`, and `step_covariance` or `pose_noise` |
+| common to all steps, with a constant direction | `pose_covariance` by `PathErrors.bias`, and `systematic_step` |
+| required by findings | `inflation_of`, with a flag of `findings.Inflation` |
+| that accumulates along the path | `PathErrors`, added in `trajectory._errors_at` (docstring of `covariance`) |
 """
 
 from __future__ import annotations

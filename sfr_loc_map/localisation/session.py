@@ -41,11 +41,15 @@ class LocalisationSession:
     ) -> None:
         """Start at the identity, or at the pose that the previous process saved in a file."""
         self.may_resume = pose_file is not None
-        self._config, self._pose_file, self._warn, self._make_localiser = config, pose_file, warn, make_localiser
+        self._config = config
+        self._pose_file = pose_file
+        self._warn = warn
+        self._make_localiser = make_localiser
         self._rig: StereoRig | None = None
         self._localiser: Localiser | None = None
         self._localiser_rig: StereoRig | None = None
-        self._first = self._start = StartPose(Transform.identity())
+        self._first = StartPose(Transform.identity())
+        self._start = self._first
         self._last: StartPose | None = None  # the last pose that was published and not lost
 
     # ---- transitions
@@ -54,7 +58,8 @@ class LocalisationSession:
         """Set the rig, whose extrinsics may be unknown; return whether a different rig was replaced."""
         if self._rig is not None and self._rig.same_cameras(rig):
             return False
-        replaced, self._rig = self._rig is not None, rig
+        replaced = self._rig is not None
+        self._rig = rig
         self.continue_at_last_pose()
         return replaced
 
@@ -70,7 +75,8 @@ class LocalisationSession:
         """
         pose = completed_pose(given, self._last or self._start)
         self._first = replace(pose, stamp_ns=None)
-        self._start, self._last = pose, None
+        self._start = pose
+        self._last = None
         self.may_resume = False
         if self._localiser is not None:
             self._localiser.set_pose(pose)
@@ -81,8 +87,10 @@ class LocalisationSession:
 
     def restart(self) -> None:
         """Start a new run at the first pose."""
-        self._start, self._last = self._first, None
-        self._localiser, self.may_resume = None, False
+        self._start = self._first
+        self._last = None
+        self._localiser = None
+        self.may_resume = False
 
     def reset(self) -> None:
         """Start a new run at the identity."""
@@ -118,7 +126,8 @@ class LocalisationSession:
                 self._warn(
                     f"localisation resumes at the pose of {gap_s:.1f} s before: the motion since then is unknown"
                 )
-        self._localiser, self._localiser_rig = self._make_localiser(rig, self._config, self._start), rig
+        self._localiser = self._make_localiser(rig, self._config, self._start)
+        self._localiser_rig = rig
         return self._localiser
 
     def accept(self, estimate: PoseEstimate) -> None:

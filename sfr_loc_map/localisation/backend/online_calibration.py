@@ -214,8 +214,6 @@ class OnlineCalibration:
         A line fitted to the shifts of the last pairs gives the current shift and its standard error. The fit
         distinguishes a steady drift from noise and from the shift of a single pair (vibration, unsynchronised cameras).
         """
-        if not np.isfinite(shift.variance):
-            return self, 0.0
         shifts = (*self.shifts, shift.px)[-MAX_SHIFTS:]
         quiet = replace(self, shifts=shifts, pairs_since_drift=self.pairs_since_drift + 1)
         if len(shifts) < MIN_SHIFTS:

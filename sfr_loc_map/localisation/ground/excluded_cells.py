@@ -68,7 +68,8 @@ class ExcludedCells:
             stationary: `(R, C)` stationary cells.
             shape: Height and width of the image.
             has_excluded: Whether landmarks of the pair were excluded. Masking starts with such a pair and continues
-                while any cell has lifetime left.
+                while any cell has lifetime left. A cell without landmarks may look fixed by chance (sky, horizon), and
+                masks of such cells alone would change two of three drives without a fault.
         """
         is_masked = self.mask is not None or has_excluded
         excluded = self

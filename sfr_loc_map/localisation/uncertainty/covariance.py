@@ -33,14 +33,7 @@ from that pose. Each of the two steps contains its covariance, which is conserva
 (`PublishedPose.undone_by_next_step`). The parts of the previous pose are zero if its pair began a window, because the
 step is measured from its image.
 
-A new error source requires a field of `ErrorSources`, and a term in one of the formulas:
-
-| the error | is added in |
-|---|---|
-| of one pose, from its images or its calibration | `pose_covariance`, and `step_covariance` or `pose_noise` |
-| common to all steps, with a constant direction | `pose_covariance` by `PathErrors.bias`, and `systematic_step` |
-| that findings require | `inflation_of`, with a flag of `findings.Inflation` |
-| that accumulates along the path | as below |
+A new error source requires a field of `ErrorSources`, and a term in one of the formulas (table in `localiser`).
 
 An error that accumulates along the path also requires a field of `path_errors.PathErrors`, which only the methods of
 that class change, and its increment in `trajectory._errors_at`. The table of that class shows what each event does to
