@@ -218,8 +218,8 @@ def benchmark_faults(
     try:
         for name, parsed in injected.items():
             drive = FaultyLoc(sequence, parsed, seed)
-            made = [estimate for estimate, _ in localise(drive, config, start_pose(sequence, "truth"))]
             try:
+                made = [estimate for estimate, _ in localise(drive, config, start_pose(sequence, "truth"))]
                 entries[name] = fault_figures(made, truth, scoring)
             except SfrError as error:
                 if name == NO_FAULT:

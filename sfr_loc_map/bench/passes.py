@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from math import isnan
 from typing import Generic
 
 import numpy as np
@@ -28,17 +29,19 @@ class PassResult(Generic[Result]):
     results: Sequence[Result]
 
     def costs(self) -> Iterator[FigureRow]:
-        """Yield times and memory of the calls."""
-        seconds = [call.usage.processing_time_s for call in self.calls]
-        p50, p95 = np.percentile(seconds, (50.0, 95.0)).tolist() if seconds else (None, None)
+        """Yield times and memory of the calls. A call that did not return has no time."""
+        times_s = [None if isnan(call.usage.processing_time_s) else call.usage.processing_time_s for call in self.calls]
+        known_s = [time_s for time_s in times_s if time_s is not None]
+        p50, p95 = np.percentile(known_s, (50.0, 95.0)).tolist() if known_s else (None, None)
         yield FigureRow((TIME, "p50"), p50)
         yield FigureRow((TIME, "p95"), p95)
-        yield FigureRow((TIME, "max"), max(seconds, default=None))
-        yield FigureRow((TIME, "first"), seconds[0] if seconds else None)
+        yield FigureRow((TIME, "max"), max(known_s, default=None))
+        yield FigureRow((TIME, "first"), times_s[0] if times_s else None)
         peaks = [call.usage.peak_rss_bytes for call in self.calls if call.usage.peak_rss_bytes is not None]
         yield FigureRow((MEMORY, "peak"), max(peaks, default=None))
         yield FigureRow((MEMORY, "idle"), self.idle_bytes)
-        yield FigureRow(("calls",), len(seconds))
+        yield FigureRow(("calls",), len(times_s))
+        yield FigureRow(("calls_without_time",), len(times_s) - len(known_s))
 
 
 def run_pass(
@@ -46,17 +49,18 @@ def run_pass(
 ) -> PassResult[Result]:
     """Process all pairs with a method; MethodError if the process does not start or has ended.
 
-    A method that works in the background between calls receives the pairs at the rate of their stamps.
+    The method receives the pairs at the rate of their stamps if the trial is paced, otherwise as fast as it answers.
     """
     calls: list[MethodCall] = []
     results: list[Result] = []
     with checked_clock(), trial.open(method) as opened:
-        rate_scale = trial.rate_scale if method.background else 1.0
+        is_paced = trial.is_paced(method)
+        rate_scale = trial.rate_scale if is_paced else 1.0
         begin_s, first_ns = time.monotonic(), None
         for index, (stamp_ns, item) in enumerate(trial.items()):
             first_ns = stamp_ns if first_ns is None else first_ns
             since_start_s = (stamp_ns - first_ns) / NS_PER_S / rate_scale
-            if method.background:
+            if is_paced:
                 time.sleep(max(0.0, begin_s + since_start_s - time.monotonic()))
             result, call = trial.call(opened, item, index, since_start_s)
             if not opened.is_alive:

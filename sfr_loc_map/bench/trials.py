@@ -50,9 +50,13 @@ class Trial(ABC, Generic[Item, Opened, Result]):
     def settings(self) -> Mapping[str, object]:
         """Settings of the trial for the JSON."""
 
+    def is_paced(self, method: Method) -> bool:
+        """Return whether a method receives the pairs at the rate of their stamps."""
+        return False
+
     @property
     def rate_scale(self) -> float:
-        """Factor on the recorded rate, at which methods that work in the background receive the pairs."""
+        """Factor on the recorded rate, at which a paced method receives the pairs."""
         return 1.0
 
     @abstractmethod
@@ -102,6 +106,10 @@ class LocaliserTrial(Trial[StereoPair, IsolatedLocaliser, Transform | None]):
         step_ns = float(np.median(steps_ns)) if len(steps_ns) else 0.0
         return NS_PER_S / step_ns if step_ns > 0.0 else DEFAULT_RATE_HZ
 
+    def is_paced(self, method: Method) -> bool:
+        """Return whether the method works in the background between its calls."""
+        return method.background
+
     @property
     def rate_scale(self) -> float:
         """The requested rate over the recorded rate."""
@@ -118,8 +126,15 @@ class LocaliserTrial(Trial[StereoPair, IsolatedLocaliser, Transform | None]):
         """Start a localiser. The rover's frame is the left camera, so that all methods estimate the same pose."""
         rig = replace(self.sequence.rig, T_rb_sb=self.sequence.rig.T_sb_left.inverse())
         rate_hz = self.rate_hz or self.recorded_rate_hz
-        start, is_paced = Transform.identity(), method.background
-        return IsolatedLocaliser(method, rig, start, LIMITS, rate_hz=rate_hz, keeps_rate=is_paced, hidden=self.hidden)
+        return IsolatedLocaliser(
+            method,
+            rig,
+            Transform.identity(),
+            LIMITS,
+            rate_hz=rate_hz,
+            keeps_rate=self.is_paced(method),
+            hidden=self.hidden,
+        )
 
     def call(
         self, opened: IsolatedLocaliser, item: StereoPair, index: int, since_start_s: float
@@ -165,7 +180,8 @@ def rover_trajectory(poses: Sequence[Transform | None], sequence: LocSequence, T
 class MapperTrial(Trial[PosedStereoPair, IsolatedMapper, PointCloud]):
     """Mapping pairs, each of which is mapped separately. A result is the cloud of a pair.
 
-    All methods search the same disparity range. The accuracy is reported if every pair has a ground truth.
+    All methods search the same disparity range. No method is paced, because pairs may be hours apart. The accuracy is
+    reported if every pair has a ground truth.
     """
 
     kind: ClassVar[str] = "map"
@@ -195,10 +211,7 @@ class MapperTrial(Trial[PosedStereoPair, IsolatedMapper, PointCloud]):
 
     def open(self, method: Method) -> IsolatedMapper:
         """Start a mapper."""
-        rig, is_paced = self.sequence.rig, method.background
-        return IsolatedMapper(
-            method, rig, LIMITS, disparities=self.disparities, keeps_rate=is_paced, hidden=self.hidden
-        )
+        return IsolatedMapper(method, self.sequence.rig, LIMITS, disparities=self.disparities, hidden=self.hidden)
 
     def call(
         self, opened: IsolatedMapper, item: PosedStereoPair, index: int, since_start_s: float

@@ -40,17 +40,10 @@ class IsolatedMapper(IsolatedMethod):
         limits: MethodLimits | None = None,
         *,
         disparities: int = 0,
-        keeps_rate: bool = False,
         hidden: Sequence[Path],
     ) -> None:
-        """Start the mapper, which cannot read `hidden`; matchers search this number of disparities.
-
-        `keeps_rate` states that the pairs arrive at the rate of the recording.
-        """
-        start = Transform.identity()
-        super().__init__(
-            method, rig, limits, T_ds_rb=start, disparities=disparities, keeps_rate=keeps_rate, hidden=hidden
-        )
+        """Start the mapper, which cannot read `hidden`; matchers search this number of disparities."""
+        super().__init__(method, rig, limits, T_ds_rb=Transform.identity(), disparities=disparities, hidden=hidden)
         self.maps_sets: bool = self._running_process().maps_sets  # all pairs of a map in a single call
         self._is_complete = True  # whether all pairs so far were mapped
 

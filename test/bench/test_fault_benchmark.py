@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from helpers.made_scene import write_folder
-from sfr_loc_map.bench.fault_benchmark import Honesty, stated_errors
+from sfr_loc_map.bench import fault_benchmark
+from sfr_loc_map.bench.fault_benchmark import Honesty, benchmark_faults, stated_errors
 from sfr_loc_map.cli.main import main
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.runs.offline import localise
 
 SIGMA_M = 0.01
 
@@ -75,6 +83,26 @@ def test_the_benchmark_of_a_ground_truth_with_other_stamps_is_not_judged(
     assert main() == 3
     entries = json.loads((tmp_path / "out.json").read_text())["entries"]
     assert (entries["none"]["honesty"], entries["none"]["compared"]) == ("not compared", 0)
+
+
+def test_a_fault_with_which_localisation_fails_is_missing_and_the_other_faults_have_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sequence = open_source(write_folder(tmp_path / "data", 8, 0)).loc
+    assert sequence is not None
+
+    are_readable = [True, True, False, True]
+
+    def localise_or_fail(*arguments: Any) -> Iterator[tuple[PoseEstimate, Any]]:
+        if not are_readable.pop(0):
+            raise InputError("the images cannot be read")
+        return localise(*arguments)
+
+    monkeypatch.setattr(fault_benchmark, "localise", localise_or_fail)
+    scoring = TrajectoryScoreConfig(conditions=("frames=3",), spacing=1)
+    made = benchmark_faults(sequence, ["black", "swapped", "repeated"], LocalisationConfig(), scoring)
+    assert list(made.entries) == ["none", "black", "repeated"]
+    assert made.missing == {"swapped": "the images cannot be read"}
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import json
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,13 +18,16 @@ from sfr_loc_map.bench import method_benchmark
 from sfr_loc_map.bench.figure_rows import FigureRow, medians, nested, ratios
 from sfr_loc_map.bench.method_benchmark import compare_methods
 from sfr_loc_map.bench.passes import PassResult, run_pass
-from sfr_loc_map.bench.trials import LocaliserTrial, rover_trajectory
+from sfr_loc_map.bench.trials import LocaliserTrial, MapperTrial, rover_trajectory
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import source_config
-from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.methods.method_process import MethodCall
+from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method, find_method
+from sfr_loc_map.metrics.call_meter import CallUsage
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.records import MethodKind
 from sfr_loc_map.runs.offline import start_pose, true_start
@@ -43,6 +47,13 @@ class MadeMethod:
         numbers = [*answer, order["since_start_s"]]
         return {{"T_ds_rb": None, "statistics": dict(zip(("left", "right", "since_start_s"), numbers))}}
 open_method = MadeMethod
+"""
+MAPPER = """
+class Mapper:
+    def __init__(self, rig, config):
+        pass
+    def process(self, pair, T_lm_navsb, index):
+        return pair.left * 0.0 + 5.0
 """
 
 
@@ -150,6 +161,36 @@ def test_images_arrive_at_the_rate_and_output_of_a_method_is_ignored(drive: Path
         pair, since = loc_pair(index), pytest.approx(0.2 * index)
         own = {"left": int(pair.left.sum()), "right": int(pair.right.sum()), "since_start_s": since}
         assert {name: call.statistics[name] for name in own} == own
+
+
+def test_pairs_an_hour_apart_are_mapped_without_waiting(drive: Path, tmp_path: Path) -> None:
+    sequence = open_source(drive).nav
+    assert sequence is not None
+    pairs = [
+        replace(item, pair=replace(item.pair, stamp_ns=hour * 3600 * 10**9))
+        for hour, item in enumerate(sequence.pairs())
+    ]
+    (tmp_path / "mapper.py").write_text(MAPPER)
+    method = find_method(f"{tmp_path}/mapper.py:Mapper", Task.MAPPING)
+    trial = MapperTrial.of(SimpleNamespace(rig=sequence.rig, pairs=lambda: iter(pairs)), MappingConfig(), ())
+    begin_s = time.monotonic()
+    assert len(run_pass(method, trial).calls) == 2
+    assert time.monotonic() - begin_s < 60.0
+
+
+@pytest.mark.parametrize("place", [0, 5])
+def test_times_of_a_pass_are_those_of_the_calls_that_returned(place: int) -> None:
+    calls = [MethodCall(CallUsage(0.1)) for _ in range(9)]
+    calls.insert(place, MethodCall(finding="raised: ValueError"))
+    costs = {row.keys: row.value for row in PassResult("", None, calls, []).costs()}
+    times = {name: costs["time_s", name] for name in ("p50", "p95", "max", "first")}
+    assert times == {"p50": 0.1, "p95": 0.1, "max": 0.1, "first": 0.1 if place else None}
+    assert (costs["calls",], costs["calls_without_time",]) == (10, 1)
+
+
+def test_a_pass_without_a_returned_call_has_no_times() -> None:
+    costs = {row.keys: row.value for row in PassResult("", None, [MethodCall()], []).costs()}
+    assert [costs["time_s", name] for name in ("p50", "p95", "max", "first")] == [None] * 4
 
 
 @pytest.mark.parametrize(
