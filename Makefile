@@ -17,21 +17,24 @@ COMPILED := $(VENV)/.compiled
 ROS := $(if $(AMENT_PREFIX_PATH),,ros)
 COMMA := ,
 KERNELS := $(VENV)/.kernels-localisation $(VENV)/.kernels-mapping
-# uv installs in a quarter of the time of pip, which serves where it does not. It leaves the bytecode to the first import;
-# where PYTHONDONTWRITEBYTECODE is set, each process would compile it again. Files that it links are mapped in larger
-# parts, which counts as 35 MB more of memory.
+KERNEL_FILES := $(shell grep -rl --include='*.py' 'sfr_loc_map.jit' sfr_loc_map)
+# uv installs in a quarter of the time of pip. It leaves the bytecode to the first import; where PYTHONDONTWRITEBYTECODE
+# is set, each process would compile it again. Files that it links are mapped in larger parts, which counts as 35 MB more
+# of memory.
 UV := $(or $(shell command -v uv 2>/dev/null),$(BIN)/uv)
-again = $(if $(filter .,$(1)),--reinstall-package sfr_loc_map)
-install = { [ -x $(UV) ] && $(UV) pip install --quiet --link-mode copy --python $(BIN)/python $(again) $(1); } || $(PIP) $(1)
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
+define install
+	@if [ ! -x $(UV) ]; then echo "uv is not installed: pip installs $(1)"; $(PIP) $(1); \
+	else $(UV) pip install --quiet --link-mode copy --python $(BIN)/python $(1) \
+		|| { echo "uv failed: pip installs $(1)"; $(PIP) $(1); }; fi
+endef
 export PYTHONDONTWRITEBYTECODE :=
 TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_m=0.2 --set drive.pairs=2 --set 'drive.segments=[straight 1]' \
 	--set loc.width=48 --set loc.height=40 --set loc.focal_px=40 --set nav.width=48 --set nav.height=40 --set nav.focal_px=40
 # One process more than cores, because tests of nodes and commands wait for other processes. The tests of a file stay in
 # one process, because they share what its fixtures make. The quick tests only compute: they take a process a core.
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
-CAMPAIGN := PYTHONPATH=.:test $(BIN)/python -P -m campaigns
-SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
+CAMPAIGN := PYTHONPATH=test $(BIN)/python -P -m campaigns
 
 .PHONY: help demo sample test test-fast test-quick faults misbehaviour signals drivers soak example-candidate fuzz recordings random-faults history-power mutants kernels nees suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
 
@@ -96,7 +99,7 @@ mutants: $(COMPILED)  ## Change one place of metrics, geometry, scores, suites o
 	$(BIN)/python tools/mutants.py $(WORDS)
 
 kernels: $(CORE)  ## Compile all kernels as after an installation: seconds of each
-	PYTHONPATH=. $(BIN)/python tools/kernel_times.py $(PARTS)
+	$(BIN)/python tools/kernel_times.py $(PARTS)
 
 suite-overhead: $(COMPILED)  ## Measure what a suite adds to tasks of known length, and how long workers wait
 	$(CAMPAIGN) suite-overhead
@@ -116,20 +119,20 @@ format: $(DEV_STAMP)  ## Format the code
 	$(BIN)/ruff check --fix .
 
 docs: $(DOCS_STAMP)  ## Build the documentation site, warnings are errors; it is out/docs/index.html
-	PYTHONPATH=. $(BIN)/sphinx-build -q -W --keep-going -j auto docs out/docs
+	$(BIN)/sphinx-build -q -W --keep-going -j auto docs out/docs
 
 docs-check: docs $(DEV_STAMP)  ## Open every page of the site in a browser, at 1280 and 390 px, and search: needs chromium
 	$(BIN)/python tools/site_check.py
 
 figures: $(DOCS_STAMP)  ## Draw the figures of the concept pages again
-	PYTHONPATH=. $(BIN)/python docs/_figures/draw.py
-	PYTHONPATH=. $(BIN)/python docs/_figures/mars.py
+	$(BIN)/python docs/_figures/draw.py
+	$(BIN)/python docs/_figures/mars.py
 
 nees: $(DOCS_STAMP)  ## NEES of the motion by interval, twelve rendered drives from SEEDS on, and KITTI=PATH: an hour at first
-	PYTHONPATH=. $(BIN)/python tools/nees.py --seeds $(SEEDS) --figure docs/images/concepts/nees_by_interval.svg $(if $(KITTI),--kitti $(KITTI))
+	$(BIN)/python tools/nees.py --seeds $(SEEDS) --figure docs/images/concepts/nees_by_interval.svg $(if $(KITTI),--kitti $(KITTI))
 
 screens: $(DEV_STAMP)  ## Film and photograph the pages of the suite for the site: needs chromium
-	PYTHONPATH=.:test $(BIN)/python docs/_figures/screens.py
+	PYTHONPATH=test $(BIN)/python docs/_figures/screens.py
 
 traceability: $(BIN)/python  ## Write docs/traceability.md from the clauses and the markers of the tests
 	$(BIN)/python docs/_ext/traceability.py
@@ -158,10 +161,9 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 	-[ -x $(UV) ] || $(PIP) 'uv<1'
 
-# setuptools copies what it finds in build/, also what is gone from the sources
-$(CORE): $(BIN)/python $(SOURCES)
-	rm -rf build
-	$(call install,.)
+# An editable installation: commands and tests run the files of this folder.
+$(CORE): $(BIN)/python setup.py pyproject.toml sfr_loc_map/__init__.py
+	$(call install,-e .)
 	@touch $@
 
 $(TEST_STAMP): $(CORE)
@@ -177,11 +179,11 @@ $(DEV_STAMP): $(STAMP)
 	@touch $@
 
 # The kernels need no ROS: they are compiled on two cores while its wheels are fetched.
-$(VENV)/.kernels-localisation: $(CORE)
+$(VENV)/.kernels-localisation: $(CORE) $(KERNEL_FILES)
 	$(BIN)/python -P -m sfr_loc_map.kernels localisation
 	@touch $@
 
-$(VENV)/.kernels-mapping: $(CORE)
+$(VENV)/.kernels-mapping: $(CORE) $(KERNEL_FILES)
 	$(BIN)/python -P -m sfr_loc_map.kernels mapping terrain
 	@touch $@
 
@@ -189,12 +191,10 @@ $(DOCS_STAMP): $(STAMP)
 	$(call install,"sfr_loc_map[docs]")
 	@touch $@
 
-# All kernels compiled side by side; otherwise each test process compiles all of them.
-$(COMPILED): $(DEV_STAMP)
-	$(BIN)/python -m compileall -q sfr_loc_map
-	PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.kernels localisation > /dev/null & \
-	PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.kernels mapping terrain > /dev/null & \
-	scratch=$$(mktemp -d) && $(BIN)/python -m sfr_loc_map simulate $$scratch/tiny --workers 1 $(TINY) && rm -r $$scratch && wait
+# The kernels of the tests; otherwise each test process compiles all of them.
+$(COMPILED): $(DEV_STAMP) $(KERNEL_FILES)
+	@$(MAKE) --no-print-directory -j 2 $(KERNELS)
+	scratch=$$(mktemp -d) && $(BIN)/sfr simulate $$scratch/tiny --workers 1 $(TINY) && rm -r $$scratch
 	@touch $@
 
 clean:  ## Remove what was made here

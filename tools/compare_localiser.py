@@ -1,7 +1,7 @@
 """Check that the localisers of two checkouts return bit-identical results on many drives.
 
-    PYTHONPATH=. python tools/compare_localiser.py record OUT.json SRC...
-    PYTHONPATH=. python tools/compare_localiser.py compare OLD.json NEW.json
+    .venv/bin/python tools/compare_localiser.py record OUT.json SRC...
+    .venv/bin/python tools/compare_localiser.py compare OLD.json NEW.json
 
 `record` runs the localiser of this checkout on each source: without faults, with injected faults, with external poses,
 with wheel odometry and with missing pairs. The file has a digest of pose, covariance, step, state, reason and

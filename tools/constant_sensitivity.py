@@ -1,6 +1,6 @@
 """Sensitivity of the localiser's errors to single constants.
 
-    PYTHONPATH=. python tools/constant_sensitivity.py SRC... [--only NAME]
+    .venv/bin/python tools/constant_sensitivity.py SRC... [--only NAME]
 
 For each value, the tool prints the root mean square errors of position and attitude over all sub-trajectories of 2 m,
 and the processor time. All are ratios to the run with the values in the source, as geometric means over the drives.

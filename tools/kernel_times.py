@@ -1,6 +1,6 @@
 """Compile all kernels as after an installation, and print the processor time, s, and the specialisations of each.
 
-    PYTHONPATH=. python tools/kernel_times.py [PART...]
+    .venv/bin/python tools/kernel_times.py [PART...]
 
 The compiled code is written to a temporary folder. The time of a kernel excludes other kernels that it calls, but
 includes numba's own functions.

@@ -530,6 +530,7 @@ def fails(folder: Path, tests: Sequence[str], marks: str) -> bool:
     if child == 0:
         os.chdir(folder)
         sys.path[:0] = [str(folder), str(folder / "test")]
+        os.environ["PYTHONPATH"] = str(folder)  # processes import the copy, too
         nothing = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nothing, 1)
         os.dup2(nothing, 2)

@@ -22,7 +22,7 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.records import InputFile, Provenance
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.package_commit import COMMIT
+from sfr_loc_map.package_commit import package_commit
 from sfr_loc_map.scoring.inputs import IN_MEMORY, Run
 
 
@@ -56,7 +56,7 @@ def provenance_of(run: Run, config: ScoreConfig, truth_sha256: str | None, map_t
         files[name] = InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(name))
     return Provenance(
         version=__version__,
-        commit=COMMIT,
+        commit=package_commit().commit,
         command=inputs.command,
         inputs=files,
         configuration={**flatten(config), **run.settings},

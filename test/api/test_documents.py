@@ -33,7 +33,6 @@ def test_snippets_run_in_their_order(folder: Path, tmp_path: Path, monkeypatch: 
 def test_ten_lines_end_with_a_figure_and_a_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     needed = ("nbformat", "nbclient", "ipykernel")
     nbformat, nbclient, _ = (pytest.importorskip(name, reason=f"{name} is not installed") for name in needed)
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setenv("PLOTLY_RENDERER", "plotly_mimetype")  # without 4 MB of script
     notebook = nbformat.read(ROOT / "examples" / "from_python.ipynb", as_version=4)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]

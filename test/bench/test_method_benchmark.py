@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from helpers import ROOT
 from helpers.cli_result import Sfr
 from helpers.made_scene import loc_pair, write_folder
 from helpers.score_rows import number
@@ -61,12 +60,6 @@ class Mapper:
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A drive of 12 pairs and a panorama of two."""
     return write_folder(tmp_path_factory.mktemp("methods") / "source", 12, 2)
-
-
-@pytest.fixture(autouse=True)
-def this_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let methods, which run as scripts, import the package under test: of an installed one no kernel is compiled."""
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
 
 
 def made_method(

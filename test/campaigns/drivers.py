@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from campaigns.camera_driver import ENCODINGS
 from campaigns.own_domain import in_own_domain
+from helpers import ROOT
 from helpers.node_scenes import DRIVERS, params
 from helpers.peer import Peer
-from helpers.processes import IMPORTS, ROOT
 from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.inputs import SIDES, stamp_of
 from sfr_loc_map.io.calibration.camera_info import projection
@@ -174,7 +174,7 @@ def run_case(case: Case, images: Images, folder: Path) -> Found:
             program = [sys.executable, "-m", "campaigns.camera_driver", str(path)]
             drivers.append(
                 subprocess.Popen(
-                    program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=child_environment() | IMPORTS
+                    program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=child_environment()
                 )
             )
         for driver in drivers:

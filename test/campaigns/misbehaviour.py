@@ -20,7 +20,7 @@ from typing import Any
 
 import psutil
 
-from helpers import HELPERS, ROOT
+from helpers import HELPERS
 from helpers.cli_result import Result, Sfr
 from helpers.compile_c import compile_c
 from helpers.made_scene import true_pose, write_folder
@@ -240,7 +240,7 @@ def differences(case: Case, outcome: Outcome) -> list[str]:
 
 
 def _sfr(*words: object) -> Result:
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "SFR_HINTS": "0"}
+    environment = os.environ | {"SFR_HINTS": "0"}
     ran = subprocess.run([*SFR, *map(str, words)], capture_output=True, text=True, check=False, env=environment)
     return Result(ran.returncode, ran.stdout, ran.stderr)
 

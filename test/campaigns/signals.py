@@ -22,7 +22,7 @@ from pathlib import Path
 
 from campaigns.own_domain import in_own_domain
 from helpers.made_scene import write_folder
-from helpers.processes import ROOT, handles_signals
+from helpers.processes import handles_signals
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 
@@ -126,7 +126,7 @@ def end_at_random(name: str, source: Path, scratch: Path, rng: random.Random, wi
         shutil.copytree(source.with_suffix(".mcap"), scratch / "old.mcap")
     words = [str(source) if word == "SRC" else word for word in command.words.split()]
     number, twice, after_s = rng.choice(KINDS), rng.random() < 0.5, rng.uniform(0.0, within_s or command.seconds)
-    variables = os.environ | {MARK: mark, "PYTHONPATH": str(ROOT), "ROS_DOMAIN_ID": str(rng.randint(60, 99))}
+    variables = os.environ | {MARK: mark, "ROS_DOMAIN_ID": str(rng.randint(60, 99))}
     log = scratch / "log"
     with log.open("wb") as stream:
         process = subprocess.Popen(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from helpers import HELPERS, ROOT
+from helpers import HELPERS
 from helpers.compile_c import compile_c
 from helpers.made_scene import write_folder
 from helpers.made_suites import SFR
@@ -50,7 +50,7 @@ def test_a_slowed_clock_measures_nothing(
         words = ["--command", node, "--out", tmp_path / "out", "--rate", "5"]
     else:
         words = ["-o", tmp_path / output, "--stats", stats]
-    slowed = os.environ | {"LD_PRELOAD": str(library), "PYTHONPATH": str(ROOT), "SFR_HINTS": "0"}
+    slowed = os.environ | {"LD_PRELOAD": str(library), "SFR_HINTS": "0"}
     command_line = [*SFR, command, *map(str, [source, *options, *words])]
     ran = subprocess.run(command_line, capture_output=True, text=True, check=False, env=slowed, timeout=100)
     assert ran.returncode == 2, ran.stderr
@@ -65,7 +65,7 @@ def test_a_clock_that_is_slowed_in_the_calls_alone_measures_nothing(tmp_path: Pa
     (tmp_path / "candidate.py").write_text(SLOW_CLOCK)
     method = ("--method", f"{tmp_path / 'candidate.py'}:Slow")
     words = ["localise", source, "-o", tmp_path / "e.csv", "--stats", stats, "--start", "truth", *method]
-    slowed = os.environ | {"LD_PRELOAD": str(library), "PYTHONPATH": str(ROOT), "SFR_HINTS": "0"}
+    slowed = os.environ | {"LD_PRELOAD": str(library), "SFR_HINTS": "0"}
     ran = subprocess.run([*SFR, *map(str, words)], capture_output=True, text=True, check=False, env=slowed)
     assert ran.returncode == 2, ran.stderr
     assert ran.stderr.splitlines()[-1].startswith("sfr: times cannot be measured"), ran.stderr

@@ -14,7 +14,7 @@ from typing import Any
 
 import psutil
 
-from helpers import ROOT
+from helpers import HELPERS
 
 PATIENCE_S = 60.0
 
@@ -27,14 +27,10 @@ def wait_until(condition: Callable[[], Any], what: str, patience_s: float = PATI
     return found
 
 
-IMPORTS = {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'test'}"}
-"""Environment of a process that imports the package of this folder and the helpers."""
-
-
 class Process:
-    """A Python process whose output goes to a file; killed at the end of its block if it still runs.
+    """A Python process, which can import the helpers; its output goes to a file.
 
-    It imports the package of this folder: the kernels of an installed one are not compiled.
+    The process is killed at the end of its block if it still runs.
     """
 
     def __init__(self, log: Path, *command: str, environment: dict[str, str] | None = None) -> None:
@@ -44,7 +40,7 @@ class Process:
                 [sys.executable, *command],
                 stdout=stream,
                 stderr=subprocess.STDOUT,
-                env=os.environ | IMPORTS | (environment or {}),
+                env=os.environ | {"PYTHONPATH": str(HELPERS.parent)} | (environment or {}),
                 start_new_session=True,
             )
 

@@ -25,7 +25,6 @@ def test_the_commands_on_the_page_work(drive: Path, tmp_path: Path, monkeypatch:
     monkeypatch.chdir(tmp_path)
     for name in ("examples", "include"):
         Path(name).symlink_to(ROOT / name)
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     blocks = "".join(block for block in re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL) if "METHOD" not in block)
     lines = blocks.replace("\\\n", "").splitlines()
     for line in lines:

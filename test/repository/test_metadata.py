@@ -1,9 +1,12 @@
-"""The version has one source, and the metadata of pip and ROS agree."""
+"""The version has one source, the metadata of pip and ROS agree, and a built package has all files."""
 
 import ast
 import re
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from importlib.metadata import version
+from pathlib import Path
 
 import sfr_loc_map
 from helpers import ROOT
@@ -37,3 +40,12 @@ def test_package_xml_names_what_setup_py_requires() -> None:
     for file in ("package.xml", "README.md"):  # what no rosdep key brings has one command
         command = (ROOT / file).read_text(encoding="utf-8")
         assert all(f'"{needed[name]}"' in command for name in NOT_IN_ROSDEP - {"setuptools"}), file
+
+
+def test_a_built_package_has_all_files_of_the_package(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "setup.py", "-q", "build_py", "--build-lib", tmp_path], cwd=ROOT, check=True)
+    package = ROOT / "sfr_loc_map"
+    files = {
+        path.relative_to(ROOT) for path in package.rglob("*") if path.is_file() and "__pycache__" not in path.parts
+    }
+    assert files <= {path.relative_to(tmp_path) for path in tmp_path.rglob("*")}

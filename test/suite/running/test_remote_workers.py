@@ -21,7 +21,6 @@ from helpers.made_suites import SFR, made_suite, results
 from helpers.processes import wait_until
 
 DRIVES = 12
-HERE = str(Path(sfr_loc_map.__file__).parents[1])  # the package under test, not one that is installed
 
 
 @pytest.fixture
@@ -47,7 +46,7 @@ def test_other_code_gets_no_task_and_the_results_are_those_of_one_worker(
     with contextlib.ExitStack() as stack:
 
         def start(*command: str, **variables: str) -> subprocess.Popen[str]:
-            environment, silent = os.environ | {"PYTHONPATH": HERE} | variables, subprocess.DEVNULL
+            environment, silent = os.environ | variables, subprocess.DEVNULL
             process = subprocess.Popen(
                 command, cwd=tmp_path, env=environment, text=True, stdout=silent, stderr=said.open("a")
             )
