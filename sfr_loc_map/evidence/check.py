@@ -30,7 +30,7 @@ from sfr_loc_map.evidence.calibration import (
     right_camera_offsets,
 )
 from sfr_loc_map.evidence.check_result import Check, CheckResult
-from sfr_loc_map.evidence.other_estimates import hat_rows, hat_table, scale_row, scale_table
+from sfr_loc_map.evidence.other_estimates import at_pairs_of, hat_rows, hat_table, scale_row, scale_table
 from sfr_loc_map.evidence.overlap import overlap_table
 from sfr_loc_map.evidence.predicted import predicted_rows, predicted_table
 from sfr_loc_map.evidence.revisited import agreement_at, closure_rows, closure_table, find_closures
@@ -90,6 +90,7 @@ def check_drive(
     closures = find_closures(drive, forward, config)
     if closures:
         agreements.append(agreement_at(closures))
+    others = [at_pairs_of(forward, other) for other in others]
     with_others = [compare(forward, other, condition) for condition in conditions for other in others]
     offsets = right_camera_offsets([runs[variant] for variant in CALIBRATED], sequence.rig)
     wrong_offsets = [offset for offset in offsets if offset.is_wrong]

@@ -6,13 +6,36 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import MIN_SUB_TRAJECTORIES, Agreement, compare
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.config import Condition, label_of
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.association import Estimates, associate
+from sfr_loc_map.metrics.config import AssociationConfig, Condition, label_of
 from sfr_loc_map.metrics.intervals import student_quantile
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.report.tables import METRE, PERCENT, Cell, Column, Table, fitting
+
+
+def at_pairs_of(run: Run, other: Run) -> Run:
+    """Return another estimate at the pairs of a run, interpolated between its poses if its stamps differ.
+
+    InputError if the estimate has only positions, or no two poses at the pairs of the run.
+    """
+    ours, theirs = run.estimates.trajectory, other.estimates.trajectory
+    if not theirs.has_attitude:
+        raise InputError(f"the estimate {other.name} has only positions: give an estimate with orientations")
+    config = AssociationConfig()
+    frames, _ = associate(ours, theirs, config)  # which calls its second argument the truth
+    if len(frames.stamps_ns) < 2:
+        spans = [f"{poses.stamps_ns.min()} ns to {poses.stamps_ns.max()} ns" for poses in (theirs, ours)]
+        raise InputError(
+            f"the estimate {other.name} has no poses at the pairs of the drive: it is from {spans[0]}, the pairs from "
+            f"{spans[1]}, and gaps of up to {config.max_gap_s:g} s are interpolated; give an estimate of the same clock"
+        )
+    poses = Trajectory(frames.stamps_ns, frames.true_position, frames.true_attitude)
+    return Run(other.name, Estimates.of(poses))
 
 
 def scale_row(agreement: Agreement) -> Figure:

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import compare, result_of
 from sfr_loc_map.evidence.calibration import Advice, advice_of, calibration_table, offset_rows, right_camera_offsets
 from sfr_loc_map.evidence.check_result import CheckResult
-from sfr_loc_map.evidence.other_estimates import scale_row, three_cornered_hat
+from sfr_loc_map.evidence.other_estimates import at_pairs_of, scale_row, three_cornered_hat
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -104,6 +105,32 @@ def test_the_scale_against_wheels_shows_a_wrong_baseline() -> None:
     assert row.low95 < 0.005 < row.high95
     assert row.low95 > 0.0, "the scale is significant"
     assert scale_row(compare(stereo, wheels, Condition.parse("distance=39"))).value is None
+
+
+def test_an_estimate_at_another_rate_is_interpolated_to_the_pairs() -> None:
+    """The poses of the wheels at 50 Hz have stamps 3 ms beside those of the pairs."""
+    turns, moves = true_steps(np.random.default_rng(1))
+    stereo = run_of("stereo", turns, moves, 1)
+    poses = stereo.estimates.trajectory
+    stamps = np.arange(STAMPS[0] - 17_000_000, STAMPS[-1] + 20_000_000, 20_000_000)
+    inside = np.clip(stamps, STAMPS[0], STAMPS[-1])
+    x, y, z = (np.interp(inside, STAMPS, axis) for axis in poses.positions.T)
+    quats = Slerp(STAMPS, Rotation.from_quat(poses.quats_xyzw))(inside).as_quat()
+    wheels = Run("wheels", Estimates.of(Trajectory(stamps, np.column_stack((x, y, z)), quats)))
+    position_m = compare(stereo, at_pairs_of(stereo, wheels), CONDITION).differences.position_m
+    assert len(position_m) > 60
+    assert np.abs(position_m).max() < 0.01, "the interpolation cuts a corner of 0.1 m by a few millimetres"
+
+
+def test_an_estimate_of_another_clock_or_without_attitudes_is_refused() -> None:
+    stereo = run_of("stereo", *true_steps(np.random.default_rng(1)), 1)
+    poses = stereo.estimates.trajectory
+    other_clock = Run("wheels", Estimates.of(replace(poses, stamps_ns=poses.stamps_ns + 10**12)))
+    with pytest.raises(InputError, match="no poses at the pairs"):
+        at_pairs_of(stereo, other_clock)
+    positions = Run("wheels", Estimates.of(replace(poses, quats_xyzw=np.zeros((len(poses), 4)))))
+    with pytest.raises(InputError, match="only positions"):
+        at_pairs_of(stereo, positions)
 
 
 def test_too_few_sub_trajectories_are_not_enough_data() -> None:
