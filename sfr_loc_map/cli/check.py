@@ -76,7 +76,11 @@ def check(
     show(found.to_dict(), json_path, found.tables())
     is_silent = json_path == STANDARD_OUTPUT
     for subject, result in found.results.items():
-        say(f"{subject}: {result}. This proves no accuracy: errors that all runs share stay hidden", err=is_silent)
+        checked = f"{found.checked[subject]} comparisons have enough data"
+        say(
+            f"{subject}: {result} ({checked}). This proves no accuracy: errors that all runs share stay hidden",
+            err=is_silent,
+        )
     for text in found.calibration:
         say(f"calibration: {text}", err=is_silent)
     if found.disagreements:

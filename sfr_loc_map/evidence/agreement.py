@@ -116,12 +116,18 @@ def probability_of(squares: FloatArray) -> float:
 # ---- result, figures and table
 
 
-def result_of(agreements: Sequence[Agreement]) -> CheckResult:
-    """Return the result over all comparisons (Bonferroni)."""
-    known = [item.probability for item in agreements if item.probability is not None]
-    if not known:
-        return CheckResult.NOT_ENOUGH_DATA
-    return CheckResult.INCONSISTENT if min(known) * len(known) < SIGNIFICANCE else CheckResult.CONSISTENT
+def results_of(agreements: Sequence[Agreement]) -> tuple[CheckResult, ...]:
+    """Return the result of each comparison. The significance is divided by the number of comparisons (Bonferroni)."""
+    known = sum(item.probability is not None for item in agreements)
+    results = []
+    for item in agreements:
+        if item.probability is None:
+            results.append(CheckResult.NOT_ENOUGH_DATA)
+        elif item.probability * known < SIGNIFICANCE:
+            results.append(CheckResult.INCONSISTENT)
+        else:
+            results.append(CheckResult.CONSISTENT)
+    return tuple(results)
 
 
 def disagreement_of(agreements: Sequence[Agreement]) -> str:

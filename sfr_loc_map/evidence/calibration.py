@@ -1,9 +1,10 @@
 """Rotation of the right camera relative to its calibration, as estimated by the runs over a recording.
 
 The localiser estimates pitch and roll of the right camera from vertical disparities, and its yaw from disparities that
-change as the rover moves. Each run gives one value, the median over the second half of its pairs. The
-calibration should be repeated if the interval of the runs excludes zero and the offset is large. The effect of the
-offset is measured by an additional run with the right images rotated back. The baseline is unobservable.
+change as the rover moves. Each run gives one value, the median over the second half of its pairs. The runs share their
+images, so that their values are no independent samples and have no confidence interval. The calibration should be
+repeated if all runs agree on the sign of a large offset. The effect of the offset is measured by an additional run
+with the right images rotated back. The baseline is unobservable.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from sfr_loc_map.faults.images import rotated
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.intervals import Interval, student_quantile
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table, Unit, fitting
 
@@ -31,6 +31,7 @@ AXES = {"pitch": (0, -1.0), "roll": (2, 1.0), "yaw": (1, -1.0)}
 """Axis of the optical frame and sign of the rotation that corrects an offset, by angle."""
 NAMES = {
     "right_camera": "right camera, ",
+    "right_camera_spread": "difference between the runs, ",
     "depth_error": "error of depth ",
     "calibration_cost": "shift of positions by correction of ",
 }
@@ -44,16 +45,15 @@ class Advice(StrEnum):
 
     REDO = "redo"
     KEEP = "keep"
-    UNCLEAR = "unclear"  #: The interval contains both large and small offsets, or a yaw is insignificant or small.
+    UNCLEAR = "unclear"  #: The runs disagree on whether the offset is large, or a yaw is insignificant or small.
 
 
-def advice_of(angle: str, px: float, interval: Interval) -> Advice:
-    """Return the advice for an offset with its interval, px.
+def advice_of(angle: str, px: float, low_px: float, high_px: float) -> Advice:
+    """Return the advice for the mean offset of the runs, px, and their lowest and highest offset.
 
     The localiser reports a yaw of 0 until the yaw is significant, so a small yaw does not prove that the file is
     right.
     """
-    low_px, high_px = interval
     if low_px * high_px > 0.0 and abs(px) >= LARGE_PX:
         return Advice.REDO
     if angle == "yaw":
@@ -62,20 +62,20 @@ def advice_of(angle: str, px: float, interval: Interval) -> Advice:
 
 
 class CameraOffset(NamedTuple):
-    """Offset of the right camera about one axis; its interval is that of the mean over the runs."""
+    """Offset of the right camera about one axis."""
 
     angle: str
     runs: int
-    px: float
-    low_px: float
-    high_px: float
+    px: float  #: Mean over the runs.
+    low_px: float  #: Lowest value of a run.
+    high_px: float  #: Highest value of a run.
     degrees: float
     depth_error_m: float | None  #: Depth error at RANGE_M with the present calibration file; None except for yaw.
 
     @property
     def advice(self) -> Advice:
         """Recommended action for the calibration file."""
-        return advice_of(self.angle, self.px, (self.low_px, self.high_px))
+        return advice_of(self.angle, self.px, self.low_px, self.high_px)
 
     @property
     def is_wrong(self) -> bool:
@@ -99,11 +99,10 @@ def right_camera_offsets(runs: Sequence[Run], rig: StereoRig) -> list[CameraOffs
         values = [value for run in runs if (value := settled(run, statistic)) is not None]
         if len(values) < 2:
             continue
-        mean, sigma = float(np.mean(values)), float(np.std(values, ddof=1))
-        half = student_quantile(0.975, len(values) - 1.0) * sigma / np.sqrt(len(values))
+        mean = float(np.mean(values))
         depth_m = RANGE_M**2 * abs(mean) / (rig.fx * rig.baseline_m) if angle == "yaw" else None
         degrees = float(np.degrees(np.arctan2(mean, rig.fx)))
-        found.append(CameraOffset(angle, len(values), mean, mean - half, mean + half, degrees, depth_m))
+        found.append(CameraOffset(angle, len(values), mean, min(values), max(values), degrees, depth_m))
     return found
 
 
@@ -116,8 +115,9 @@ def settled(run: Run, statistic: str) -> float | None:
 
 def offset_rows(offset: CameraOffset) -> Iterator[Figure]:
     """Yield the rows of an offset."""
-    low, high = offset.low_px, offset.high_px
-    yield figure_row("right_camera", part=offset.angle, n=offset.runs, value=offset.px, low95=low, high95=high)
+    yield figure_row("right_camera", part=offset.angle, n=offset.runs, value=offset.px)
+    spread_px = offset.high_px - offset.low_px
+    yield figure_row("right_camera_spread", part=offset.angle, n=offset.runs, value=spread_px)
     if offset.depth_error_m is not None:
         yield figure_row("depth_error", part=f"at {RANGE_M:g} m", n=offset.runs, value=offset.depth_error_m)
 
@@ -150,7 +150,6 @@ def calibration_table(figures: Sequence[Figure], advice: Mapping[str, Advice]) -
                 Cell.head(f"{NAMES[row.figure]}{row.part}{over}"),
                 Cell(unit.symbol),
                 Cell.number(row.value, f"figures.{index}.value", unit),
-                Cell.interval(row.interval, f"figures.{index}", unit),
                 Cell.number(row.n, f"figures.{index}.n"),
                 Cell(ABSENT if action is None else action.value),
             )
@@ -159,13 +158,12 @@ def calibration_table(figures: Sequence[Figure], advice: Mapping[str, Advice]) -
         Column("calibration", words=True),
         Column("unit"),
         Column("value"),
-        Column("95 % interval"),
         Column("n"),
         Column("calibration file", words=True),
     )
     note = (
-        "Offsets from the calibration file. Interval of the mean over n runs, which share their images. Redo: the "
-        f"interval excludes zero and the offset is at least {LARGE_PX:g} px. Keep: the whole interval is below. Yaw "
+        "Offsets from the calibration file: mean over n runs, which share their images. Redo: the offsets of all "
+        f"runs have one sign, and their mean is at least {LARGE_PX:g} px. Keep: the offsets of all runs are below. Yaw "
         "is reported as 0 until it is significant. Positions: root mean square over n sub-trajectories; the localiser "
         "corrects the rest itself. A wrong baseline or focal length is unobservable without a truth or wheel odometry."
     )

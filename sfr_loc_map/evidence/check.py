@@ -18,7 +18,7 @@ from sfr_loc_map.evidence.agreement import (
     agreement_table,
     compare,
     disagreement_of,
-    result_of,
+    results_of,
 )
 from sfr_loc_map.evidence.calibration import (
     Advice,
@@ -109,11 +109,11 @@ def check_drive(
     if wrong_offsets:
         corrected = run_pairs(drive, config, "corrected", corrected_drive(drive, wrong_offsets).kept)
         figures += [cost_row(wrong_offsets, compare(forward, corrected, condition)) for condition in conditions]
-    result = result_of(agreements)
+    results = results_of(agreements)
     return DriveCheck(
-        result=result,
+        results=results,
         figures=tuple(figures),
-        disagreements=(disagreement_of(agreements),) if result is CheckResult.INCONSISTENT else (),
+        disagreements=(disagreement_of(agreements),) if CheckResult.INCONSISTENT in results else (),
         agreements=tuple(agreements),
         forward=forward,
         offsets=tuple(offsets),

@@ -21,15 +21,28 @@ class CheckResult(StrEnum):
 class Check:
     """The check of one subject: a drive or maps."""
 
-    result: CheckResult
+    results: tuple[CheckResult, ...]  #: The result of each comparison.
     figures: tuple[Figure, ...]
     disagreements: tuple[str, ...]
     """Differences that exceed the prediction, one phrase each: for a drive the least probable difference, for maps
     all."""
 
+    @property
+    def result(self) -> CheckResult:
+        """The result over all comparisons."""
+        return combined(self.results)
 
-def worst_result(results: Iterable[CheckResult]) -> CheckResult:
-    """Return the worst result of the checks of several subjects; without any check, there is not enough data."""
+    @property
+    def checked(self) -> int:
+        """Number of comparisons with enough data."""
+        return sum(result is not CheckResult.NOT_ENOUGH_DATA for result in self.results)
+
+
+def combined(results: Iterable[CheckResult]) -> CheckResult:
+    """Return the result over several comparisons: the worst result of those with enough data.
+
+    The number of comparisons with enough data belongs beside the result (`Check.checked`).
+    """
     found = set(results)
-    worst_first = (CheckResult.INCONSISTENT, CheckResult.NOT_ENOUGH_DATA, CheckResult.CONSISTENT)
-    return next((result for result in worst_first if result in found), CheckResult.NOT_ENOUGH_DATA)
+    order = (CheckResult.INCONSISTENT, CheckResult.CONSISTENT)
+    return next((result for result in order if result in found), CheckResult.NOT_ENOUGH_DATA)

@@ -61,7 +61,7 @@ def check_maps(sequence: NavSequence, config: MappingConfig) -> Check:
     """Map the first `MAX_PAIRS` pairs of a source and compare every two maps that overlap."""
     overlaps = find_overlaps(sequence, config)
     return Check(
-        result=result_of_maps(overlaps),
+        results=tuple(overlap.result for overlap in overlaps),
         figures=tuple(row for overlap in overlaps for row in overlap_rows(overlap)),
         disagreements=tuple(overlap.disagreement for overlap in overlaps if overlap.disagreement),
     )
@@ -85,13 +85,6 @@ def find_overlaps(sequence: NavSequence, config: MappingConfig) -> list[Overlap]
         ratios = found[f"difference_over_sigma_{of_pairs}"], found[f"grey_difference_over_beside_{of_pairs}"]
         overlaps.append(Overlap(first, other, fraction, points, float(difference_m), *ratios))
     return overlaps
-
-
-def result_of_maps(overlaps: Sequence[Overlap]) -> CheckResult:
-    """Return the result over all overlaps: not enough data if no two pairs overlap enough."""
-    results = {item.result for item in overlaps}
-    order = (CheckResult.INCONSISTENT, CheckResult.CONSISTENT)
-    return next((result for result in order if result in results), CheckResult.NOT_ENOUGH_DATA)
 
 
 def overlap_rows(overlap: Overlap) -> Iterator[Figure]:

@@ -11,7 +11,7 @@ from sfr_loc_map.config import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check import check_drive, check_tables
-from sfr_loc_map.evidence.check_result import Check, CheckResult, worst_result
+from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
 from sfr_loc_map.evidence.overlap import check_maps
 from sfr_loc_map.evidence.variants import Run, calls_of
 from sfr_loc_map.io.sequence import Source, drive_of
@@ -48,6 +48,11 @@ class RecordingCheck:
         return {subject: check.result for subject, check in self.checks.items()}
 
     @property
+    def checked(self) -> dict[str, str]:
+        """The number of comparisons with enough data of each subject, and of all its comparisons."""
+        return {subject: f"{check.checked} of {len(check.results)}" for subject, check in self.checks.items()}
+
+    @property
     def figures(self) -> tuple[Figure, ...]:
         """The figures of all subjects."""
         return tuple(row for check in self.checks.values() for row in check.figures)
@@ -70,8 +75,9 @@ class RecordingCheck:
         """Return the check for JSON."""
         return {
             "schema": SCHEMA,
-            "result": worst_result(self.results.values()).value,
+            "result": combined(self.results.values()).value,
             "results": {subject: result.value for subject, result in self.results.items()},
+            "checked": self.checked,
             "calibration": list(self.calibration),
             "advice": self.advice,
             "figures": to_plain(self.figures),

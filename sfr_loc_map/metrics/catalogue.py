@@ -259,6 +259,7 @@ CATALOGUE = (
     FigureKind("predicted_share", Subject.EVIDENCE, "", "1", "fraction of the mean square position error"),
     FigureKind("predicted_attitude", Subject.EVIDENCE, "", "deg", "attitude error by the covariance (rms)"),
     FigureKind("right_camera", Subject.EVIDENCE, "", "px", "offset of the right camera from its calibration"),
+    FigureKind("right_camera_spread", Subject.EVIDENCE, "", "px", "difference between runs of the offset"),
     FigureKind("depth_error", Subject.EVIDENCE, "", "m", "error of depth by the offset in yaw"),
     FigureKind("calibration_cost", Subject.EVIDENCE, "", "m", "change of positions by a corrected calibration (rmse)"),
     FigureKind("scale", Subject.EVIDENCE, "", "1", "excess of length"),

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.evidence.agreement import compare, result_of
+from sfr_loc_map.evidence.agreement import compare, results_of
 from sfr_loc_map.evidence.calibration import Advice, advice_of, calibration_table, offset_rows, right_camera_offsets
-from sfr_loc_map.evidence.check_result import CheckResult
+from sfr_loc_map.evidence.check_result import CheckResult, combined
 from sfr_loc_map.evidence.other_estimates import at_pairs_of, scale_row, three_cornered_hat
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -91,8 +91,8 @@ def test_a_drift_that_is_not_stated_is_found_and_bounds_the_error() -> None:
     first, other = run_of("a", turns, moves, 1), run_of("b", turns, moves, 2)
     drifting = run_of("c", turns, moves, 3, drift_m=2e-3)
     agreeing, differing = compare(first, other, CONDITION), compare(first, drifting, CONDITION)
-    assert result_of([agreeing]) is CheckResult.CONSISTENT
-    assert result_of([agreeing, differing]) is CheckResult.INCONSISTENT
+    assert combined(results_of([agreeing])) is CheckResult.CONSISTENT
+    assert combined(results_of([agreeing, differing])) is CheckResult.INCONSISTENT
     sizes = np.linalg.norm(differing.differences.position_m, axis=1)
     assert 0.5 * np.sqrt(np.mean(sizes**2)) < 20 * 2e-3 * 1.2, "no more than the drift over 20 steps"
     assert np.mean(sizes) > 0.6 * 20 * 2e-3
@@ -138,7 +138,7 @@ def test_too_few_sub_trajectories_are_not_enough_data() -> None:
     runs = run_of("a", turns, moves, 1), run_of("b", turns, moves, 2)
     far = compare(*runs, Condition.parse("distance=30"))
     assert far.probability is None
-    assert result_of([far]) is CheckResult.NOT_ENOUGH_DATA
+    assert combined(results_of([far])) is CheckResult.NOT_ENOUGH_DATA
 
 
 def test_false_findings_are_as_rare_as_stated() -> None:
@@ -148,7 +148,7 @@ def test_false_findings_are_as_rare_as_stated() -> None:
     for seed in range(60):
         turns, moves = true_steps(rng)
         runs = run_of("a", turns, moves, 1000 + seed), run_of("b", turns, moves, 2000 + seed)
-        found.append(result_of([compare(*runs, CONDITION)]) is CheckResult.INCONSISTENT)
+        found.append(combined(results_of([compare(*runs, CONDITION)])) is CheckResult.INCONSISTENT)
     assert np.mean(found) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 60)
 
 
@@ -182,13 +182,16 @@ def test_a_right_camera_that_is_off_is_named_with_its_cost() -> None:
     assert not right_camera_offsets([run(0.0, 1.0), run(0.0, -1.0)], rig)[1].is_wrong, "runs that disagree show nothing"
     advice = {offset.angle: offset.advice for offset in (pitch, yaw)}
     figures = [row for offset in (pitch, yaw) for row in offset_rows(offset)]
-    assert [row[-1].text for row in calibration_table(figures, advice).rows] == ["keep", "redo", "-"]
+    assert [row[-1].text for row in calibration_table(figures, advice).rows] == ["keep", "-", "redo", "-", "-"]
+    spreads = [row.value for row in figures if row.figure == "right_camera_spread"]
+    assert spreads == pytest.approx([0.03, 0.04])
+    assert not any(row.interval for row in figures), "runs that share their images have no confidence interval"
     stored = calibration_table(figures, {"pitch": Advice.UNCLEAR})
-    assert [row[-1].text for row in stored.rows] == ["unclear", "-", "-"], "the stored advice is shown"
+    assert [row[-1].text for row in stored.rows] == ["unclear", *"----"], "the stored advice is shown"
 
 
 @pytest.mark.parametrize(
-    ("px", "interval", "advice"),
+    ("px", "extremes", "advice"),
     [
         (0.3, (0.1, 0.5), "redo"),
         (-0.3, (-0.5, -0.1), "redo"),
@@ -199,6 +202,6 @@ def test_a_right_camera_that_is_off_is_named_with_its_cost() -> None:
         (0.3, (-0.1, 0.7), "unclear"),
     ],
 )
-def test_the_advice_follows_from_the_complete_interval(px: float, interval: tuple[float, float], advice: str) -> None:
-    assert advice_of("pitch", px, interval) == advice
-    assert advice_of("yaw", px, interval) == ("redo" if advice == "redo" else "unclear")
+def test_the_advice_follows_from_all_runs(px: float, extremes: tuple[float, float], advice: str) -> None:
+    assert advice_of("pitch", px, *extremes) == advice
+    assert advice_of("yaw", px, *extremes) == ("redo" if advice == "redo" else "unclear")

@@ -12,8 +12,8 @@ import pytest
 
 from helpers.cli_result import Sfr
 from helpers.made_scene import NAV_RIG, nav_pair
-from sfr_loc_map.evidence.check_result import CheckResult, worst_result
-from sfr_loc_map.evidence.overlap import find_overlaps, overlap_rows, overlap_table, result_of_maps
+from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
+from sfr_loc_map.evidence.overlap import find_overlaps, overlap_rows, overlap_table
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -53,7 +53,7 @@ def test_maps_with_true_poses_agree() -> None:
     assert overlap.fraction > 0.5
     assert overlap.ratio < 1.8
     assert overlap.difference_m < 0.03
-    assert result_of_maps([overlap]) is CheckResult.CONSISTENT
+    assert overlap.result is CheckResult.CONSISTENT
     assert overlap.disagreement == ""
 
 
@@ -61,7 +61,7 @@ def test_maps_with_true_poses_agree() -> None:
 def test_a_wrong_pose_is_found(turn_deg: float, forward_m: float) -> None:
     (usual,) = find_overlaps(two_pairs(), MappingConfig())
     (overlap,) = find_overlaps(two_pairs(turn_deg, forward_m), MappingConfig())
-    assert result_of_maps([overlap]) is CheckResult.INCONSISTENT
+    assert overlap.result is CheckResult.INCONSISTENT
     assert "pairs 0 and 1" in overlap.disagreement
     if forward_m:
         assert overlap.difference_m == pytest.approx(forward_m, abs=0.02 + usual.difference_m)
@@ -69,19 +69,19 @@ def test_a_wrong_pose_is_found(turn_deg: float, forward_m: float) -> None:
 
 def test_pairs_that_do_not_overlap_are_not_enough_data() -> None:
     overlaps = find_overlaps(two_pairs(turn_deg=120.0), MappingConfig())
-    assert result_of_maps(overlaps) is CheckResult.NOT_ENOUGH_DATA
+    assert combined(overlap.result for overlap in overlaps) is CheckResult.NOT_ENOUGH_DATA
     (usual,) = find_overlaps(two_pairs(), MappingConfig())
-    assert result_of_maps([usual._replace(points=999)]) is CheckResult.NOT_ENOUGH_DATA
-    assert result_of_maps([usual._replace(points=999), usual]) is CheckResult.CONSISTENT
-    assert result_of_maps([usual._replace(points=1000)]) is CheckResult.CONSISTENT
+    assert usual._replace(points=999).result is CheckResult.NOT_ENOUGH_DATA
+    assert usual._replace(points=1000).result is CheckResult.CONSISTENT
 
 
-def test_the_result_of_several_checks_is_the_worst() -> None:
+def test_one_comparison_with_enough_data_suffices_and_the_number_of_these_is_stated() -> None:
     consistent, few, inconsistent = CheckResult.CONSISTENT, CheckResult.NOT_ENOUGH_DATA, CheckResult.INCONSISTENT
-    assert worst_result([consistent, few]) is few
-    assert worst_result([few, inconsistent, consistent]) is inconsistent
-    assert worst_result([consistent, consistent]) is consistent
-    assert worst_result([]) is few
+    assert combined([few, inconsistent, consistent]) is inconsistent
+    assert combined([consistent, consistent]) is consistent
+    assert combined([few, few]) is combined([]) is few
+    check = Check(results=(few, consistent, few), figures=(), disagreements=())
+    assert (check.result, check.checked) == (consistent, 1)
 
 
 def test_figures_and_table_have_each_overlap() -> None:
@@ -105,4 +105,5 @@ def test_the_command_checks_a_source_of_maps_alone(
     content = json.loads((tmp_path / "check.json").read_text())
     assert content["results"] == {"maps": result}
     assert content["result"] == result
-    assert f"maps: {result}. This proves no accuracy" in found.out
+    assert content["checked"] == {"maps": "1 of 1"}
+    assert f"maps: {result} (1 of 1 comparisons" in found.out

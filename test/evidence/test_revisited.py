@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from helpers.loc_drive import noisy
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, stereo_pair, true_pose
-from sfr_loc_map.evidence.agreement import agreement_table, result_of
+from sfr_loc_map.evidence.agreement import agreement_table, results_of
 from sfr_loc_map.evidence.check import check_drive
-from sfr_loc_map.evidence.check_result import CheckResult
+from sfr_loc_map.evidence.check_result import CheckResult, combined
 from sfr_loc_map.evidence.revisited import (
     Closure,
     agreement_at,
@@ -73,7 +73,7 @@ def test_a_place_is_found_and_the_drive_returns_to_it() -> None:
     assert 0.0 < closure.misclosure_m < 0.01
     assert closure.square is not None
     assert closure.square < 16.8, "99 % of consistent covariances"
-    assert result_of([agreement_at(closures)]) is CheckResult.CONSISTENT
+    assert combined(results_of([agreement_at(closures)])) is CheckResult.CONSISTENT
 
 
 def test_the_direct_run_measures_the_true_motion_between_both_visits() -> None:
@@ -93,7 +93,7 @@ def test_a_drift_that_is_not_stated_is_found_and_measured() -> None:
     assert found is not None
     assert found.error[1] - usual.error[1] == pytest.approx(0.2)
     assert found.square is not None
-    assert result_of([agreement_at([found])]) is CheckResult.INCONSISTENT
+    assert combined(results_of([agreement_at([found])])) is CheckResult.INCONSISTENT
 
 
 def test_a_direct_run_that_is_not_trusted_gives_no_misclosure() -> None:
@@ -159,7 +159,7 @@ def test_misclosures_are_as_large_as_consistent_covariances_predict() -> None:
         assert closure is not None
         assert closure.square is not None
         squares.append(closure.square)
-        alarms += result_of([agreement_at([closure])]) is CheckResult.INCONSISTENT
+        alarms += combined(results_of([agreement_at([closure])])) is CheckResult.INCONSISTENT
     assert np.mean(squares) == pytest.approx(6.0, abs=4 * np.sqrt(12.0 / 300))
     assert 3 <= alarms <= 30, "15 are expected"
 
