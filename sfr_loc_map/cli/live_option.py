@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Context, Option
 
 from sfr_loc_map.cli.options import refuse_given
-from sfr_loc_map.errors import FailedVerdictError, MissingExtraError, NodeError, NotJudgedError
+from sfr_loc_map.errors import FailedVerdictError, InterruptedRunError, MissingExtraError, NotJudgedError, SfrError
 from sfr_loc_map.inputs import one_line
 
 if TYPE_CHECKING:
@@ -33,7 +33,8 @@ def live_page(
     """Show the run of the `with` block on a page if `--live` is given; yield the page, or None.
 
     The page subscribes to topics with the remappings `FROM:=TO` of the nodes.
-    The page of a replay (`isolated`) uses the ROS domain of the run. After the run it is served until Ctrl-C.
+    The page of a replay (`isolated`) uses the ROS domain of the run. After the run, also after a failed one, it is
+    served until Ctrl-C.
     """
     if not context.params["live"]:
         refuse_given(context, ("live_port",), "applies to the page: give --live, or omit it")
@@ -49,13 +50,10 @@ def live_page(
     with LiveProcess(("--port", str(context.params["live_port"]), "--namespace", namespace, *words)) as page:
         try:
             yield page
-        except NodeError as error:
-            page.run_is_over(aborted=one_line(str(error)).partition(": ")[0])
-            if isolated:
-                page.stay(f"{one_line(str(error))}\n")
-            raise
-        except (FailedVerdictError, NotJudgedError):
-            page.stay()
+        except SfrError as error:
+            if isolated and page.has_run_ended and not isinstance(error, InterruptedRunError):
+                is_verdict = isinstance(error, FailedVerdictError | NotJudgedError)
+                page.stay("" if is_verdict else f"{one_line(str(error))}\n")
             raise
         if isolated:
             page.stay()

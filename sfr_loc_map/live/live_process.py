@@ -6,12 +6,14 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 
 from msgspec.structs import replace
 
+from sfr_loc_map.errors import NodeError, SfrError, split_advice
+from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live.run_end import EndFile, RunEnd
 from sfr_loc_map.nodes.launch.processes import WATCH_S, end_processes, node_process
 from sfr_loc_map.signals import stopping
@@ -27,6 +29,7 @@ class LiveProcess(AbstractContextManager["LiveProcess"]):
         self._folder = Path(tempfile.mkdtemp(prefix="sfr-live-"))
         path = self._folder / "end.json"
         self._end, self._end_file = RunEnd(), EndFile(path)
+        self.has_run_ended = False  #: Whether a run that the page shows is over.
         self._process = node_process("live.main", (*arguments, "--end-file", str(path)))
 
     def __exit__(self, *_: object) -> None:
@@ -40,6 +43,7 @@ class LiveProcess(AbstractContextManager["LiveProcess"]):
 
     def run_is_over(self, **facts: str) -> None:
         """Report to the page that the run is over, with fields of `RunEnd`; the first call precedes the nodes' end."""
+        self.has_run_ended = True
         self._end = replace(self._end, **facts)
         self._end_file.write(self._end)
 
@@ -50,6 +54,20 @@ class LiveProcess(AbstractContextManager["LiveProcess"]):
             with suppress(KeyboardInterrupt), stopping() as ended:
                 while self._process.is_running and not ended():
                     time.sleep(WATCH_S)
+
+
+@contextmanager
+def shown_on(page: LiveProcess | None) -> Iterator[None]:
+    """Report to a page, if any, that the run in the `with` block was aborted by an error of the suite."""
+    try:
+        yield
+    except SfrError as error:
+        if page is not None:
+            text = one_line(str(error))
+            # the error of a node that has ended also has its last log line
+            found = text.partition(": ")[0] if isinstance(error, NodeError) else split_advice(text)[0]
+            page.run_is_over(aborted=found or text)
+        raise
 
 
 def page_node_name(pid: int) -> str:

@@ -27,6 +27,7 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import decoded
 from sfr_loc_map.metrics.shortfall_kinds import MISSING_SHARE
 from sfr_loc_map.nodes.input.extrinsics import publish_extrinsics
+from sfr_loc_map.nodes.launch.live_process import shown_on
 from sfr_loc_map.nodes.launch.processes import ChildProcess, Supervisor, user_command
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.external import external_node
@@ -60,7 +61,8 @@ def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, 
     Returns whether a signal ended the replay early. After an error, `results` has what was received before.
     `progress` is called with the rig of each played pair.
     """
-    with started_participants(source, options, results, say) as participants:
+    check_source(source, options.offset_s)
+    with shown_on(options.page), started_participants(source, options, results, say) as participants:
         with signals.stopping(participants.player.stop) as interrupted:
             say(f"playing from {options.offset_s:g} s")
             play_and_collect(source, options, participants, progress)
@@ -138,7 +140,6 @@ def started_participants(
 
     The processes are ended after the `with` block.
     """
-    _check_source(source, options.offset_s)
     environment.isolate()
     environment.prepare()
     topics = message_stream.topics_of(source)
@@ -188,7 +189,7 @@ def _missing_poses(source: Source, results: ReceivedResults) -> str:
     return "" if images - posed <= MISSING_SHARE * images else "not every image of the source has a pose"
 
 
-def _check_source(source: Source, offset_s: float = 0.0) -> None:
+def check_source(source: Source, offset_s: float = 0.0) -> None:
     """Check a source before the start of the nodes; raise an InputError if the replay would fail later."""
     if source.loc is not None and source.loc.rig.T_rb_sb is None:
         raise InputError(

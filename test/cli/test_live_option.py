@@ -1,0 +1,91 @@
+"""The page of a run stays after an error that has ended the run, and shows its cause."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from sfr_loc_map.cli.live_option import live_page
+from sfr_loc_map.errors import (
+    ConfigError,
+    FailedVerdictError,
+    InputError,
+    InterruptedRunError,
+    MetricsError,
+    NodeError,
+    SfrError,
+)
+from sfr_loc_map.nodes.launch import live_process
+from sfr_loc_map.nodes.ros import environment
+
+
+class Page:
+    """A page that notes how it is told of the end of a run, without a process."""
+
+    def __init__(self, arguments: tuple[str, ...] = ()) -> None:
+        self.has_run_ended, self.stayed, self.aborted = False, False, ""
+
+    def __enter__(self) -> Page:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def run_is_over(self, aborted: str = "") -> None:
+        self.has_run_ended, self.aborted = True, aborted
+
+    def stay(self, words: str = "") -> None:
+        self.stayed = True
+
+
+@pytest.fixture
+def page(monkeypatch: pytest.MonkeyPatch) -> Page:
+    found = Page()
+    monkeypatch.setattr(live_process, "LiveProcess", lambda arguments: found)
+    monkeypatch.setattr(environment, "isolate", lambda: None)
+    return found
+
+
+CONTEXT = SimpleNamespace(params={"live": True, "live_port": 0})
+
+
+@pytest.mark.parametrize(
+    ("error", "cause"),
+    [
+        (
+            NodeError("monitor_node was killed by SIGKILL: its last line: x; start again"),
+            "monitor_node was killed by SIGKILL",
+        ),
+        (
+            InputError("'drive': localisation_node: the images differ: correct them"),
+            "'drive': localisation_node: the images differ",
+        ),
+        (MetricsError("no frame"), "no frame"),
+    ],
+)
+def test_a_run_that_an_error_aborts_stays_on_its_page_with_the_cause(page: Page, error: SfrError, cause: str) -> None:
+    with pytest.raises(type(error)), live_page(CONTEXT, isolated=True), live_process.shown_on(page):
+        raise error
+    assert (page.stayed, page.aborted) == (True, cause)
+
+
+@pytest.mark.parametrize(
+    ("error", "has_run", "stays"),
+    [
+        (MetricsError("no figure"), True, True),
+        (FailedVerdictError("a limit"), True, True),
+        (InterruptedRunError("the user"), True, False),
+        (ConfigError("an option"), False, False),
+    ],
+)
+def test_a_page_stays_after_an_error_if_its_run_is_over(
+    page: Page, error: SfrError, has_run: bool, stays: bool
+) -> None:
+    def run() -> None:
+        if has_run:
+            page.run_is_over()
+        raise error
+
+    with pytest.raises(type(error)), live_page(CONTEXT, isolated=True):
+        run()
+    assert page.stayed is stays
