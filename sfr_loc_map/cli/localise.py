@@ -68,7 +68,7 @@ def localise(
     from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
     from sfr_loc_map.runs.call_files import save_stats, stats_beside
     from sfr_loc_map.runs.calls import states_text, tracking_warning
-    from sfr_loc_map.runs.offline import start_pose
+    from sfr_loc_map.runs.offline import start_pose, unstamped_start_warning
     from sfr_loc_map.runs.track_video import track_video
 
     check_suffix(output, FILE_SUFFIXES)
@@ -79,6 +79,8 @@ def localise(
     parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)
     with ExitStack() as film, naming(source):
         first_pose = start_pose(sequence, start)
+        if theirs is not None and (text := unstamped_start_warning(first_pose, sequence)) is not None:
+            warn(text)
         truth = source if sequence.ground_truth is not None else "TRUTH"
         watch = None if video is None else film.enter_context(track_video(video, sequence.rig))
         done = _localised(sequence, theirs or parameters, first_pose, watch)

@@ -132,6 +132,23 @@ def true_start(sequence: LocSequence) -> StartPose:
     return start_pose(sequence, "truth" if has_attitude else "identity")
 
 
+def unstamped_start_warning(start: StartPose, sequence: LocSequence) -> str | None:
+    """Return a warning if the start pose of a method under test is the pose of another time than its first pair.
+
+    Our localiser uses the stamp of a start pose. The interface of methods has no such stamp, so that all poses of a
+    method are offset by the motion between both stamps.
+    """
+    if start.stamp_ns is None or not len(sequence):
+        return None
+    after_s = (start.stamp_ns - int(sequence.stamps_ns[0])) / NS_PER_S
+    if abs(after_s) * NS_PER_S <= MAX_START_GAP_NS:
+        return None
+    return (
+        f"the start pose is that of {abs(after_s):.3g} s {'after' if after_s > 0.0 else 'before'} the first pair, at "
+        "which the method starts: its poses are offset by the motion between them, as are errors that are not re-based"
+    )
+
+
 def run_localiser(
     sequence: LocSequence,
     how: LocalisationConfig | UnderTest,

@@ -21,7 +21,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.visualisation import STRIP
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.runs.offline import localise, map_pairs, start_pose, true_start
+from sfr_loc_map.runs.offline import localise, map_pairs, start_pose, true_start, unstamped_start_warning
 from sfr_loc_map.runs.track_video import track_video
 
 FIRST_NS = 1_000_000_000_000
@@ -77,6 +77,17 @@ def test_the_true_start_pose_is_that_of_its_stamp(
     assert start_pose(OnePair(truth_s), "identity").stamp_ns is None  # it holds at the first pair
     with pytest.raises(InputError, match="needs ground truth"):
         start_pose(OnePair(()), "truth")
+
+
+@pytest.mark.parametrize(
+    ("truth_s", "words"), [((0.0,), None), ((0.9,), None), ((2.0,), "2 s after"), ((-3.0,), "3 s before")]
+)
+def test_a_method_is_not_silently_started_at_the_pose_of_another_time(
+    truth_s: tuple[float, ...], words: str | None
+) -> None:
+    text = unstamped_start_warning(start_pose(OnePair(truth_s), "truth"), OnePair(truth_s))
+    assert text is None if words is None else words in str(text)
+    assert unstamped_start_warning(start_pose(OnePair(truth_s), "identity"), OnePair(truth_s)) is None
 
 
 def test_the_time_of_a_mapping_call_is_that_of_its_stages(tmp_path: Path) -> None:
