@@ -201,11 +201,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def report_periodically(self) -> None:
         """Log what was dropped, follow a change of the truth's type, and report why nothing is scored."""
         super().report_periodically()
-        if self._has_truth:
-            return
-        reason = self._truth.reason_for_silence()
-        if reason and self._has_estimate:
-            self.status.warn(reason, "truth")
+        if not self._truth.follow_type() and self._has_estimate and not self._has_truth:
+            self.status.warn(self._truth.reason_for_silence(), "truth")
 
     def _receive(
         self,

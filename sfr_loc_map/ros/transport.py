@@ -47,6 +47,7 @@ class TransportGaps:
     def __init__(self) -> None:
         self.count = self.lost = self._last = 0
         self._several = False
+        self._lost_of_one = 0  # losses until the last time that there was one publisher
 
     def begin_subscription(self) -> None:
         """Begin another subscription: messages published before its first message are not missing."""
@@ -62,7 +63,14 @@ class TransportGaps:
         return gap
 
     def set_several(self, several: bool) -> None:
-        """Disable the count of gaps while there are several publishers, because a number may belong to any of them."""
+        """Disable the count of gaps while there are several publishers, because a number may belong to any of them.
+
+        The gaps since the last call are then dropped, too, because the publisher may have appeared before them.
+        """
         if several and not self._several:
-            self.lost = 0
+            self.lost = self._lost_of_one
+        if self._several and not several:
+            self._last = 0  # perhaps of a publisher that has left
+        if not several:
+            self._lost_of_one = self.lost
         self._several = several

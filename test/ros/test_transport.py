@@ -27,6 +27,24 @@ def test_of_several_publishers_no_gap_is_counted() -> None:
     assert sum(gaps.add({"publication_sequence_number": number}) for number in (1, 9, 2, 10, 3, 11)) == 0
 
 
+def test_another_publisher_leaves_the_count_of_earlier_losses() -> None:
+    gaps = TransportGaps()
+
+    def add(*numbers: int) -> None:
+        for number in numbers:
+            gaps.add({"publication_sequence_number": number})
+
+    add(1, 3, 5)
+    gaps.set_several(False)
+    add(6, 500)  # the first number of another publisher, before it is detected
+    gaps.set_several(True)
+    assert gaps.lost == 2
+    add(7, 501, 9)
+    gaps.set_several(False)
+    add(502, 504)  # the other one has stayed
+    assert gaps.lost == 3
+
+
 def test_what_is_published_between_two_subscriptions_is_not_lost() -> None:
     gaps = TransportGaps()
     found = [gaps.add({"publication_sequence_number": number}) for number in (1, 3)]

@@ -140,9 +140,13 @@ class TruthInput(ABC):
         """Number of messages that were dropped because of their stamps."""
         return 0
 
+    def follow_type(self) -> bool:
+        """Subscribe with the published type of true poses if it has changed; return whether it has changed."""
+        return False
+
     @abstractmethod
     def reason_for_silence(self) -> str:
-        """Return why no true pose was received; empty if the cause was just removed."""
+        """Return why no true pose was received."""
 
 
 class TopicTruthInput(TruthInput):
@@ -165,14 +169,18 @@ class TopicTruthInput(TruthInput):
 
         self._topic = TruthTopic(subscribe_to, self._msgtype)
 
-    def reason_for_silence(self) -> str:
-        """Subscribe with the published type if it has changed; otherwise return why no true pose was received."""
-        topic = self._node.resolve_topic_name(TRUE_POSES)
-        publishers = publishers_of(self._node, topic)
-        if self._topic.follow([publisher.msgtype for publisher in publishers]):
+    def follow_type(self) -> bool:
+        """Subscribe with the published type of true poses if it has changed; return whether it has changed."""
+        publishers = publishers_of(self._node, self._node.resolve_topic_name(TRUE_POSES))
+        has_changed = self._topic.follow([publisher.msgtype for publisher in publishers])
+        if has_changed:
             self._node.get_logger().info(f"{TRUE_POSES} is {self._topic.msgtype}: true poses are read from it")
-            return ""
-        found = silence_of(topic, tuple(TRUTH_TYPES), publishers, self._reliability)
+        return has_changed
+
+    def reason_for_silence(self) -> str:
+        """Return why no true pose was received."""
+        topic = self._node.resolve_topic_name(TRUE_POSES)
+        found = silence_of(topic, tuple(TRUTH_TYPES), publishers_of(self._node, topic), self._reliability)
         return f"nothing is scored without true poses on {topic}: {found.text}; {found.fix}"
 
 
