@@ -21,8 +21,8 @@ class Cause(StrEnum):
     TRANSPORT = "transport"
     CAMERA_INFO = "camera_info"
     ENCODING = "encoding"
-    IMAGE_SIZE = "picture_size"
-    SWAPPED = "exchanged"
+    IMAGE_SIZE = "image_size"
+    SWAPPED = "swapped"
     STAMP_ORDER = "stamp_order"
     UNSYNCHRONISED = "unsynchronised"
     UNPAIRED = "unpaired"
@@ -47,6 +47,6 @@ class Issue:
     command: str = ""  #: Command line that removes the cause; empty if there is none.
 
     def as_dict(self) -> dict[str, str | bool]:
-        """Return the issue for JSON. The keys `stops` and `cure` are public, so they stay."""
-        public = {"cause": self.cause.value, "stops": self.is_blocking, "where": self.where}
-        return public | {"text": self.text, "cure": self.fix}
+        """Return the issue for JSON."""
+        about = {"cause": self.cause.value, "is_blocking": self.is_blocking, "where": self.where}
+        return about | {"text": self.text, "fix": self.fix}

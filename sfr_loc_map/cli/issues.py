@@ -39,7 +39,7 @@ class IssueList:
     def show(self, json_path: str | None, facts: dict[str, Any], tables: list[Table]) -> None:
         """Print tables and issues, write the JSON; raise FailedVerdictError if an issue is blocking."""
         found = [issue.as_dict() for issue in self.issues]
-        show({"subject": self.subject, **facts, "stops": self.blocking, "findings": found}, json_path, tables)
+        show({"subject": self.subject, **facts, "blocking": self.blocking, "issues": found}, json_path, tables)
         if json_path != STANDARD_OUTPUT:
             for issue in self.issues:
                 say(f"{'BLOCKING' if issue.is_blocking else 'warning '}  {issue.where}: {issue.text}")

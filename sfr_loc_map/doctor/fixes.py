@@ -23,7 +23,9 @@ def with_fix(
     """
     try:
         found = propose_config(source, sections, path)
-        remaining = {issue.cause for issue in examine(observe(source, found.config)) if issue.is_blocking}
+        remaining = {
+            (issue.cause, issue.where) for issue in examine(observe(source, found.config)) if issue.is_blocking
+        }
     except SfrError:
         return issues
     command = shlex.join(words)
@@ -33,7 +35,7 @@ def with_fix(
         remaps = [word for name, topic in added["topics"].items() for word in ("--remap", f"{topic}:={name}")]
         fix += f"; for a single command: {shlex.join(remaps)}"
     missing = "".join(f"; still missing: {text}" for text in found.missing)
-    is_removed = [issue.is_blocking and issue.cause not in remaining for issue in issues]
+    is_removed = [issue.is_blocking and (issue.cause, issue.where) not in remaining for issue in issues]
     return [
         replace(issue, fix=fix + missing, command=command) if removed else issue
         for issue, removed in zip(issues, is_removed, strict=True)

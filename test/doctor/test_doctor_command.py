@@ -67,8 +67,8 @@ BAGS: dict[str, tuple[Edit, list[tuple[str, bool]]]] = {
     "no camera_info": (without("/loc/left/camera_info"), [("silent", True)]),
     "unsynchronised": (stamped("/loc/right/", 7_000_000), [("unsynchronised", True)]),
     "unknown encoding": (edit_of("loc/left/image_rect", encoding="yuv411"), [("encoding", True)]),
-    "other camera's info": (edit_of("loc/", width=80), [("camera_info", True), ("picture_size", True)]),
-    "exchanged": (mirrored_order, [("exchanged", True)]),
+    "other camera's info": (edit_of("loc/", width=80), [("camera_info", True), ("image_size", True)]),
+    "swapped": (mirrored_order, [("swapped", True)]),
     "two runs": (stamped("/loc/", -100 * 10**9, 2), [("stamp_order", True), ("stamp_order", True)]),
     "no truth": (without("/ground_truth/odometry"), [("truth", False)]),
     "truth by another clock": (stamped("/ground_truth/odometry", 100 * 10**9), [("truth_clock", False)]),
@@ -81,14 +81,14 @@ BAGS: dict[str, tuple[Edit, list[tuple[str, bool]]]] = {
 def test_a_bag_with_one_thing_wrong(tmp_path: Path, sfr: Sfr, name: str) -> None:
     edit, expected = BAGS[name]
     if name == "other camera's info":
-        edit, expected = _smaller_camera, [("picture_size", True)]
+        edit, expected = _smaller_camera, [("image_size", True)]
     bag = broken.rewritten_bag(tmp_path / "x.mcap", edit)
     result = sfr("info", bag, "--json", "-")
-    findings = json.loads(result.out)["findings"]
-    assert [(f["cause"], f["stops"]) for f in findings] == expected, findings
+    findings = json.loads(result.out)["issues"]
+    assert [(f["cause"], f["is_blocking"]) for f in findings] == expected, findings
     assert result.code == int(any(stops for _, stops in expected))
-    assert all(f["cure"] and f["where"] for f in findings)
-    if name not in ("good", "exchanged"):
+    assert all(f["fix"] and f["where"] for f in findings)
+    if name not in ("good", "swapped"):
         return
     plain = sfr("info", bag)
     assert plain.out.count("fix: ") == len(expected)
@@ -103,7 +103,7 @@ def test_bags_whose_topics_are_not_ours_or_that_were_not_finished(tmp_path: Path
     other = broken.renamed_bag(tmp_path / "other.mcap", "image_rect", "image")
     result = sfr("info", other, "--json", "-")
     assert result.code == 1
-    (finding,) = json.loads(result.out)["findings"][:1]
+    (finding,) = json.loads(result.out)["issues"][:1]
     assert finding["cause"] == "no_topic"
     bag = write_bag(tmp_path / "whole.mcap", 3, 0)
     names = ("loc/right/camera_info", "loc/right/image_rect")
@@ -113,7 +113,7 @@ def test_bags_whose_topics_are_not_ours_or_that_were_not_finished(tmp_path: Path
     (bag / "metadata.yaml").unlink()
     storage.write_bytes(storage.read_bytes()[:-100])
     result = sfr("info", bag, "--json", "-")
-    assert [(f["cause"], f["stops"]) for f in json.loads(result.out)["findings"]] == [("unfinished", False)]
+    assert [(f["cause"], f["is_blocking"]) for f in json.loads(result.out)["issues"]] == [("unfinished", False)]
     assert result.code == 0
 
 
@@ -140,7 +140,7 @@ def test_a_source_of_files_is_examined_as_a_bag_is(tmp_path: Path, sfr: Sfr, nam
     source = broken.good_folder(tmp_path / "source")
     change(source)
     result = sfr("info", source, "--json", "-")
-    found = [(finding["cause"], finding["stops"]) for finding in json.loads(result.out)["findings"]]
+    found = [(finding["cause"], finding["is_blocking"]) for finding in json.loads(result.out)["issues"]]
     assert found == expected
     assert result.code == int(any(stops for _, stops in expected))
 
@@ -224,7 +224,7 @@ def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any
 @pytest.mark.parametrize("what", GRAPHS)
 def test_a_graph_with_one_thing_wrong(verdicts: dict[str, Any], what: str) -> None:
     report, code, text = verdicts[what]
-    findings = report["findings"]
-    assert [(f["cause"], f["stops"]) for f in findings] == GRAPHS[what], findings
+    findings = report["issues"]
+    assert [(f["cause"], f["is_blocking"]) for f in findings] == GRAPHS[what], findings
     assert code == int(any(stops for _, stops in GRAPHS[what]))
     assert text.count("fix: ") == len(GRAPHS[what])

@@ -24,7 +24,7 @@ def findings(folder: Path, *words: str) -> tuple[dict[str, str], str]:
     with Process(folder / "doctor.log", *SFR, "doctor", "--json", str(folder / "d.json"), *words) as doctor:
         doctor.popen.wait(PATIENCE_S)
         report = json.loads((folder / "d.json").read_text())
-        return {item["where"]: item["cause"] for item in report["findings"]}, doctor.text
+        return {item["where"]: item["cause"] for item in report["issues"]}, doctor.text
 
 
 @pytest.fixture

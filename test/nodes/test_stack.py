@@ -65,7 +65,7 @@ def test_two_cameras_that_are_8_ms_apart_are_localised_and_those_further_apart_n
                 break
         assert len(peer.odometry) == 4
         assert doctor.stdout is not None
-        found = {item["cause"]: item for item in json.loads(doctor.stdout.read())["findings"]}["unsynchronised"]
+        found = {item["cause"]: item for item in json.loads(doctor.stdout.read())["issues"]}["unsynchronised"]
         assert found["where"] == "loc/left/image_rect, loc/right/image_rect"
         assert "left and right images of 'loc' are 50 ms apart, input.stamp_tolerance_s allows 10 ms" in node.text
         peer.well(Level.WARN, "let one trigger stamp both")

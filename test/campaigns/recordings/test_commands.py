@@ -48,7 +48,7 @@ def test_what_the_doctor_fixes_every_command_accepts(sfr: Sfr, tmp_path: Path, d
         assert "sfr info" in result.err
     first = sfr("info", made.source, *given, "--json", "-")
     assert first.code == 1
-    assert any("--write" in finding["cure"] for finding in json.loads(first.out)["findings"] if finding["stops"])
+    assert any("--write" in issue["fix"] for issue in json.loads(first.out)["issues"] if issue["is_blocking"])
     fixed = sfr("info", made.source, "--write", *given)
     assert fixed.code == 0, fixed.err
     assert sfr("info", made.source).code == 0
