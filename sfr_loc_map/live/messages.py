@@ -2,7 +2,7 @@
 
 Text messages of the server are JSON objects with their kind as `type`:
 
-    hello     title, row_fields          the first message: name of the run, and the fields of a pose
+    hello     title, row_fields, terms   the first message: name of the run, fields of a pose, terms of the tables
     live      LiveState.live_to_plain    state of the run, every `LIVE_PERIOD_S`, also a sign of life of the server
     report    LiveReport.to_plain        report of the monitor, when it has changed
     events    events                     all events, when one of them begins or ends

@@ -19,6 +19,7 @@ from sfr_loc_map.live.messages import PageMedia, binary_message, text_message
 from sfr_loc_map.live.path import ROW_FIELDS, PathRow
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import MediaKind
+from sfr_loc_map.report.glossary import TERMS
 
 SEND_TIMEOUT_S = 10.0  #: A page that accepts no data for this time is disconnected.
 
@@ -55,7 +56,7 @@ class Viewer:
 
     async def send_all(self, title: str) -> None:
         """Send new data until a ConnectionError (the page has left) or a TimeoutError (the page accepts no data)."""
-        await self._send(text_message("hello", {"title": title, "row_fields": ROW_FIELDS}))
+        await self._send(text_message("hello", {"title": title, "row_fields": ROW_FIELDS, "terms": {**TERMS}}))
         while True:
             self._changed.clear()
             for text in (*self._new_texts(), *self._new_rows(), *self._new_calls()):

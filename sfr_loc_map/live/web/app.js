@@ -13,7 +13,7 @@ import { showMap } from "./map.js";
 import { showNodes } from "./nodes.js";
 import { showPath } from "./path.js";
 import { Run } from "./run.js";
-import { dressAllHelp } from "./terms.js";
+import { addTerms, dressAllHelp } from "./terms.js";
 
 const TICK_MS = 100; // interval between two checks for new data
 const PLOT_MS = 500; // minimum interval between two drawings of a panel
@@ -22,7 +22,7 @@ const MEDIA = ["images", "maps"]; // costly data, which the server sends only to
 
 const run = new Run();
 const connection = new Connection({
-  onMessage: (message) => run.take(message),
+  onMessage: takeMessage,
   onMedia: (header, bytes) => run.takeMedia(header, bytes),
 });
 const isDark = matchMedia("(prefers-color-scheme: dark)");
@@ -39,6 +39,11 @@ const panels = [
   { id: "nodes", show: showNodes, data: () => [run.live] },
   { id: "figures", show: showFigures, data: () => [run.report] },
 ].map((panel) => ({ everyMs: PLOT_MS, drawn: null, drawnMs: -PLOT_MS, isVisible: true, ...panel }));
+
+function takeMessage(message) {
+  if (message.type === "hello") addTerms(message.terms);
+  run.take(message);
+}
 
 function camerasData() {
   return [run.live, byId("rig").value, ...run.images.values()];

@@ -1,7 +1,7 @@
 // The tables of the report. The server creates their strings.
 
 import { byId, element } from "./dom.js";
-import { TERMS, helpButton } from "./terms.js";
+import { helpButton, isDefined } from "./terms.js";
 
 const STYLES = { pass: "pass", fail: "fail" }; // of a verdict; all others are open
 const FIRST = ["headline", "verdicts", "covered", "map-covered", "readings"]; // other tables are folded
@@ -50,7 +50,7 @@ function headingOf(column, withHelp) {
   const heading = element("th", { className: classOf(column), text: column.heading });
   const term = column.heading.split(",")[0]; // without the unit
   heading.scope = "col";
-  if (withHelp && TERMS[term]) heading.append(" ", helpButton(term));
+  if (withHelp && isDefined(term)) heading.append(" ", helpButton(term));
   return heading;
 }
 

@@ -1,6 +1,6 @@
-// Definition of each panel and figure, shown by its "?" button.
+// Definition of each panel and of the terms of the tables, shown by its "?" button.
 
-export const TERMS = {
+const TERMS = {
   events: "Events over time: states of localisation, nodes that were silent, failed or compiling, missed limits, jumps of the stamps, and the end of an aborted run.",
   limits: "Each limit as a bar: the judged value as a fraction of the limit (vertical line), with its 95 % interval. Limits with the smallest margin come first.",
   path: "Estimate and ground truth from above, in the frame of the truth. Errors and the 3 sigma ellipse of the last pose are enlarged by the factors in the legend.",
@@ -12,18 +12,17 @@ export const TERMS = {
   drops: "Messages that were lost or dropped since the node started, by cause.",
   lifecycle: "State of the managed node: unconfigured, inactive, active or finalized.",
   figures: "Errors of the estimate over sub-trajectories, re-based at the start of each sub-trajectory, with their limits. The texts are those of the report.",
-  figure: "The judged quantity, and the condition that ends each sub-trajectory.",
-  mean: "Mean over all sub-trajectories. For position: length of the mean vector.",
-  sigma: "Standard deviation over all sub-trajectories.",
-  "mean + 3 sigma": "Mean plus three standard deviations, to which a limit usually applies.",
-  "95 % interval": "95 % confidence interval of mean + 3 sigma; it requires at least two independent sub-trajectories.",
-  limit: "Bound of the figure, from the limits file: a lower bound of the coverage, an upper bound of all other figures.",
-  verdict: "Pass if the figure is within its limit, fail if it is not. Not enough data: the figure is undefined or has too few values. Incomplete: expected data are missing. Not judged: estimate and ground truth contradict each other.",
-  value: "The statistic to which the limit applies. Without a limit: mean plus three standard deviations.",
-  margin: "Distance from the value to the limit, negative if the limit is missed.",
-  certain: "Whether the whole 95 % interval is on one side of the limit.",
-  n: "Number of sub-trajectories, map points or calls of the figure.",
 };
+
+/** Add the definitions of the terms of the tables, which are those of the report. */
+export function addTerms(terms) {
+  Object.assign(TERMS, terms);
+}
+
+/** Return whether a term has a definition. */
+export function isDefined(term) {
+  return Object.hasOwn(TERMS, term);
+}
 
 /** Return a "?" button that shows the definition of a term. */
 export function helpButton(term) {
