@@ -45,3 +45,16 @@ class StatusKind(StrEnum):
     """An input that cannot be used."""
     FAULT = "fault"
     """An unexpected exception in the node."""
+
+
+class HealthKey(StrEnum):
+    """Key of a value in the health of a node; the health also has keys that begin with `DROPPED`."""
+
+    LIFECYCLE = "lifecycle"
+    """State of the managed node."""
+    ACTIVITY = "activity"
+    """What the node does before it can process data; empty afterwards."""
+
+
+COMPILING = "compiling"  #: Activity of a node that compiles its kernels.
+DROPPED = "dropped_"  #: Start of the key of a number of dropped messages, which is followed by the cause.

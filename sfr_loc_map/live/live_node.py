@@ -13,8 +13,8 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.freshness import NODE_FRESHNESS
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.message_types import Level, StatusKind
-from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.message_types import DROPPED, HealthKey, Level, StatusKind
+from sfr_loc_map.runs.calls import CallRecord, outcome_text
 
 MAX_VALUES = 100  #: Maximum number of kept values of a node's health.
 MAX_LETTERS = 300  #: Maximum length of a kept text.
@@ -64,8 +64,8 @@ class LiveNode:
 
     def _drops(self) -> dict[str, int]:
         """Return the number of dropped messages by cause, in words."""
-        counts = {name: text for name, text in self.values.items() if name.startswith("dropped_") and text.isdecimal()}
-        return {name.removeprefix("dropped_").replace("_", " "): int(text) for name, text in counts.items()}
+        counts = {name: text for name, text in self.values.items() if name.startswith(DROPPED) and text.isdecimal()}
+        return {name.removeprefix(DROPPED).replace("_", " "): int(text) for name, text in counts.items()}
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the node as JSON values."""
@@ -76,7 +76,7 @@ class LiveNode:
             "age_s": round(max(now_s - self.heard_s, 0.0), 3) if self.heard_s else None,
             "level": (Level.STALE if stale else self.level).word,
             "message": self.message,
-            "lifecycle": self.values.get("lifecycle", "unknown"),
+            "lifecycle": self.values.get(HealthKey.LIFECYCLE, "unknown"),
             **asdict(state_after(self.call)),
             "in_graph": self.in_graph,
             "problem": self.problem,
@@ -95,7 +95,7 @@ class ReportedState:
     @property
     def text(self) -> str:
         """State with its reason, for display."""
-        return f"{self.state}: {self.reason}" if self.reason else self.state
+        return outcome_text(self.state, self.reason)
 
 
 def state_after(call: CallRecord | None) -> ReportedState:

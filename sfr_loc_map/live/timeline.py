@@ -12,7 +12,7 @@ from sfr_loc_map.live import updates
 from sfr_loc_map.live.freshness import LiveTopic
 from sfr_loc_map.live.live_node import LOCALISATION_NODE, state_of_pose
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.message_types import Level, StatusKind
+from sfr_loc_map.message_types import COMPILING, HealthKey, Level, StatusKind
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.report.limit_bars import LimitBar
 from sfr_loc_map.runs.calls import CallRecord
@@ -24,7 +24,6 @@ FLICKER_S = 0.5  #: Tracking for less than this time does not separate two inter
 GAP_S = 2.0  #: A step of the stamps is an event if it exceeds this time, s, and `GAP_PERIODS` times the mean step.
 GAP_PERIODS = 20.0
 POSE = "pose"  #: Lane of the events of the last pose.
-COMPILING_ACTIVITY = "compiling"  #: Activity in the health of a node that compiles its kernels.
 
 
 class EventKind(StrEnum):
@@ -88,7 +87,7 @@ class Timeline:
         # lost poses have their own events
         is_bad = status.level is Level.ERROR and status.node != LOCALISATION_NODE
         kind = EventKind.NODE if is_bad else None
-        if status.values.get("activity") == COMPILING_ACTIVITY:
+        if status.values.get(HealthKey.ACTIVITY) == COMPILING:
             kind = EventKind.COMPILING
         self.note(status.node, status.received_s, kind, f"{status.node}: {status.message}")
 

@@ -72,12 +72,17 @@ class CallRecord:
     @property
     def outcome(self) -> str:
         """State after the call with its reason, for display."""
-        return f"{self.state}: {self.reason}" if self.reason else self.state
+        return outcome_text(self.state, self.reason)
 
     @property
     def is_fused(self) -> bool:
         """Whether the cloud of a fusion contains each surface once; true by default for several pairs."""
         return len(self.pair_stamps_ns) > 1 if self.fused is None else self.fused
+
+
+def outcome_text(state: str, reason: str) -> str:
+    """Return a state with its reason, if any, for display."""
+    return f"{state}: {reason}" if reason else state
 
 
 def call_of_stages(stages: Sequence[CallRecord | CallUsage]) -> CallUsage:

@@ -26,7 +26,7 @@ from rclpy.qos import QoSProfile
 
 from sfr_loc_map.config import param
 from sfr_loc_map.inputs import one_line
-from sfr_loc_map.message_types import Level, StatusKind
+from sfr_loc_map.message_types import HealthKey, Level, StatusKind
 from sfr_loc_map.ros.messages import header_msg
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import DIAGNOSTICS
@@ -39,7 +39,6 @@ LATENCY_WINDOW = 200  #: Number of calls over which the 95th percentile of a lat
 MAX_MOMENTS = 10_000  #: Maximum number of arrivals or calls kept for a rate.
 MAX_REASONS = 4  #: Maximum number of reasons in a message.
 MB = 1_000_000
-COMPILING = "compiling"  #: Activity of a node whose kernels are being compiled.
 DROPS = {
     "dropped_overload": "arrived faster than they are processed: reduce the rate, or use a faster host",
     "dropped_in_transport": "were lost between their publisher and this node",
@@ -221,8 +220,8 @@ class StatusReporter:
 
     def _health_values(self, now: float, memory: int, snapshot: NodeSnapshot) -> dict[str, Value]:
         values: dict[str, Value] = {
-            "lifecycle": snapshot.lifecycle,
-            "activity": self._activity,
+            HealthKey.LIFECYCLE: snapshot.lifecycle,
+            HealthKey.ACTIVITY: self._activity,
             "received_messages_hz": self._rate(self._arrivals, now),
             "processed_hz": self._rate(self._calls, now),
             "waiting": snapshot.waiting,
