@@ -30,6 +30,7 @@ from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates
 from sfr_loc_map.metrics.call_meter import METHOD
 from sfr_loc_map.metrics.calls import Calls, stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
+from sfr_loc_map.metrics.completeness import with_unmapped_pairs
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.limits import Limits
@@ -147,6 +148,11 @@ class MapInputs:
         self.pair_stamps_ns = set[int]()  # stamps of received mapping pairs, which the maps of the run must contain
         self._mapped_until_ns = -1  # stamp of the last pair of the last map
 
+    @property
+    def unmapped_pairs(self) -> int:
+        """Number of mapping pairs after the last map."""
+        return sum(stamp_ns > self._mapped_until_ns for stamp_ns in self.pair_stamps_ns)
+
     def set_rig(self, rig: StereoRig) -> None:
         """Set the rig of the following pairs."""
         self.rig = rig
@@ -248,7 +254,7 @@ class MonitorScore:
         """Return the current score with the errors of its sub-trajectories; by default, also the data of all plots.
 
         During a run, results of the last seconds (`LiveRun.in_flight_s`) do not count as missing, and the first pose
-        and the first map are awaited. After the run, all images or all mapping pairs are missing without them.
+        and the next map are awaited. After the run, images without poses and the pairs after the last map are missing.
         """
         is_under_way = live.in_flight_s > 0.0
         stats = self._calls.stats()
@@ -257,8 +263,11 @@ class MonitorScore:
         drive = None
         if truth is not None and estimates is not None:
             drive = DriveToScore(estimates, truth, image_stamps_ns=live.image_stamps_ns)
+        unmapped = 0 if is_under_way else self.map_inputs.unmapped_pairs
+        surface = self.maps.result
+        if surface is not None and unmapped:
+            surface = replace(surface, figures=with_unmapped_pairs(surface.figures, unmapped))
         pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)
-        worst_map = self.maps.result
         images_ns = () if live.image_stamps_ns is None else live.image_stamps_ns
         run = Run(
             ScoreInputs(),
@@ -266,12 +275,12 @@ class MonitorScore:
             drive=drive,
             unposed_images=len(images_ns) if estimates is None and not is_under_way else 0,
             nav_stamps_ns=pairs,
-            unmapped_pairs=len(pairs) if worst_map is None and not is_under_way else 0,
+            unmapped_pairs=unmapped if surface is None else 0,
         )
         received = Received(
             run=run,
             messages=self._poses + len(self._calls),
-            map=worst_map,
+            map=surface,
             convention_finding=self._convention_finding,
         )
         return score_so_far(received, live, self._config, self._limits)

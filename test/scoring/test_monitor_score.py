@@ -392,3 +392,25 @@ def test_a_map_without_points_is_worse_than_a_map_within_the_limits() -> None:
     assert maps.result is not None
     rows = Score(figures=maps.result.figures)
     assert (rows.number("points"), rows.number("maps")) == (0, 2)
+
+
+@pytest.mark.parametrize("later", [0, 2])
+def test_pairs_after_the_last_map_are_missing_once_the_run_is_over(later: int) -> None:
+    """A mapper that ends after its first map is not judged by this map alone."""
+    monitor = MonitorScore(ScoreConfig(), None)
+    monitor.map_inputs.set_rig(NAV_RIG)
+    points = np.full((NAV_RIG.height, NAV_RIG.width, 3), 2.0)
+    for stamp_ns in range(1, 3 + later):
+        monitor.map_inputs.add_pose(stamp_ns, Transform.identity())
+        monitor.map_inputs.add_true_points(stamp_ns, points)
+    monitor.add_call(CallRecord(2, 0.1, "fused", pair_stamps_ns=(1, 2), task=Task.MAPPING))
+    pixels = np.arange(2, dtype=np.uint16)
+    ones = np.ones(2, np.float32)
+    cloud = PointCloud(np.full((2, 3), 2.0, np.float32), ones, ones, pixels, pixels, np.array([0, 1], np.uint8))
+    monitor.map_inputs.add_cloud(2, cloud)
+    assert monitor.score_maps()
+    for live, missing in ((LiveRun(in_flight_s=5.0), 0), (LiveRun(), later)):
+        score = monitor.result(live)
+        assert score.number("pairs_without_cloud", part="count") == missing
+        assert score.number("judged", "n", part="map") == 2 + missing
+        assert score.incomplete == (f"the map contains 2 of {2 + later} pairs" if missing else None)
