@@ -71,13 +71,18 @@ def methods_tables(scores: Sequence[Score], names: Sequence[str]) -> list[Table]
 
 
 def _cells_of(shown: MethodColumn, scores: Sequence[Score]) -> list[Cell]:
-    """Return the cells of a column with marks on the best and the worst value."""
+    """Return the cells of a column with marks on the best and the worst value of the ranked methods."""
     cells = [shown.cell_of(score) for score in scores]
-    return _marked(cells, larger_is_better=shown.is_better_if_larger) if shown.is_marked else cells
+    if not shown.is_marked:
+        return cells
+    return _marked(cells, [is_ranked(score) for score in scores], larger_is_better=shown.is_better_if_larger)
 
 
-def _marked(cells: list[Cell], *, larger_is_better: bool) -> list[Cell]:
-    shown = [float(f"{cell.value:.4g}") if isinstance(cell.value, (int, float)) else None for cell in cells]
+def _marked(cells: list[Cell], is_ranked: list[bool], *, larger_is_better: bool) -> list[Cell]:
+    shown = [
+        float(f"{cell.value:.4g}") if ranked and isinstance(cell.value, (int, float)) else None
+        for cell, ranked in zip(cells, is_ranked, strict=True)
+    ]
     known = [value for value in shown if value is not None]
     if len(set(known)) < 2:  # values that are equal in all displayed digits are not marked
         return cells
@@ -123,7 +128,8 @@ def _methods(named: Named) -> Table:
     note = (
         "Errors: mean + 3 sigma, with its 95 % interval. Time per call: localisation / mapping call. A latency "
         "is marked: it includes transport and queueing, unlike a time per call. Memory: largest peak. "
-        f"{MARKS['best']} best, {MARKS['worst']} worst of the column."
+        f"{MARKS['best']} best, {MARKS['worst']} worst of the column, among the methods that have not failed, have no "
+        "missing results and agree with the convention of the truth. The other methods follow them."
     )
     heads = (Column("method", words=True), *(item.column for item in shown))
     return Table("methods", "Methods", heads, rows_of_all, note)
@@ -152,10 +158,18 @@ def compared_rows(score: Score) -> list[Figure]:
     return [row for row in rows if row is not None]
 
 
-def rank_of(score: Score) -> tuple[bool, float]:
-    """Return the sort key of a method: mean + 3 sigma of the position or point error; methods without errors last."""
+def is_ranked(score: Score) -> bool:
+    """Return whether a method has results of its complete task, so that its figures can be the best ones."""
+    return score.incomplete is None and score.contradiction is None and not score.fatal_findings
+
+
+def rank_of(score: Score) -> tuple[bool, bool, float]:
+    """Return the sort key of a method: mean + 3 sigma of the position or point error.
+
+    Methods without errors are last, after those that are not ranked.
+    """
     error = next((row.mean_plus_3sigma for row in compared_rows(score)), None)
-    return error is None, error or 0.0
+    return error is None, not is_ranked(score), error or 0.0
 
 
 def _compared_number(score: Score, figure: str, statistic: str) -> float | None:

@@ -13,7 +13,14 @@ from helpers.made_scores import HOSTILE, whole_score, without
 from sfr_loc_map.cli.main import app
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.judging.judge import judged_again
-from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore, MethodKind, MethodRecord
+from sfr_loc_map.metrics.records import (
+    AnswerCounts,
+    ExternalScore,
+    FindingKind,
+    FindingRecord,
+    MethodKind,
+    MethodRecord,
+)
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.metrics.table import figure_row
@@ -54,6 +61,25 @@ def test_each_method_has_a_row_and_a_latency_is_no_time_per_call(scores: list[Sc
     assert cells["memory"][1] == "-"
     total = scores[0].number("position", "mean_plus_3sigma")
     assert cells["position error over 5 m"][0].startswith(f"{1e3 * total:.4g}")
+
+
+@pytest.mark.parametrize("flaw", ["incomplete", "contradiction", "findings"])
+def test_a_method_without_all_results_is_not_the_best(scores: list[Score], flaw: str) -> None:
+    """A method that gave up early has small errors and short times."""
+    rows = tuple(
+        replace(row, mean=0.1 * row.mean, mean_plus_3sigma=0.1 * row.mean_plus_3sigma)
+        if row.mean is not None and row.mean_plus_3sigma is not None
+        else row
+        for row in scores[0].figures
+    )
+    crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=1, text="why")
+    early = replace(scores[0], figures=rows, **{flaw: (crash,) if flaw == "findings" else "why"})
+    table = methods_tables([early, scores[0]], ["early", "sfr"])[0]
+    assert [row[0].text for row in table.rows] == ["sfr", "early"]
+    assert not any(cell.mark for row in table.rows for cell in row)
+    assert (
+        methods_tables([replace(scores[0], figures=rows), scores[0]], ["better", "sfr"])[0].rows[0][0].text == "better"
+    )
 
 
 def test_figures_hold_all_methods_and_no_sign_that_plotly_reads(scores: list[Score]) -> None:
