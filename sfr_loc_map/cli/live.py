@@ -14,7 +14,6 @@ from sfr_loc_map.cli.live_option import require_live
 from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, refuse_given, require_ros
 from sfr_loc_map.config import build, read_sections
 from sfr_loc_map.errors import InterruptedRunError, MissingExtraError
-from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.live.config import DEFAULT_HOST, DEFAULT_PORT, LiveConfig
 
 if TYPE_CHECKING:
@@ -59,6 +58,7 @@ def live(
 
     The command prints the address of the page when it is ready, and never delays the nodes. In a terminal, q ends it.
     """
+    from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.live.state import LiveState
 
     check_live(files)

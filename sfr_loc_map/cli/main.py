@@ -1,7 +1,7 @@
 """The command `sfr`: prints errors in one line and returns exit codes.
 
-The modules of subcommands import heavy packages inside their functions so that `sfr --help` is fast. They raise
-`SfrError`. Only this module prints errors and exits, with the code of the error (`errors.ExitCode`).
+The modules of subcommands import NumPy and what requires it inside their functions, so that `sfr --help` is fast. They
+raise `SfrError`. Only this module prints errors and exits, with the code of the error (`errors.ExitCode`).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from sfr_loc_map.cli import (  # noqa: F401 - most join `app` when they are impo
     bench,
     check,
     convert,
+    diagnose,
     doctor,
     info,
     init,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shlex
+import subprocess
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -52,3 +54,8 @@ def test_the_usual_options_come_before_the_rare_ones(name: str, rare: str, sfr: 
     assert "--limits" in usual
     assert rare in text
     assert rare not in usual
+
+
+def test_the_help_needs_no_numpy() -> None:
+    code = "import sys; sys.modules['numpy'] = None; import sfr_loc_map.cli.main"
+    subprocess.run([sys.executable, "-c", code], check=True)
