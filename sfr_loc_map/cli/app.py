@@ -31,7 +31,7 @@ EXIT_CODES = (
 PANELS = {
     "Look": ("info", "doctor", "init"),
     "Run": ("replay", "localise", "map", "live", "run", "record"),
-    "Judge": ("score", "report", "check"),
+    "Judge": ("score", "diagnose", "report", "check"),
     "Many runs": ("suite",),
     "Methods of your own": ("bench",),
     "Data": ("convert", "simulate"),
