@@ -278,10 +278,7 @@ class MonitorScore:
             unmapped_pairs=unmapped if surface is None else 0,
         )
         received = Received(
-            run=run,
-            messages=self._poses + len(self._calls),
-            map=surface,
-            convention_finding=self._convention_finding,
+            run=run, messages=self._poses + len(self._calls), map=surface, convention_finding=self._convention_finding
         )
         return score_so_far(received, live, self._config, self._limits)
 
