@@ -432,8 +432,8 @@ def test_an_estimate_covers_one_image_of_a_burst() -> None:
 def test_a_call_belongs_to_one_pair_of_a_burst() -> None:
     expected = bursts()
     is_first = np.diff(expected, prepend=0) > SECOND // 2
-    for given, missing in ((expected, 0.0), (expected[is_first], 1.0 / 3.0)):
-        measured = {Scope.CALLS: np.full(len(given), 0.1)}
-        rows = values_of(calls_completeness(CallKind.LOCALISATION, given, expected, measured))
+    for called, missing in ((expected, 0.0), (expected[is_first], 1.0 / 3.0)):
+        measured = {Scope.CALLS: np.full(len(called), 0.1)}
+        rows = values_of(calls_completeness(CallKind.LOCALISATION, called, expected, measured))
         assert rows["calls_missing localisation"] == pytest.approx(missing)
         assert rows["calls_other localisation"] == rows["calls_doubled localisation"] == 0.0
