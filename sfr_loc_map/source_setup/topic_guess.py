@@ -280,17 +280,23 @@ def _candidates(image: SeenTopic) -> Iterator[_Candidate]:
     everywhere (`/left/image_left` is the pair of `/right/image_right`).
     """
     for basis, text in _texts(image):
-        matches = [*(NUMBERS if basis is _Basis.NUMBER else SIDE_WORDS).finditer(text)]
-        if basis is not _Basis.NUMBER:
-            matches = matches[-1:]  # earlier words describe the location of the camera
+        found = [*(NUMBERS if basis is _Basis.NUMBER else SIDE_WORDS).finditer(text)]
+        matches = found if basis is _Basis.NUMBER else found[-1:]  # earlier words describe the location of the camera
         for match in matches:
-            start, end = match.span(1)
             word = match[1]
             if word in RIGHT_OF:
-                prefix, right = f"/{text[:start]}", RIGHT_OF[word]
-                once = text[:start] + right + text[end:]
-                yield _Candidate(basis, False, text, once, image, prefix, word)
-                yield _Candidate(basis, True, text, text.replace(word, right), image, prefix, word)
+                prefix = f"/{text[: match.start(1)]}"
+                equal = [other for other in found if other[1] == word]
+                yield _Candidate(basis, False, text, _replaced(text, [match], RIGHT_OF[word]), image, prefix, word)
+                yield _Candidate(basis, True, text, _replaced(text, equal, RIGHT_OF[word]), image, prefix, word)
+
+
+def _replaced(text: str, matches: Sequence[re.Match[str]], word: str) -> str:
+    """Return a text with another word in place of the first group of these matches."""
+    for match in reversed(matches):
+        start, end = match.span(1)
+        text = text[:start] + word + text[end:]
+    return text
 
 
 def _can_be_pair(left: SeenTopic, right: SeenTopic) -> bool:

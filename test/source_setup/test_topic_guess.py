@@ -468,6 +468,12 @@ def test_swapped_sides_swap_the_answer(name: str) -> None:
     assert (turned.topics, turned.truth) == (want, guess.truth)
 
 
+def test_a_letter_of_a_side_is_replaced_only_where_it_is_a_word() -> None:
+    topics = seen("Image 640x480 /oak_l/color_l/image_rect /oak_r/color_r/image_rect")
+    found = guess_topics(topics).topics
+    assert [found[f"loc/{side}/image_rect"] for side in ("left", "right")] == [topic.name for topic in topics]
+
+
 def test_topics_without_a_message_are_left_out() -> None:
     topics = seen("Image 0 640x480 /a/{left,right}/image_rect\nImage 640x480 /b/{left,right}/image_raw")
     assert both("/b/{}/image_raw") == [t for n, t in guess_topics(topics).topics.items() if "image" in n]

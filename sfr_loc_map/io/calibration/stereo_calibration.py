@@ -29,6 +29,7 @@ FOCAL_RATIO = (0.5, 2.0)
 """Accepted ratio of rectified to original focal length. OpenCV's choice is far smaller for wide fisheye lenses."""
 RECTIFIED_TOLERANCE = 1e-9
 """Largest deviation of calibrated cameras from a rectified pair, rad and m, that needs no rectification."""
+BASELINE_TOLERANCE = 0.01  #: Largest difference of a given baseline from that of P, as a fraction of the latter.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +49,14 @@ class StereoCalibration:
         return rig_of_raw(self.cameras, name)
 
     def with_baseline(self, baseline_m: float) -> StereoCalibration:
-        """Return the calibration with P[3] of the right camera from a baseline."""
+        """Return the calibration with P[3] of the right camera from a baseline; InputError if P has another one."""
         left, right = self.cameras
+        stated_m = (left.p[3] - right.p[3]) / right.p[0] if right.p[0] else 0.0
+        if stated_m and abs(stated_m - baseline_m) > BASELINE_TOLERANCE * abs(stated_m):
+            raise InputError(
+                f"calibration.baseline_m is {baseline_m:g} m, but P of {self.text} states {stated_m:g} m: omit "
+                "calibration.baseline_m, or correct the calibration"
+            )
         p = (*right.p[:3], -right.p[0] * baseline_m, *right.p[4:])
         return replace(self, cameras=(left, replace(right, p=p)))
 

@@ -119,9 +119,9 @@ class BagRig:
 def rig_of_bag(images: BagImages, calibration: CalibrationConfig, config: SourceConfig) -> BagRig:
     """Return the rig of a task; `calibration` applies to this task."""
     found, frame = _by_file(images, Path(calibration.file)) if calibration.file else _by_camera_info(images)
-    if calibration.baseline_m:
-        found = found.with_baseline(calibration.baseline_m)
     with naming_bag(images.bag):
+        if calibration.baseline_m:
+            found = found.with_baseline(calibration.baseline_m)
         rig, rectifier = found.rig(images.task.rig)
     mount = None
     if images.task is Task.LOCALISATION:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
+
+import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.extrinsics import RigInBody
@@ -25,6 +27,7 @@ from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.sequence import RecordedBag, Source, SourceFormat
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 from sfr_loc_map.io.tables.stamps import check_order
+from sfr_loc_map.io.tables.text_table import MAX_BROKEN
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH
 from sfr_loc_map.io.truth.read import truth_of_recording
 from sfr_loc_map.message_types import POINTS, POSE
@@ -106,7 +109,7 @@ class _BagPairs:
         return round(self._sync.stamp_tolerance_s * NS_PER_S)
 
     def _stamps(self) -> dict[str, list[int]]:
-        """Return the stamps of the messages by topic; InputError if they are all 0 or do not increase."""
+        """Return the increasing stamps of the messages by topic; InputError if all are 0 or many do not increase."""
         stamps: dict[str, list[int]] = {topic.name: [] for topic in self._topics}
         for topic, stamp_ns, _ in self._bag.stream(self._topics):
             stamps[topic.name].append(stamp_ns)
@@ -117,7 +120,7 @@ class _BagPairs:
                     f"{where}: all header stamps are 0: set 'sync.stamps: record' in sfr.yaml, which uses the "
                     "recording times"
                 )
-            check_order(stamps[topic.name], where, strict=True)
+            stamps[topic.name] = _increasing(stamps[topic.name], where)
         return stamps
 
     def joined(self) -> Iterator[tuple[StereoPair, Mapping[str, bytes]]]:
@@ -127,9 +130,10 @@ class _BagPairs:
         stamp = next(order, None)
         depth = SampleDepth(_log.warning, f"{self._bag.path}, {self.task.rig}")
         for topic, stamp_ns, raw in self._bag.stream(self._topics):
-            if (part := pair_of.get((topic.name, stamp_ns))) is None:
+            part = pair_of.get((topic.name, stamp_ns))
+            if part is None or stamp is None or part < stamp:  # of no pair, or repeated after its pair
                 continue
-            waiting.setdefault(part, {})[topic.name] = raw
+            waiting.setdefault(part, {}).setdefault(topic.name, raw)
             while stamp is not None and len(waiting.get(stamp, ())) == len(self._pairs[stamp]):
                 messages = waiting.pop(stamp)
                 yield self._pair(stamp, messages, depth), messages
@@ -219,6 +223,21 @@ class BagNavSequence(_BagPairs):
                 with naming_bag(self._bag):
                     truth = points_image(message, (self.rig.width, self.rig.height))
             yield PosedStereoPair(pair, self._poses[pose_of_pair[pair.stamp_ns]], truth)
+
+
+def _increasing(stamps_ns: Sequence[int], where: str) -> list[int]:
+    """Return the stamps without those that are not later than all before; InputError if many are not."""
+    stamps = np.asarray(stamps_ns, np.int64)
+    is_later = np.ones(len(stamps), np.bool_)
+    is_later[1:] = stamps[1:] > np.maximum.accumulate(stamps)[:-1]
+    ignored = int(np.count_nonzero(~is_later))
+    if ignored > MAX_BROKEN * len(stamps):
+        check_order(stamps, where, strict=True)
+    if ignored:
+        _log.warning(
+            f"{where}: {ignored} of {len(stamps)} messages ignored: their stamps are not later than those before"
+        )
+    return [int(stamp) for stamp in stamps[is_later]]
 
 
 def open_bag(path: Path, config: SourceConfig | None = None) -> Source:

@@ -24,7 +24,7 @@ from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos
 from sfr_loc_map.io.layouts.bag_source import open_bag
 from sfr_loc_map.io.message_stream import messages_of
 from sfr_loc_map.io.registry import open_source, read_truth
-from sfr_loc_map.io.source_config import SourceConfig, SyncConfig
+from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 from sfr_loc_map.message_types import ODOMETRY
 
 Entry = tuple[str, int, Any]
@@ -59,6 +59,28 @@ def test_round_trip_is_exact_as_folder_as_file_and_without_metadata(
         open_source(bag)
     (bag / "metadata.yaml").unlink()
     assert_is_world(open_source(bag), world)
+
+
+def test_a_repeated_and_a_late_image_are_ignored_and_counted(
+    tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    pairs = [replace(world.pairs[0], stamp_ns=START_NS + k * 10**8) for k in range(12)]
+    entries = loc_entries(replace(world, pairs=pairs))
+    repeated = [(topic, stamp + 10**9, message) for topic, stamp, message in entries[4:8]]
+    source = open_source(write_messages(tmp_path / "repeated", entries + repeated))
+    assert source.loc is not None
+    assert [pair.stamp_ns for pair in source.loc.pairs()] == [pair.stamp_ns for pair in pairs]
+    assert "image_rect': 1 of 13 messages ignored" in caplog.text
+    twice = open_source(write_messages(tmp_path / "twice", entries + [(t, s + 10**10, m) for t, s, m in entries]))
+    assert twice.loc is not None
+    with pytest.raises(InputError, match="stamps must be in order"):
+        len(twice.loc)
+
+
+def test_a_baseline_that_contradicts_camera_info_is_refused(tmp_path: Path, world: World) -> None:
+    bag = write_messages(tmp_path / "b", loc_entries(world))
+    with pytest.raises(InputError, match=r"calibration.baseline_m is 9 m, but P of .* states 0\."):
+        open_source(bag, SourceConfig(calibration=CalibrationConfig(baseline_m=9.0)))
 
 
 def test_topics_of_others_by_remap_and_namespace(tmp_path: Path, world: World) -> None:
