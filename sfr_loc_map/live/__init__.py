@@ -3,7 +3,7 @@
     nodes ──► feed, map_feed (thread of ROS; `operator` calls the services of the nodes)
             │ records (`updates`)
             ▼
-    LiveState.put (`state`): path, timeline, live_node, live_report, freshness
+    LiveState.put (`state`): path, timeline, live_node, shown_score, freshness
             │ JSON values (`live_to_plain`, `to_plain`), images and maps
             ├──► server, viewer (event loop) ──► messages ──► web/app.js and a module for each panel
             ├──► terminal

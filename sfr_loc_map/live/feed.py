@@ -125,7 +125,7 @@ class RosFeed(Peer):
         for task in Task:
             self.subscribe(String, call_topic(task), partial(self._on_call, task), BEST_EFFORT)
         self.subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, BEST_EFFORT)
-        self.subscribe(String, REPORT, self._on_report, LATCHED)
+        self.subscribe(String, REPORT, self._on_score, LATCHED)
 
     def _receive_truth(self, msgtype: str) -> Callable[[], object]:
         """Subscribe to true poses of a type; return the function that unsubscribes."""
@@ -205,8 +205,8 @@ class RosFeed(Peer):
 
     # ---- messages
 
-    def _on_report(self, message: String, _: dict[str, Any]) -> None:
-        self._state.put(updates.Report(message.data, time.time()))
+    def _on_score(self, message: String, _: dict[str, Any]) -> None:
+        self._state.put(updates.PublishedScore(message.data, time.time()))
 
     def _on_odometry(self, raw: bytes, _: float) -> None:
         message = deserialize_message(raw, Odometry)

@@ -4,13 +4,13 @@ Text messages of the server are JSON objects with their kind as `type`:
 
     hello     title, row_fields, terms   the first message: name of the run, fields of a pose, terms of the tables
     live      LiveState.live_to_plain    state of the run, every `LIVE_PERIOD_S`, also a sign of life of the server
-    report    LiveReport.to_plain        report of the monitor, when it has changed
+    score     ShownScore.to_plain        score of the monitor, when it has changed
     events    events                     all events, when one of them begins or ends
     path      whole, rows, last,         new poses, and the last one; if `whole`, the poses replace the earlier ones;
               before_m                   distance travelled before the first pose
     calls     first, calls               new calls; the page keeps no call before the number `first`
 
-`live`, `report` and `events` are equal for all pages (`CommonTexts`). Binary messages are images and top-view maps
+`live`, `score` and `events` are equal for all pages (`CommonTexts`). Binary messages are images and top-view maps
 (`binary_message`). A page sends only `{"type": "want", "media": [...]}` with the media that it displays.
 """
 
@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.live.live_report import LiveReport
+from sfr_loc_map.live.shown_score import ShownScore
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import ElevationSample, ImageSample
 
@@ -64,7 +64,7 @@ class CommonTexts:
     def __init__(self, state: LiveState) -> None:
         self.by_kind: dict[str, str] = {}
         self._state = state
-        self._report: LiveReport | None = None
+        self._score: ShownScore | None = None
         self._events_version = -1
         self._live_s = 0.0  # time of the last message `live`
 
@@ -75,9 +75,9 @@ class CommonTexts:
         with state.lock:
             if is_due:
                 state.tick(now_s)
-            if state.report is not None and state.report is not self._report:
-                self._report = state.report
-                self.by_kind["report"] = text_message("report", state.report.to_plain())
+            if state.score is not None and state.score is not self._score:
+                self._score = state.score
+                self.by_kind["score"] = text_message("score", state.score.to_plain())
             if self._events_version != state.timeline.version:
                 self._events_version = state.timeline.version
                 self.by_kind["events"] = text_message("events", {"events": state.events_to_plain()})

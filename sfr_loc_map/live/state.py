@@ -20,9 +20,9 @@ from sfr_loc_map.live.displayed_media import DisplayedMedia
 from sfr_loc_map.live.freshness import LiveTopic
 from sfr_loc_map.live.headline import headline
 from sfr_loc_map.live.live_node import LOCALISATION_NODE, MAX_LETTERS, LiveNode, NumberedCall, state_of_pose
-from sfr_loc_map.live.live_report import NO_REPORT, LiveReport
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.run_end import Aborted, RunEnd
+from sfr_loc_map.live.shown_score import NO_SCORE_SHOWN, ShownScore
 from sfr_loc_map.live.timeline import EventKind, Timeline
 from sfr_loc_map.metrics.score import SCHEMA
 from sfr_loc_map.metrics.score_json import from_json
@@ -35,7 +35,7 @@ MAX_STAMPS = 2000  #: Images whose time of publication is kept.
 MAX_PROBLEMS = 20
 MAX_CALLS = 600
 MAX_REPORT_CHARACTERS = 8_000_000
-NO_SCORE: dict[str, Any] = {"schema": SCHEMA, "figures": [], "verdicts": []}  #: Score before the first report.
+NO_SCORE: dict[str, Any] = {"schema": SCHEMA, "figures": [], "verdicts": []}  #: Content before the first score.
 STALE_TOPICS = {ESTIMATE: "pose", REPORT: "figures"}  #: Topics whose silence makes the displayed data stale.
 
 
@@ -49,7 +49,7 @@ class LiveState:
         self.operator: updates.Operator = updates.NoOperator()  # replaced once the graph is joined
         self._runs: CommonRuns[updates.PoseSample] = CommonRuns({track: AnyOrder() for track in updates.Track})
         self.path = LivePath()
-        self.report: LiveReport | None = None
+        self.score: ShownScore | None = None
         self.nodes: dict[str, LiveNode] = {}
         self.calls: deque[NumberedCall] = deque(maxlen=MAX_CALLS)
         self.media: dict[str, updates.Media] = {}  # newest image or map of each topic
@@ -129,31 +129,31 @@ class LiveState:
             if run_end.aborted and self.aborted is None:
                 self.aborted = Aborted(run_end.aborted, now_s)
                 self.timeline.mark(now_s, EventKind.ABORTED, f"aborted: {run_end.aborted}")
-            if self.report is not None:
-                self.report = self.report.with_missing(run_end.missing)
+            if self.score is not None:
+                self.score = self.score.with_missing(run_end.missing)
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
-        """Return the latest report (`sfr-score/2`) with the state of the run as `live`, as JSON values."""
+        """Return the latest score (`sfr-score/2`) with the state of the run as `live`, as JSON values."""
         with self.lock:
-            live, report, events = self.live_to_plain(now_s), self.report, self.events_to_plain()
-        content = NO_SCORE if report is None else report.content
-        shown = NO_REPORT if report is None else report.to_plain()
-        live |= {name: shown[name] for name in NO_REPORT}
+            live, score, events = self.live_to_plain(now_s), self.score, self.events_to_plain()
+        content = NO_SCORE if score is None else score.content
+        shown = NO_SCORE_SHOWN if score is None else score.to_plain()
+        live |= {name: shown[name] for name in NO_SCORE_SHOWN}
         return content | {"live": live | {"events": events}}
 
     def live_to_plain(self, now_s: float) -> dict[str, Any]:
-        """Return the `live` part of `state.json` as JSON values, without events and the content of the report."""
+        """Return the `live` part of `state.json` as JSON values, without events and the content of the score."""
         with self.lock:
             silent = self._silent_nodes(now_s)
-            report, newest = self.report, self.path.newest
+            score, newest = self.score, self.path.newest
             age_s = self._age_of_verdict_s(now_s)
             topics = {
                 name: topic.to_plain(now_s, self.lost.get(name, 0)) for name, topic in sorted(self.topics.items())
             }
             stale_reasons = self._stale_reasons(silent, now_s)
             shown = headline(
-                None if report is None else report.overall,
-                () if report is None else report.bars,
+                None if score is None else score.overall,
+                () if score is None else score.bars,
                 age_s=age_s,
                 stale_reasons=stale_reasons,
                 ended_s=self.ended_s,
@@ -170,7 +170,7 @@ class LiveState:
                 "ended_at": self.ended_s,
                 "aborted": None if self.aborted is None else self.aborted.to_plain(),
                 "has_report": bool(self._report_page),
-                "report_age_s": None if report is None else round(now_s - report.received_s, 3),
+                "report_age_s": None if score is None else round(now_s - score.received_s, 3),
                 "nodes": [self._node_to_plain(name, now_s) for name in sorted(self.nodes)],
                 "topics": topics,
                 "localisation": self._localisation_to_plain(now_s),
@@ -185,13 +185,13 @@ class LiveState:
         return self.nodes[name].to_plain(now_s) | {"actions": list(self.operator.node_actions.get(name, ()))}
 
     def _age_of_verdict_s(self, now_s: float) -> float | None:
-        """Return the time since the last report or the last result, whichever is older; None without a report.
+        """Return the time since the last score or the last result, whichever is older; None without a score.
 
-        A report is latched, so it may be received without any pose or call.
+        A score is latched, so it may be received without any pose or call.
         """
-        if self.report is None:
+        if self.score is None:
             return None
-        known_s = [self.report.received_s] if self._result_s is None else [self.report.received_s, self._result_s]
+        known_s = [self.score.received_s] if self._result_s is None else [self.score.received_s, self._result_s]
         return round(now_s - min(known_s), 3)
 
     def _localisation_to_plain(self, now_s: float) -> dict[str, Any] | None:
@@ -246,8 +246,8 @@ class LiveState:
 
     def _take_in(self, update: updates.Update) -> None:
         match update:
-            case updates.Report():
-                self._take_report(update)
+            case updates.PublishedScore():
+                self._take_score(update)
             case updates.PoseSample():
                 self._take_pose(update)
             case updates.Call():
@@ -263,16 +263,16 @@ class LiveState:
             case _:  # media
                 self._take_media(update)
 
-    def _take_report(self, update: updates.Report) -> None:
-        """Add a report of the monitor."""
+    def _take_score(self, update: updates.PublishedScore) -> None:
+        """Add a score of the monitor."""
         self._note_topic(REPORT, None, update.received_s)
         if (length := len(update.text)) > MAX_REPORT_CHARACTERS:
             raise InputError(f"{REPORT} has {length} characters: at most {MAX_REPORT_CHARACTERS} are read")
-        report = LiveReport(from_json(update.text, REPORT), update.received_s)
-        self.report = report.with_missing(self._missing) if self.ended else report
-        bars = sorted(self.report.bars, key=lambda bar: bar.place)
+        score = ShownScore(from_json(update.text, REPORT), update.received_s)
+        self.score = score.with_missing(self._missing) if self.ended else score
+        bars = sorted(self.score.bars, key=lambda bar: bar.place)
         self.timeline.judge(bars, update.received_s)
-        if (drive := self.report.score.association) is not None:
+        if (drive := self.score.score.association) is not None:
             self.path.note_length(drive.path_length_m)
 
     def _take_pose(self, update: updates.PoseSample) -> None:

@@ -20,7 +20,7 @@ from rich.text import Text
 from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.live.headline import clock_time
 from sfr_loc_map.live.keyboard import Keyboard
-from sfr_loc_map.live.live_report import LiveReport
+from sfr_loc_map.live.shown_score import ShownScore
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.report.table_formats import to_rich
@@ -97,10 +97,10 @@ class Terminal:
 def one_line_of(state: LiveState, now_s: float) -> str:
     """Return one line with the verdict and its age or end, headline figures, state and nodes."""
     with state.lock:
-        live, report = state.live_to_plain(now_s), state.report
+        live, score = state.live_to_plain(now_s), state.score
         shown = live["headline"]
         parts = [clock_time(now_s), f"{_word(shown)}: {shown['text'].rstrip('.')}"]
-        for table in _figures(report):
+        for table in _figures(score):
             for title, unit, *cells in table.rows:
                 numbers = zip(table.columns[2:], cells, strict=True)
                 known = [f"{column.title} {cell.text}" for column, cell in numbers if cell.text != ABSENT]
@@ -126,16 +126,16 @@ def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str, wid
             words = _node_words(node, live)
             nodes.add_row(*(words if wide else (*words[:4], words[-1])))
         yield nodes
-    if state.report is not None and state.report.bars:
+    if state.score is not None and state.score.bars:
         limits = Grid("verdict", "of", box=None, pad_edge=False, padding=(0, 1, 0, 0))
         for name in ("value", "limit", "margin"):
             limits.add_column(name, justify="right", no_wrap=True)
-        for bar in state.report.bars:
+        for bar in state.score.bars:
             style = VERDICTS.get(bar.state, OPEN).colour
             limits.add_row(Text(f"{bar.icon} {bar.state}", style), bar.name, bar.value, bar.limit, bar.margin)
         yield limits
     yield from map(Text, _notes(state, live))
-    for grid in map(to_rich, _figures(state.report)):
+    for grid in map(to_rich, _figures(state.score)):
         grid.title = grid.caption = grid.box = None
         grid.padding = (0, 1, 0, 0)
         yield grid
@@ -145,8 +145,8 @@ def _word(shown: dict[str, str]) -> str:
     return ", ".join(filter(None, (f"{shown['icon']} {shown['word']}", shown["age"])))
 
 
-def _figures(report: LiveReport | None) -> list[Table]:
-    return [] if report is None else [table for table in report.tables if table.name == "headline"]
+def _figures(score: ShownScore | None) -> list[Table]:
+    return [] if score is None else [table for table in score.tables if table.name == "headline"]
 
 
 def _node_words(node: dict[str, Any], live: dict[str, Any]) -> list[Text | str]:
@@ -193,7 +193,7 @@ def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
             yield f"{name} dropped: {', '.join(drops)}"
     if lost := [f"{count} of {topic}" for topic, count in state.lost.items() if count]:
         yield "not received here: " + ", ".join(lost)
-    if state.report is not None:
-        yield from (f"warning: {one_line(text)}" for text in state.report.score.warnings)
+    if state.score is not None:
+        yield from (f"warning: {one_line(text)}" for text in state.score.score.warnings)
     if state.problems:
         yield f"unreadable input: {state.problems[-1]}"

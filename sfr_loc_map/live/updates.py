@@ -40,8 +40,8 @@ class MediaKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
-    """The monitor's report: a score as JSON."""
+class PublishedScore:
+    """The score of the monitor, as JSON."""
 
     text: str
     received_s: float
@@ -162,7 +162,7 @@ class GraphNodes:
 
 
 Media = ImageSample | CloudSample | ElevationSample  #: Large records, of which only the newest of each topic is kept.
-Update = Report | PoseSample | Call | Status | ImageStamp | Media | ImageProblem | GraphNodes
+Update = PublishedScore | PoseSample | Call | Status | ImageStamp | Media | ImageProblem | GraphNodes
 
 
 def time_of(update: Update) -> float:

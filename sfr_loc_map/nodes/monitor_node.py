@@ -44,7 +44,7 @@ from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.lifecycle.worker import Overload
-from sfr_loc_map.nodes.report_file import ReportFile
+from sfr_loc_map.nodes.score_file import ScoreFile
 from sfr_loc_map.nodes.score_publisher import ScorePacing, ScorePublisher
 from sfr_loc_map.ros.messages import cloud_from_msg, covariance_of, odometry_row, transform_from_pose
 from sfr_loc_map.ros.qos import LATCHED, RELIABILITIES, profile
@@ -140,10 +140,10 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         config = self.config
         if config.limits_file:
             self._score = MonitorScore(config.score, load_limits(Path(config.limits_file)), config.truth)
-        if self._report_file is not None:
-            self._report_file.check()
+        if self._score_file is not None:
+            self._score_file.check()
             if config.save_period_s:
-                self._warn_on_error(self._report_file.keep_previous)
+                self._warn_on_error(self._score_file.keep_previous)
         self._publisher = ScorePublisher(self.endpoints)
 
     def subscribe(self) -> None:
@@ -166,14 +166,14 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self.add_service("~/finish", self._finish)
         self.add_service("~/reset", self._reset)
         self.endpoints.add_timer(config.publish_period_s, lambda: self.worker.enqueue(self._publish_periodically))
-        if self._report_file is not None and config.save_period_s:
+        if self._score_file is not None and config.save_period_s:
             self.endpoints.add_timer(config.save_period_s, lambda: self.worker.enqueue(self._autosave))
 
     def reset_state(self) -> None:
         """Create the state of the node, without input and results."""
         config = self.config
         self._score = MonitorScore(config.score, None, config.truth)  # `setup` reads the limits
-        self._report_file = ReportFile(Path(config.save_file)) if config.save_file else None
+        self._score_file = ScoreFile(Path(config.save_file)) if config.save_file else None
         self._lost_in_transport = 0  # messages
         self._camera_infos = CameraInfoPair()
         self._truth: TruthInput = TopicTruthInput(self, Reliability(config.input.reliability))
@@ -366,9 +366,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         return "the figures are published"
 
     def _save(self) -> str:
-        if self._report_file is None:
+        if self._score_file is None:
             raise InputError("the parameter save_file is empty: start the node with a path")
-        path = self._report_file.save(to_json(self._result()))
+        path = self._score_file.save(to_json(self._result()))
         self._unsaved = False
         return str(path)
 

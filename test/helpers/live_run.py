@@ -21,7 +21,7 @@ from sfr_loc_map.live.updates import (
     ImageSample,
     ImageStamp,
     PoseSample,
-    Report,
+    PublishedScore,
     Status,
     Track,
     Update,
@@ -87,9 +87,9 @@ def scored(count: int, config: ScoreConfig | None = None) -> Score:
     return score.result(LiveRun(details=False))
 
 
-def report(count: int, received_s: float) -> Report:
+def report(count: int, received_s: float) -> PublishedScore:
     """The same as the topic has it."""
-    return Report(to_json(scored(count)), received_s)
+    return PublishedScore(to_json(scored(count)), received_s)
 
 
 def call(number: int, received_s: float, state: str = "tracking", reason: str = "") -> Call:
@@ -156,7 +156,7 @@ def fill(state: LiveState, frames: int = 60) -> None:
         for update in frame(number, now_s):
             state.put(update)
         state.put(call(number, now_s))
-    state.put(Report(to_json(whole_score(100, 48, 2)), now_s))
+    state.put(PublishedScore(to_json(whole_score(100, 48, 2)), now_s))
     state.put(GraphNodes(frozenset(NODES), now_s, {"localisation/odometry": 0}))
     for media in (*images(STEP_NS, now_s), *cloud(STEP_NS, now_s)):
         state.put(media)

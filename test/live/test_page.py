@@ -20,7 +20,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import Action, ImageProblem, PoseSample, Report, Status
+from sfr_loc_map.live.updates import Action, ImageProblem, PoseSample, PublishedScore, Status
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
@@ -160,7 +160,7 @@ async def check_hostile_names(browser: Browser, state: LiveState) -> None:
     long = HOSTILE + "x" * 5000
     limits = parse_limits({"memory": {"localisation_peak_bytes": {"limit": 2e9, "id": HOSTILE, "text": HOSTILE}}}, "")
     hostile = judged(structs.replace(whole_score(100, 48, 2), warnings=(long,)), limits)
-    state.put(Report(to_json(hostile), time.time()))
+    state.put(PublishedScore(to_json(hostile), time.time()))
     state.put(
         Status(
             "monitor_node",
@@ -176,7 +176,7 @@ async def check_hostile_names(browser: Browser, state: LiveState) -> None:
         state.put(Status("localisation_node", kind, Level.ERROR, HOSTILE, values, time.time()))
     state.put(call(82, time.time(), "degraded", HOSTILE))
     state.put(ImageProblem("loc/left", HOSTILE))
-    state.put(Report("{" + HOSTILE, time.time()))
+    state.put(PublishedScore("{" + HOSTILE, time.time()))
     await browser.wait_for(
         f"document.body.textContent.includes('onerror=alert') && {text('figure-table')}.includes('onerror')"
     )

@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.live.path import MAX_ROWS, LivePath
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import PoseSample, Report, Track
+from sfr_loc_map.live.updates import PoseSample, PublishedScore, Track
 from sfr_loc_map.metrics.records import Association
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
@@ -63,16 +63,16 @@ def test_a_viewer_that_joins_late_shows_the_distance_of_the_run(joined: int) -> 
         for track in Track:
             state.put(pose(track, number, drive(number)))
     score = Score(association=Association(matched=20, estimate_poses=20, truth_poses=20, path_length_m=19 * step_m))
-    state.put(Report(to_json(score), 1.0))
+    state.put(PublishedScore(to_json(score), 1.0))
     assert state.live_to_plain(1.0)["localisation"]["distance_m"] == pytest.approx(19 * step_m)
     state.put(pose(Track.TRUTH, 20, drive(20)))
     state.put(pose(Track.ESTIMATE, 20, drive(20)))
-    state.put(Report(to_json(score), 1.0))  # without the newest pose
+    state.put(PublishedScore(to_json(score), 1.0))  # without the newest pose
     assert state.live_to_plain(1.0)["localisation"]["distance_m"] == pytest.approx(20 * step_m)
     for number in range(10):  # as many as begin a run if their stamps are unknown
         for track in Track:
             state.put(pose(track, number, drive(number)))
-    state.put(Report(to_json(score), 2.0))  # of the run before
+    state.put(PublishedScore(to_json(score), 2.0))  # of the run before
     assert state.live_to_plain(2.0)["localisation"]["distance_m"] == pytest.approx(9 * step_m)
 
 

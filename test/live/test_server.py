@@ -225,7 +225,7 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
 
             await channel.send_json({"type": "want", "media": ["images", "maps", "nonsense"]})
             await take(lambda: len(texts) >= 6 and len(frames) >= 3)
-            assert [text["type"] for text in texts][:6] == ["hello", "report", "events", "live", "path", "calls"]
+            assert [text["type"] for text in texts][:6] == ["hello", "score", "events", "live", "path", "calls"]
             assert len(texts[4]["rows"]) == 10
             assert found.state.displayed.wanted == {MediaKind.IMAGES, MediaKind.MAPS}
             for hostile in ('{"type":"want","media":[NaN]}', '{"type":"want","media":1e999}', "[" * 4000):

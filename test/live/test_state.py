@@ -14,7 +14,7 @@ from helpers.live_run import NODES, call, fill, frame, health, scored
 from helpers.made_scores import HOSTILE, dig, json_of, whole_score
 from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
-from sfr_loc_map.live.updates import Call, GraphNodes, ImageStamp, PoseSample, Report, Status, Track, Update
+from sfr_loc_map.live.updates import Call, GraphNodes, ImageStamp, PoseSample, PublishedScore, Status, Track, Update
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.metrics.config import Condition, ConditionKind, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.judge import judged
@@ -40,9 +40,9 @@ def test_state_is_the_report_with_additions_and_the_strings_of_its_tables() -> N
     assert len(keyed) > 10
     for cell in keyed:
         dig(content, cell["key"])
-    before = state.report
-    state.put(Report("{", 1.0))
-    assert state.report is before is not None
+    before = state.score
+    state.put(PublishedScore("{", 1.0))
+    assert state.score is before is not None
     assert "metrics/report is not JSON" in state.problems[-1]
 
 
@@ -51,7 +51,7 @@ def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> N
     whole = judged(whole_score(100, 48, 2), None)
     part = replace(whole, association=replace(whole.association, incomplete="half of it"))
     for partial, verdict in ((False, "incomplete"), (True, "no verdict")):
-        report, state = Report(to_json(judged(part, None, partial=partial)), 1.0), LiveState()
+        report, state = PublishedScore(to_json(judged(part, None, partial=partial)), 1.0), LiveState()
         state.put(report)
         under_way = state.to_plain(1.0)
         assert under_way["live"]["overall"]["state"] == verdict
@@ -64,7 +64,7 @@ def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> N
             state.put(report)  # a last one that comes late
     for partial in (False, True):  # known by the images of the source
         state = LiveState()
-        state.put(Report(to_json(judged(whole, None, partial=partial)), 1.0))
+        state.put(PublishedScore(to_json(judged(whole, None, partial=partial)), 1.0))
         state.end(RunEnd(missing="an image has no pose"), 1.0)
         assert state.to_plain(1.0).get("incomplete") == (None if partial else "an image has no pose")
 
@@ -72,11 +72,11 @@ def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> N
 def test_a_report_without_poses_has_the_age_of_its_reception() -> None:
     """A report is latched, so that it is the only message of nodes that are paused or have finished."""
     state = LiveState()
-    state.put(Report(to_json(whole_score(100, 48, 2)), 1000.0))
+    state.put(PublishedScore(to_json(whole_score(100, 48, 2)), 1000.0))
     assert state.live_to_plain(1003.0)["age_s"] == 3.0
     state.put(frame(0, 1001.0)[-1])
     assert state.live_to_plain(1003.0)["age_s"] == 3.0
-    state.put(Report(to_json(whole_score(100, 48, 2)), 1002.0))
+    state.put(PublishedScore(to_json(whole_score(100, 48, 2)), 1002.0))
     assert state.live_to_plain(1003.0)["age_s"] == 2.0
 
 
@@ -88,7 +88,7 @@ def test_errors_are_those_that_the_monitor_has_scored(kind: str) -> None:
         for update in frame(number, 0.1 * number):
             state.put(update)
         if number == 50:
-            state.put(Report(to_json(score), 5.0))
+            state.put(PublishedScore(to_json(score), 5.0))
     assert not state.problems
     assert score.details is not None
     assert score.details.trajectory is not None
@@ -135,7 +135,7 @@ reports = words | st.sampled_from(["{}", '{"schema": "sfr-score/2", "verdicts": 
 quats = st.tuples(numbers, numbers, numbers, numbers) | st.just((0.0, 0.0, 0.0, 1.0))
 places, times = st.tuples(numbers, numbers, numbers), st.floats(0, 1e10)
 updates = st.one_of(
-    st.builds(Report, reports, numbers),
+    st.builds(PublishedScore, reports, numbers),
     st.builds(
         Call, words, st.builds(CallRecord, st.integers(0, 2**63), times | st.just(math.nan), words, reason=words), times
     ),

@@ -21,7 +21,7 @@ from helpers.live_run import NODES, health, pose_pair, report, updates
 from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.terminal import Terminal, one_line_of
-from sfr_loc_map.live.updates import Report
+from sfr_loc_map.live.updates import PublishedScore
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.signals import handle_signals
 
@@ -53,17 +53,17 @@ def test_every_figure_is_shown_as_the_tables_have_it(recorded: list[Any]) -> Non
     state = LiveState()
     for record in recorded:
         state.put(record)
-    assert state.report is not None
-    tables = {table.name: table for table in state.report.tables}
+    assert state.score is not None
+    tables = {table.name: table for table in state.score.tables}
     words, one = " ".join(text.split()), one_line_of(state, END_S)
     for row in tables["headline"].rows:
         assert all(part in words for cell in row[2:8] for part in cell.text.split()), row
         assert all(cell.text in one for cell in row[2:8])
-    for bar in state.report.bars:
+    for bar in state.score.bars:
         assert all(part in words for text in (bar.state, bar.value, bar.margin) for part in text.split())
     for expected in ("pose 200: tracking", "35.1 ms", "3 in transport", "2 of loc/left/image_rect"):
         assert expected in words, words
-    assert state.report.overall.text in words
+    assert state.score.overall.text in words
     assert "\n" not in one
 
 
@@ -94,7 +94,9 @@ def test_what_is_stale_lost_or_hostile_is_said_in_words(recorded: list[Any]) -> 
     assert "○" not in back
     assert "pose 201: lost" in back
     assert "localisation_node: lost: no_features" in back
-    hostile = Report('{"schema": "sfr-score/2", "verdicts": [], "warnings": ["[red]\\u001b]0;own\\u0007[/] x"]}', END_S)
+    hostile = PublishedScore(
+        '{"schema": "sfr-score/2", "verdicts": [], "warnings": ["[red]\\u001b]0;own\\u0007[/] x"]}', END_S
+    )
     text = drawn([hostile], END_S)
     assert not re.search(r"\x1b\]0|\x07", text)
 

@@ -37,7 +37,7 @@ from sfr_loc_map.metrics.results import TrajectoryResult
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
-from sfr_loc_map.nodes.report_file import ReportFile
+from sfr_loc_map.nodes.score_file import ScoreFile
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.runs.call_stats import estimates_of, stats_of
@@ -290,14 +290,14 @@ def report(name: str) -> str:
 
 def test_the_report_of_a_run_before_is_kept_once(tmp_path: Path) -> None:
     path = tmp_path / "score.json"
-    file = ReportFile(path)
+    file = ScoreFile(path)
     file.keep_previous()
     assert file.save(report("first")) == path
     file.keep_previous()
     assert not path.exists()
     file.save(report("second"))
     assert (path.read_text(), (tmp_path / "score.before.json").read_text()) == (report("second"), report("first"))
-    ReportFile(path).keep_previous()
+    ScoreFile(path).keep_previous()
     assert (tmp_path / "score.before.json").read_text() == report("second")
     assert len(list(tmp_path.iterdir())) == 1
 

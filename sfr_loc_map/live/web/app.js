@@ -30,14 +30,14 @@ const isDark = matchMedia("(prefers-color-scheme: dark)");
 // Each panel with its section and its data. A panel is redrawn when a value or object of its data has changed.
 const panels = [
   { id: "events", show: showEvents, data: () => [run.events, run.live] },
-  { id: "limits", show: showLimits, data: () => [run.report] },
+  { id: "limits", show: showLimits, data: () => [run.score] },
   { id: "path", show: showPath, data: () => [run.keptPoses, run.lastPose, run.beforeM] },
   { id: "cameras", show: showCameras, everyMs: TICK_MS, data: camerasData },
-  { id: "errors", show: showErrors, data: () => [run.report, run.poses.length > 0] },
+  { id: "errors", show: showErrors, data: () => [run.score, run.poses.length > 0] },
   { id: "map", show: showMap, data: () => [run.map, byId("layer").value] },
-  { id: "calls", show: showCalls, data: () => [run.calls, run.report] },
+  { id: "calls", show: showCalls, data: () => [run.calls, run.score] },
   { id: "nodes", show: showNodes, data: () => [run.live] },
-  { id: "figures", show: showFigures, data: () => [run.report] },
+  { id: "figures", show: showFigures, data: () => [run.score] },
 ].map((panel) => ({ everyMs: PLOT_MS, drawn: null, drawnMs: -PLOT_MS, isVisible: true, ...panel }));
 
 function takeMessage(message) {

@@ -11,7 +11,7 @@ const MEBIBYTES = 2 ** -20;
 
 /** Show the plots of time and memory. */
 export function showCalls(run) {
-  const limits = (run.report?.limits ?? []).filter((limit) => !limit.is_of_target);
+  const limits = (run.score?.limits ?? []).filter((limit) => !limit.is_of_target);
   const trace = (...what) => traceOf(run.calls, ...what);
   drawPlot({
     id: "time-plot",

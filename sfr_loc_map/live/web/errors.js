@@ -6,10 +6,10 @@ const PLOT = "errors-plot";
 const MILLIMETRES = 1000;
 const FEW = 60; // number of errors below which each is marked by a point
 
-/** Show the position error of each sub-trajectory of the monitor's report, with its limits. */
+/** Show the position error of each sub-trajectory of the score of the monitor, with its limits. */
 export function showErrors(run) {
-  const errors = run.report?.errors ?? null;
-  const limits = (run.report?.limits ?? []).filter((limit) => isOfErrors(limit, errors));
+  const errors = run.score?.errors ?? null;
+  const limits = (run.score?.limits ?? []).filter((limit) => isOfErrors(limit, errors));
   const frames = errors?.end_frame ?? [];
   const traces = frames.length ? [errorLine(errors), ...limits.map((limit) => lineOf(limit, frames))] : [];
   const scale = scaleOf(traces.flatMap((trace) => trace.y));

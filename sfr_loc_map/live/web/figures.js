@@ -1,4 +1,4 @@
-// The tables of the report. The server creates their strings.
+// The tables of the score. The server creates their strings.
 
 import { byId, element } from "./dom.js";
 import { helpButton, isDefined } from "./terms.js";
@@ -8,11 +8,11 @@ const FIRST = ["headline", "verdicts", "covered", "map-covered", "readings"]; //
 
 /** Show the first tables, the warnings, and the other tables folded. */
 export function showFigures(run) {
-  const tables = run.report?.tables ?? [];
-  const warnings = run.report?.warnings ?? [];
+  const tables = run.score?.tables ?? [];
+  const warnings = run.score?.warnings ?? [];
   const first = tables.filter((table) => FIRST.includes(table.name));
   const withNotes = first.flatMap((table) => [tableOf(table, { withHelp: true }), noteOf(table.note)]);
-  const empty = noteOf(run.report ? "not enough data" : "The monitor has not reported yet.");
+  const empty = noteOf(run.score ? "not enough data" : "The monitor has not reported yet.");
   byId("figure-table").replaceChildren(...(first.length ? withNotes : [empty]));
   byId("warnings").replaceChildren(...warnings.map((text) => element("li", { text })));
   showFolded(tables.filter((table) => !FIRST.includes(table.name)));

@@ -40,7 +40,7 @@ function showHeadline({ icon, style, word, age, text }) {
 
 /** Return the last headline with its present age. */
 function headlineWithoutConnection(run, connection) {
-  const verdict = run.report?.overall.state ?? "waiting";
+  const verdict = run.score?.overall.state ?? "waiting";
   const lostForS = (Date.now() - connection.lostMs) / 1000;
   const isAgeKnown = Number.isFinite(run.live?.age_s);
   const word = isAgeKnown ? `${verdict}, ${(run.live.age_s + lostForS).toFixed(0)} s old` : verdict;

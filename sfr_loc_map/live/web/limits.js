@@ -12,7 +12,7 @@ const MARGIN_PX = 16; // left and right of the labels
 
 /** Show each limit as a bar: the judged value as a fraction of the limit, with its 95 % interval; worst first. */
 export function showLimits(run) {
-  const limits = run.report?.limits ?? [];
+  const limits = run.score?.limits ?? [];
   const layout = {
     plotHeight: Math.max(limits.length, 2) * ROW_PX + AXIS_PX,
     margin: { l: 8, r: 8, t: 8, b: 26 },
@@ -28,7 +28,7 @@ export function showLimits(run) {
 }
 
 function whyEmpty(run) {
-  return run.report ? "No limits were given, so that there is no verdict." : "The monitor has not reported yet.";
+  return run.score ? "No limits were given, so that there is no verdict." : "The monitor has not reported yet.";
 }
 
 function bars(limits) {

@@ -9,7 +9,7 @@ export class Run {
   forget() {
     this.title = "";
     this.live = null; // state of the run: headline, localisation, nodes, topics
-    this.report = null; // tables, limits and errors of the latest report
+    this.score = null; // tables, limits and errors of the latest score
     this.events = [];
     this.keptPoses = []; // poses of the thinned path
     this.lastPose = null; // also if the thinned path lacks it
@@ -30,8 +30,8 @@ export class Run {
       case "live":
         this.live = message;
         break;
-      case "report":
-        this.report = message;
+      case "score":
+        this.score = message;
         break;
       case "events":
         this.events = message.events;

@@ -54,7 +54,7 @@ def with_missing_results(score: Score, missing: str) -> Score:
     complete drive then becomes `incomplete`. The score is unchanged if its rules accept missing results.
 
     The figures of the result do not contain what is missing, so that the check of stored scores refuses the result. It
-    is only displayed (`live.live_report.LiveReport.with_missing`).
+    is only displayed (`live.shown_score.ShownScore.with_missing`).
     """
     rules = score.rules or Rules()
     if is_accepted(KIND_OF["missing"], score, rules) or score.incomplete is not None or not missing:

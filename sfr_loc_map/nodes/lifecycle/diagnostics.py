@@ -109,13 +109,13 @@ class HealthConfig:
 
 @dataclass(frozen=True, slots=True)
 class NodeSnapshot:
-    """A node at present: lifecycle state, dropped and waiting messages, findings about its environment."""
+    """A node at present: lifecycle state, dropped and waiting messages, reasons from its environment."""
 
     lifecycle: str
     counts: Mapping[str, int]
     waiting: int
     expects_input: bool
-    findings: Sequence[tuple[Level, str]] = ()
+    reasons: Sequence[tuple[Level, str]] = ()
 
 
 class StatusReporter:
@@ -125,7 +125,7 @@ class StatusReporter:
         """Create the publisher; `snapshot` describes the node at present."""
         self._config = config
         self._node, self._task, self._snapshot = node, task, snapshot
-        self._last_health: tuple[str, ...] = ()  # lifecycle state, level and lasting findings last published
+        self._last_health: tuple[str, ...] = ()  # lifecycle state, level and lasting reasons last published
         self._lock, self._process = Lock(), psutil.Process()
         self._activity = ""
         self.publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, QoSProfile(depth=QUEUE_DEPTH))
@@ -187,17 +187,17 @@ class StatusReporter:
             self._problems[kind or text] = (time.monotonic(), level, text)
 
     def publish_health(self, *, only_changes: bool = False) -> None:
-        """Publish the health, worst reason first; with `only_changes` only if state, level or findings have changed."""
+        """Publish the health, worst reason first; with `only_changes` only if state, level or reasons have changed."""
         snapshot = self._snapshot()
         with self._lock:
             now = time.monotonic()
             memory = int(self._process.memory_info().rss)
             self._note_drops(snapshot.counts, now)
-            lasting = self._lasting_findings(now, memory, snapshot)
-            findings = self._recent_problems(now) + lasting
-            level = max((found for found, _ in findings), key=SEVERITY.index, default=Level.OK)
+            lasting = self._lasting_reasons(now, memory, snapshot)
+            reasons = self._recent_problems(now) + lasting
+            level = max((found for found, _ in reasons), key=SEVERITY.index, default=Level.OK)
             state = snapshot.lifecycle if self._last_call is None else self._last_call[1]
-            message = _reasons(findings) or state
+            message = _joined(reasons) or state
             values = self._health_values(now, memory, snapshot)
             health = (snapshot.lifecycle, level.name, *(text for _, text in lasting))
             has_changed = health != self._last_health
@@ -232,9 +232,9 @@ class StatusReporter:
             values[name.removesuffix("_s") + "_p95_s"] = float(np.quantile(seconds, 0.95))
         return values | dict(snapshot.counts)
 
-    def _lasting_findings(self, now: float, memory: int, snapshot: NodeSnapshot) -> list[tuple[Level, str]]:
-        """Return the findings that hold now, in contrast to problems, which were noted at a time."""
-        config, found = self._config, list(snapshot.findings)
+    def _lasting_reasons(self, now: float, memory: int, snapshot: NodeSnapshot) -> list[tuple[Level, str]]:
+        """Return the reasons that hold now, in contrast to problems, which were noted at a time."""
+        config, found = self._config, list(snapshot.reasons)
         if memory > config.memory_warn_mb * MB:
             found.append((Level.WARN, f"more than {config.memory_warn_mb} MB of resident memory in use"))
         if snapshot.lifecycle != NodeState.ACTIVE:
@@ -312,9 +312,9 @@ class StatusReporter:
         self.publisher.publish(DiagnosticArray(header=header_msg(stamp_ns, ""), status=[status]))
 
 
-def _reasons(findings: Sequence[tuple[Level, str]]) -> str:
-    """Return the texts of findings, worst first, of which at most `MAX_REASONS`; empty without findings."""
-    texts = [text for severity in reversed(SEVERITY) for level, text in findings if level is severity]
+def _joined(reasons: Sequence[tuple[Level, str]]) -> str:
+    """Return the texts of reasons, worst first, of which at most `MAX_REASONS`; empty without reasons."""
+    texts = [text for severity in reversed(SEVERITY) for level, text in reasons if level is severity]
     if len(texts) > MAX_REASONS:
         texts[MAX_REASONS:] = [f"and {len(texts) - MAX_REASONS} more"]
     return "; ".join(texts)

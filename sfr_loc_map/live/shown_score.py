@@ -1,4 +1,4 @@
-"""A report of the monitor, as all views show it."""
+"""The score of the monitor, as all views show it."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.tables import Cell, Table
 
-NO_REPORT: dict[str, Any] = {"overall": None, "tables": [], "limits": [], "errors": None}
-"""Content of a page before the first report."""
+NO_SCORE_SHOWN: dict[str, Any] = {"overall": None, "tables": [], "limits": [], "errors": None}
+"""Content of a page before the first score."""
 
 
-class LiveReport:
-    """A report: the score, its JSON values, and the displayed tables and bars."""
+class ShownScore:
+    """A score, its JSON values, and the displayed tables and bars."""
 
     def __init__(self, score: Score, received_s: float) -> None:
         self.score, self.received_s, self.content = score, received_s, to_dict(score)
         self.overall, self.tables, self.bars = banner_of(score), score_tables(score), limit_bars(score)
 
-    def with_missing(self, missing: str) -> LiveReport:
-        """Return the report at the end of a run, judged as incomplete if results are missing; figures are unchanged."""
+    def with_missing(self, missing: str) -> ShownScore:
+        """Return the score at the end of a run, judged as incomplete if results are missing; figures are unchanged."""
         score = with_missing_results(self.score, missing)
-        return self if score is self.score else LiveReport(score, self.received_s)
+        return self if score is self.score else ShownScore(score, self.received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return the content of a page as JSON values."""

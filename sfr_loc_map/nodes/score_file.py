@@ -1,4 +1,4 @@
-"""The file to which the monitor saves its report."""
+"""The file to which the monitor saves its score."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.metrics.score import SCHEMA
 
 
-class ReportFile:
-    """The file of a periodically saved report, and that of the previous run. Files that are not reports are kept."""
+class ScoreFile:
+    """The file of a periodically saved score, and that of the previous run. Files that are not scores are kept."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
 
     def check(self) -> None:
-        """Raise an OutputError if the folder is not writable, or if an existing file is not a report."""
+        """Raise an OutputError if the folder is not writable, or if an existing file is not a score."""
         check_output(self._path)
         path = output_target(self._path)
         for file in (path, _before(path)):
@@ -30,10 +30,10 @@ class ReportFile:
             except (OSError, ValueError):
                 content = None
             if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-                raise OutputError(f"save_file '{self._path}': '{file}' is not a report: choose another name")
+                raise OutputError(f"save_file '{self._path}': '{file}' is not a score: choose another name")
 
     def keep_previous(self) -> None:
-        """Rename the report of the previous run to `*.before.json`, because it may be the only record of that run."""
+        """Rename the score of the previous run to `*.before.json`, because it may be the only record of that run."""
         self.check()
         path = output_target(self._path)
         try:
@@ -41,12 +41,12 @@ class ReportFile:
                 os.replace(path, _before(path))
         except OSError as error:
             raise OutputError(
-                f"cannot rename the report '{path}' of the previous run: {error.strerror}; move it or choose "
+                f"cannot rename the score '{path}' of the previous run: {error.strerror}; move it or choose "
                 "another name"
             ) from error
 
     def save(self, text: str) -> Path:
-        """Replace the report atomically; return its path."""
+        """Replace the score atomically; return its path."""
         write_text(text, self._path)
         return self._path
 
