@@ -21,7 +21,7 @@ from sfr_loc_map.cli.options import (
     sections_of,
 )
 from sfr_loc_map.cli.output import check_outputs, progress_bar, say
-from sfr_loc_map.config import read_sections
+from sfr_loc_map.config import Configuration, read_sections
 from sfr_loc_map.errors import InputError
 
 if TYPE_CHECKING:
@@ -60,12 +60,17 @@ def info(
     from sfr_loc_map.doctor.fixes import with_fix
     from sfr_loc_map.doctor.observation import observe
     from sfr_loc_map.io.source_config import SourceConfig, config_beside
+    from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.source_setup.facts import facts_of, facts_tables
 
     check_outputs(json_path, inputs=(source, config, calibration), overwrite=overwrite)
     path = config or config_beside(source)
     sections = sections_of(source, path, calibration, settings, remap)
     how = SourceConfig.of(sections, path)
+    parameters = Configuration(path, sections)
+    parameters.build(LocalisationConfig, "localisation")
+    parameters.build(MappingConfig, "mapping")
     if not source.exists():
         raise InputError(f"there is no '{source}': give a data set folder, a bag, KITTI or EuRoC")
     if write:

@@ -74,6 +74,7 @@ def test_bad_source(sfr: Sfr, made_once: MadeOnce, out: Path, source: str, comma
         ("localise", "localisation: {max_feature: 100}\n", "unknown key 'max_feature' .did you mean 'max_features'?"),
         ("localise", "/**:\n  ros__parameters:\n    localisation.max_feature: 1\n", "unknown key 'max_feature'"),
         ("localise", "[1, 2", "not valid YAML"),
+        ("info", "localisation: {nope: 1}\n", "unknown key 'nope'"),
         ("map", "mapping: {nope: 1}\n", "unknown key 'nope'"),
     ],
 )
@@ -82,7 +83,7 @@ def test_bad_configuration(
 ) -> None:
     path = tmp_path / "some.yaml"
     path.write_text(content)
-    name, *rest = (word.format(out=out) for word in COMMANDS[command])
+    name, *rest = (word.format(out=out) for word in ({"info": ("info",)} | COMMANDS)[command])
     source = made_once(broken.good_folder)
     check(sfr(name, source, *rest, "--config", path), path, words, out)
 
