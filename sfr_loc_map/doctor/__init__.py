@@ -1,7 +1,7 @@
 """Diagnosis of a recording or a running graph: the issues and their fixes.
 
     sfr info SRC    observation.observe (a bag, or the messages of files)  ──┐
-    sfr doctor      graph/observer.py (a graph, over some time)      ──┴─► Observation
+    sfr doctor      graph/observer.py (a graph, over some time)            ──┴─► Observation
                                                                                     │ examination.examine
                                                                                     ▼
                     fixes.with_fix (sfr info: the command that removes the cause) ◄─ list of issues

@@ -88,13 +88,13 @@ class MonitorNodeConfig(NodeConfig):
     )
     limits_file: str = param("", doc="YAML file with limits. Empty: no limits.")
     save_file: str = param(
-        "", doc="JSON file to which ~/save writes the report. An existing file is replaced only if it is a report."
+        "", doc="JSON file to which ~/save writes the score. An existing file is replaced only if it is a score."
     )
     save_period_s: float = param(
         0.0,
         unit="s",
-        doc="Period at which the report is saved if messages were received, so that a crash loses little. A report "
-        "from before the start is kept as *.before.json. 0: the report is saved only by ~/save.",
+        doc="Period at which the score is saved if messages were received, so that a crash loses little. A score from "
+        "before the start is kept as *.before.json. 0: the score is saved only by ~/save.",
         low=0.0,
         high=3600.0,
     )
@@ -136,7 +136,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             FrameTruthInput(config.truth.frame)
 
     def setup(self) -> None:
-        """Read the limits, keep the report of an earlier run, and create publishers."""
+        """Read the limits, keep the score of an earlier run, and create publishers."""
         config = self.config
         if config.limits_file:
             self._score = MonitorScore(config.score, load_limits(Path(config.limits_file)), config.truth)
