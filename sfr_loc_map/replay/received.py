@@ -10,9 +10,10 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import Task
+from sfr_loc_map.metrics.association import UPPER, symmetric
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.replay.result import ExternalResult, ReplayResult
-from sfr_loc_map.runs.calls import CallRecord, published_or_of_call
+from sfr_loc_map.runs.calls import CallRecord, first_reported
 
 StampedPose = tuple[int, tuple[float, ...], tuple[float, ...]]
 """Stamp (ns), position (m) and quaternion (x, y, z, w)."""
@@ -79,7 +80,7 @@ class ReceivedResults:
             unreported = {stamp_ns: CallRecord(stamp_ns, float("nan")) for stamp_ns in self.covariances}
             calls = unreported | calls
         localised = [
-            replace(call, covariance=published_or_of_call(self.covariances.get(stamp_ns), call))
+            replace(call, covariance=_reported_covariance(self.covariances.get(stamp_ns), call.covariance))
             for stamp_ns, call in calls.items()
         ]
         return [*localised, *self.calls[Task.MAPPING].values()]
@@ -150,3 +151,9 @@ class ReceivedResults:
             is_posed = stamp_ns in self.covariances  # each pose has a covariance
             return is_posed and ("", stamp_ns) in self.calls[Task.LOCALISATION]
         return (MappingState.MAPPED, stamp_ns) in self.calls[Task.MAPPING]
+
+
+def _reported_covariance(published: FloatArray | None, of_call: FloatArray | None) -> FloatArray | None:
+    """Return the covariance `(6, 6)` of a pose that `first_reported` chooses; None if neither is reported."""
+    found = first_reported(*(None if matrix is None else matrix[None, *UPPER] for matrix in (published, of_call)))
+    return None if found is None else symmetric(found[0])

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, Task, refusing
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.metrics.association import UPPER
 from sfr_loc_map.metrics.call_meter import CallUsage
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.consistency import STEP_SIZE
@@ -115,17 +114,6 @@ def call_of_fusion(fused: FusedMap, stamps_ns: Sequence[int], usage: CallUsage, 
 def is_covariance_reported(covariance: FloatArray) -> NDArray[np.bool_]:
     """Return which covariances `(N, 21)` are reported. Zeros, the default of ROS messages, and NaN are not reports."""
     return np.asarray((np.nan_to_num(covariance) != 0.0).any(axis=1))
-
-
-def published_or_of_call(published: FloatArray | None, call: CallRecord) -> FloatArray | None:
-    """Return the reported covariance `(6, 6)` of a pose: the published one, or else that of its call.
-
-    None if neither is reported. `first_reported` is the same rule for many poses.
-    """
-    for covariance in (published, call.covariance):
-        if covariance is not None and is_covariance_reported(covariance[None, *UPPER])[0]:
-            return covariance
-    return None
 
 
 def first_reported(published: FloatArray | None, of_calls: FloatArray | None) -> FloatArray | None:
