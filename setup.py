@@ -29,7 +29,6 @@ DOCS = [
 ]
 TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.7,<4"]
 LIVE = ["aiohttp>=3.14,<4"]
-FOXGLOVE = ["foxglove-sdk>=0.30,<0.40"]
 PLOT = ["matplotlib>=3.8,<4"]
 NOTEBOOK = [*PLOT, "pandas>=2.2,<4"]
 DEM = ["rasterio>=1.3,<2"]
@@ -122,7 +121,6 @@ setup(
         "suite": SUITE,
         "search": SEARCH,  # MIT; sfr suite search
         "live": LIVE,  # Apache-2.0; the page of sfr live
-        "foxglove": FOXGLOVE,  # MIT; the same by the protocol of Foxglove
         "docs": DOCS,  # the documentation site
         "dem": DEM,  # BSD-3; bundles GDAL, MIT; elevation models as GeoTIFF
         "plot": PLOT,  # PSF-like; PNG of sfr plot
@@ -134,7 +132,6 @@ setup(
             *TEST,
             *SEARCH,
             *LIVE,
-            *FOXGLOVE,
             *DEM,
             *NOTEBOOK,
             *MLFLOW,

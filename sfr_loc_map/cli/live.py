@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Context, Option
@@ -13,7 +11,7 @@ from sfr_loc_map.cli.former import FormerArgument, check_live
 from sfr_loc_map.cli.live_option import require_live
 from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, refuse_given, require_ros
 from sfr_loc_map.config import build, read_sections
-from sfr_loc_map.errors import InterruptedRunError, MissingExtraError
+from sfr_loc_map.errors import InterruptedRunError
 from sfr_loc_map.live.config import DEFAULT_HOST, DEFAULT_PORT, LiveConfig
 
 if TYPE_CHECKING:
@@ -47,12 +45,6 @@ def live(
     terminal: Annotated[
         bool, Option("--terminal", help="Show the figures on the terminal; without a terminal, one line per second.")
     ] = False,
-    foxglove: Annotated[
-        bool, Option("--foxglove", help="Also serve the data over the Foxglove protocol, on loopback.")
-    ] = False,
-    foxglove_port: Annotated[
-        int, Option(metavar="P", min=0, max=65535, help="Port of the Foxglove server; 0 selects a free port.")
-    ] = 8765,
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
 
@@ -62,8 +54,6 @@ def live(
     from sfr_loc_map.live.state import LiveState
 
     check_live(files)
-    if not foxglove:
-        refuse_given(context, ("foxglove_port",), "applies to the Foxglove server: give --foxglove, or omit it")
     if terminal:
         of_page = ("host", "port", "token", "open_browser")
         refuse_given(context, of_page, "applies to the page, which is not served with --terminal: omit it")
@@ -78,13 +68,12 @@ def live(
     if config is not None:
         remaps += remaps_of(SourceConfig.of(read_sections(config), config))
     state = LiveState()
-    with _foxglove_server(state, foxglove_port, namespace) if foxglove else nullcontext():
-        if terminal:
-            _show_on_terminal(state, namespace, remaps)
-        else:
-            from sfr_loc_map.live.main import serve_page
+    if terminal:
+        _show_on_terminal(state, namespace, remaps)
+    else:
+        from sfr_loc_map.live.main import serve_page
 
-            serve_page(page, state, namespace, remaps, open_browser=open_browser)
+        serve_page(page, state, namespace, remaps, open_browser=open_browser)
 
 
 def _show_on_terminal(state: LiveState, namespace: str, remaps: list[str]) -> None:
@@ -97,15 +86,3 @@ def _show_on_terminal(state: LiveState, namespace: str, remaps: list[str]) -> No
             Terminal(state, namespace).show()
         except KeyboardInterrupt:
             raise InterruptedRunError("interrupted: the display was closed; the nodes continue to run") from None
-
-
-@contextmanager
-def _foxglove_server(state: LiveState, port: int, title: str) -> Iterator[None]:
-    """Serve a state over the Foxglove protocol within the block, and print the address."""
-    try:
-        from sfr_loc_map.live.foxglove import FoxgloveServer
-    except ImportError as error:
-        raise MissingExtraError(f"--foxglove needs its SDK ({error}): pip install 'sfr_loc_map[foxglove]'") from error
-    with FoxgloveServer(state, port, title) as server:
-        print(f"foxglove: {server.url}", flush=True)
-        yield

@@ -6,8 +6,7 @@
     LiveState.put (`state`): path, timeline, live_node, shown_score, freshness
             │ JSON values (`live_to_plain`, `to_plain`), images and maps
             ├──► server, viewer (event loop) ──► messages ──► web/app.js and a module for each panel
-            ├──► terminal
-            └──► foxglove (its own thread)
+            └──► terminal
 
 Only the feed writes the state. Each view reads the state while it holds `LiveState.lock`, and never delays the feed.
 `headline` makes the verdict for all views, and `displayed_media` has which images and maps the feed must prepare.

@@ -134,9 +134,7 @@ class RosFeed(Peer):
         return partial(self.ros_node.destroy_subscription, subscription)
 
     def _follow_viewers(self, wanted: frozenset[updates.MediaKind]) -> None:
-        """Subscribe only to the displayed media; maps include clouds, which replace a missing grid."""
-        if updates.MediaKind.MAPS in wanted:
-            wanted |= {updates.MediaKind.CLOUDS}
+        """Subscribe only to the displayed media."""
         for media in wanted - self._subscriptions.keys():
             self._subscriptions[media] = self._subscribe_to(media)
         for media in self._subscriptions.keys() - wanted:
@@ -152,10 +150,9 @@ class RosFeed(Peer):
         match media:
             case updates.MediaKind.IMAGES:  # image topics are subscribed to once they have a publisher
                 return [self._receive(PointCloud2, TRACKS, self._on_tracks, IMAGE_QOS)]
-            case updates.MediaKind.CLOUDS:
-                return [self._receive_map(CLOUD, PointCloud2, self._maps.add_cloud, LATCHED)]
-            case updates.MediaKind.MAPS:
+            case updates.MediaKind.MAPS:  # the cloud has the errors, and replaces a missing grid
                 return [
+                    self._receive_map(CLOUD, PointCloud2, self._maps.add_cloud, LATCHED),
                     self._receive_map(ELEVATION, PointCloud2, self._maps.add_elevation, LATCHED),
                     self._receive_map(HAZARD, OccupancyGrid, self._maps.add_hazard, LATCHED),
                 ]

@@ -57,24 +57,24 @@ class MapFeed:
         while len(self._fusions) > MAX_FUSIONS:
             self._fusions.popitem(last=False)
         if self._cloud is not None and self._cloud[0] == call.stamp_ns:
-            self._put_cloud()
+            self._take_cloud()
             self._put()
 
     def add_cloud(self, message: PointCloud2, published_s: float) -> None:
         """Add a cloud."""
         self._cloud = stamp_of(message), messages.cloud_from_msg(message), published_s
-        self._put_cloud()
+        self._take_cloud()
 
-    def _put_cloud(self) -> None:
-        """Pass on the cloud; its errors are known once the call of its fusion has named its pairs."""
+    def _take_cloud(self) -> None:
+        """Note the errors of the cloud, which require the call of its fusion, and pass on a grid if there is none."""
         if self._cloud is None:
             return
         stamp_ns, cloud, published_s = self._cloud
         error = self._truth.errors(cloud, self._fusions.get(stamp_ns, ()))
-        shown = cloud.xyz, cloud.sigma, published_s, error
-        sample, grid = media.cloud_samples(stamp_ns, *shown, with_grid=not self._has_grid())
-        self._state.put(sample)
         self._points = None if error is None else (stamp_ns, np.asarray(cloud.xyz[:, :2], np.float32), error)
+        if self._has_grid():
+            return
+        grid = media.grid_of_cloud(stamp_ns, cloud.xyz, cloud.sigma, published_s, error)
         if grid is not None:
             self._state.put(grid)
 

@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray32, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample
+from sfr_loc_map.live.updates import ElevationSample, ImageSample
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.topics import CLOUD, ELEVATION
+from sfr_loc_map.topics import ELEVATION
 
 IMAGE_WIDTH = 640  #: Maximum width of a displayed image, px.
 JPEG_QUALITY = 75  #: JPEG quality of at most 100; artefacts are not visible at this size.
-MAX_POINTS = 40_000  #: Maximum number of displayed points of a cloud.
 CELL_M = 0.1  #: Cell size of a grid made from a cloud, m; the mapper's default.
 MAX_SIDE = 512  #: Maximum cells along an axis of a grid made from a cloud; a larger area has larger cells.
 MAX_CELLS = 30_000  #: Maximum number of displayed cells.
@@ -80,32 +79,21 @@ class CloudTruth:
         return error if np.isfinite(error).any() else None
 
 
-def cloud_samples(
-    stamp_ns: int,
-    xyz: ArrayLike,
-    sigma: ArrayLike | None,
-    published_s: float,
-    error: ArrayLike | None = None,
-    *,
-    with_grid: bool = True,
-) -> tuple[CloudSample, ElevationSample | None]:
-    """Return a cloud `(N, 3)` thinned for the screen, and a top-view map with the means of each cell.
+def grid_of_cloud(
+    stamp_ns: int, xyz: ArrayLike, sigma: ArrayLike | None, published_s: float, error: ArrayLike | None = None
+) -> ElevationSample | None:
+    """Return a top-view map with the means of a cloud `(N, 3)` in each cell; None for an empty cloud.
 
     Points that are not finite are ignored. `sigma` and `error`, the distance to the truth, are `(N,)` in m, NaN or None
-    if unknown. An empty cloud has no map.
+    if unknown.
     """
     points = np.asarray(xyz, np.float32).reshape(-1, 3)
     known = np.isfinite(points).all(axis=1)
     points = points[known]
+    if not len(points):
+        return None
     nowhere = np.full(len(points), np.nan, np.float32)
     deviation, distance = (nowhere if a is None else np.asarray(a, np.float32)[known] for a in (sigma, error))
-    shown = np.arange(len(points))
-    if len(points) > MAX_POINTS:
-        shown = np.linspace(0, len(points) - 1, MAX_POINTS).astype(np.intp)
-    columns = np.column_stack([points, deviation])[shown]
-    cloud = CloudSample(CLOUD, stamp_ns, columns, len(points), published_s, None if error is None else distance[shown])
-    if not len(points) or not with_grid:
-        return cloud, None
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     origin = (float(low[0]), float(low[1]))
     cell_m = max(CELL_M, float((high - low).max()) / (MAX_SIDE - 1))
@@ -116,7 +104,7 @@ def cloud_samples(
     layers = np.stack([*means, np.where(count > 0, count, np.nan)], axis=-1).astype(np.float32)
     names = ("height", "sigma", "error", "count")
     grid = ElevationSample(ELEVATION, stamp_ns, origin, cell_m, names, layers.reshape(height, width, -1), published_s)
-    return cloud, thinned(grid)
+    return thinned(grid)
 
 
 def cells_of(

@@ -25,10 +25,9 @@ import numpy as np
 
 from sfr_loc_map.live.shown_score import ShownScore
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import ElevationSample, ImageSample
+from sfr_loc_map.live.updates import ImageSample, Media
 
 LIVE_PERIOD_S = 0.25  #: Period of the state of the run.
-PageMedia = ImageSample | ElevationSample  #: Media of the page; clouds are displayed only in Foxglove.
 
 
 def text_message(kind: str, content: dict[str, Any]) -> str:
@@ -37,7 +36,7 @@ def text_message(kind: str, content: dict[str, Any]) -> str:
 
 
 @lru_cache(maxsize=16)
-def binary_message(media: PageMedia) -> bytes:
+def binary_message(media: Media) -> bytes:
     """Return the message of an image or a top-view map.
 
     bytes 0..3     length of the header with its padding, unsigned, little endian

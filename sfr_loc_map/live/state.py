@@ -342,6 +342,6 @@ class LiveState:
         if before is None and len(self.media) >= MAX_TOPICS:
             return
         is_new = before is None or before.stamp_ns != update.stamp_ns
-        if is_new and isinstance(update, updates.CloudSample | updates.ElevationSample):
+        if is_new and isinstance(update, updates.ElevationSample):
             self._note_topic(update.topic, update.stamp_ns, update.published_s)
         self.media[update.topic] = update

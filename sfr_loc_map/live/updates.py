@@ -35,7 +35,6 @@ class MediaKind(StrEnum):
     """Kinds of media, which are costly to prepare, so that a feed prepares them only while a viewer displays them."""
 
     IMAGES = "images"
-    CLOUDS = "clouds"
     MAPS = "maps"
 
 
@@ -125,19 +124,6 @@ class ImageProblem:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CloudSample:
-    """A cloud thinned for the screen, in LM, m; float32, NaN if unknown."""
-
-    kind: ClassVar[MediaKind] = MediaKind.CLOUDS
-    topic: str
-    stamp_ns: int
-    points: FloatArray32  # (N, 4): x, y, z, sigma
-    total: int  # number of points before thinning
-    published_s: float
-    error: FloatArray32 | None = None  # (N,) distance to the truth
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class ElevationSample:
     """A top-view map, thinned for the screen; its layers are named height, sigma, error, hazard, ..."""
 
@@ -161,7 +147,7 @@ class GraphNodes:
     lost: Mapping[str, int] = field(default_factory=dict)
 
 
-Media = ImageSample | CloudSample | ElevationSample  #: Large records, of which only the newest of each topic is kept.
+Media = ImageSample | ElevationSample  #: Large records, of which only the newest of each topic is kept.
 Update = PublishedScore | PoseSample | Call | Status | ImageStamp | Media | ImageProblem | GraphNodes
 
 
@@ -170,7 +156,7 @@ def time_of(update: Update) -> float:
     match update:
         case ImageProblem():
             return 0.0
-        case ImageStamp() | ImageSample() | CloudSample() | ElevationSample():
+        case ImageStamp() | ImageSample() | ElevationSample():
             return update.published_s
         case _:
             return update.received_s

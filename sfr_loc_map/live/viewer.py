@@ -15,10 +15,10 @@ from typing import Any
 from aiohttp import web
 
 from sfr_loc_map.json_yaml import parse_json
-from sfr_loc_map.live.messages import PageMedia, binary_message, text_message
+from sfr_loc_map.live.messages import binary_message, text_message
 from sfr_loc_map.live.path import ROW_FIELDS, PathRow
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import MediaKind
+from sfr_loc_map.live.updates import Media, MediaKind
 from sfr_loc_map.report.glossary import TERMS
 
 SEND_TIMEOUT_S = 10.0  #: A page that accepts no data for this time is disconnected.
@@ -32,7 +32,7 @@ class Viewer:
         self._changed = asyncio.Event()
         self._texts: dict[str, str] = {}  # latest message of each kind that is sent to all pages
         self._sent_texts: dict[str, str] = {}
-        self._sent_media: dict[str, PageMedia] = {}  # by topic, oldest first
+        self._sent_media: dict[str, Media] = {}  # by topic, oldest first
         self._path_version = -1  # version of the path that was sent
         self._next_row = 0
         self._last_row: PathRow | None = None  # last pose that was sent
@@ -101,13 +101,13 @@ class Viewer:
         self._first_call, self._next_call = first, end
         return [text_message("calls", {"first": first, "calls": [call.to_plain() for call in calls]})]
 
-    def _next_media(self) -> PageMedia | None:
+    def _next_media(self) -> Media | None:
         """Return a new image or map that the page shows, from the topic that has waited longest."""
         newest = self._state.shown_media(self)
         never_sent = [topic for topic in newest if topic not in self._sent_media]
         for topic in (*never_sent, *self._sent_media):
             media = newest.get(topic)
-            if isinstance(media, PageMedia) and self._sent_media.get(topic) is not media:
+            if media is not None and self._sent_media.get(topic) is not media:
                 return media
         return None
 

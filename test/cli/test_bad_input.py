@@ -170,7 +170,6 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("convert", "{tum}", "{out}/f", "--to", "kitti"), "'--to' requires a source with images"),
         (("simulate", "{out}/f", "--from={source}", "--workers", "3"), "'--workers' has no effect with --from"),
         (("simulate", "{out}/f", "--fault", "black"), "'--fault' applies only to a recording"),
-        (("live", "--foxglove-port", "0"), "'--foxglove-port' applies to the Foxglove server"),
         (("replay", "{source}", "--live-port", "0"), "'--live-port' applies to the page: give --live"),
         (("simulate", "{out}/f", "--set", "seed"), "'--set seed': must have the form KEY=VALUE"),
         (("bench", "localise", "{source}", "--vocab", "{tum}"), "'--vocab' .*: give --peer-python"),

@@ -22,7 +22,7 @@ Processes
     misbehaving_class, misbehaving_node, misbehaving_jobs, faulty_external_node: methods, nodes and jobs that fail.
     faulty_candidate.c, slow_clock.c, repaid_clock.c: a library under test, and two libraries that slow the clock.
 Live page
-    live_run, page_server, browser, foxglove_client.
+    live_run, page_server, browser.
 
 Fixtures are in the `conftest.py` of the folder of a test or above: `sfr` (a command), `scheduler` (of a suite),
 `own_domain`, `ros` and `shared_data` in `test/`; `files`, `judge`, `source`, `cloud`, `images` and `localised` in

@@ -10,12 +10,11 @@ import numpy as np
 
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES
 from sfr_loc_map.io.truth.config import TrackedBodyConfig
-from sfr_loc_map.live.media import cloud_samples, with_layer
+from sfr_loc_map.live.media import grid_of_cloud, with_layer
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
 from sfr_loc_map.live.updates import (
     Call,
-    CloudSample,
     ElevationSample,
     GraphNodes,
     ImageSample,
@@ -133,16 +132,16 @@ def images(stamp_ns: int, now_s: float) -> list[ImageSample]:
     return shown
 
 
-def cloud(stamp_ns: int, now_s: float, count: int = 60_000) -> tuple[CloudSample, ElevationSample]:
-    """A cloud and its grid, which has a hazard."""
+def grid_with_hazard(stamp_ns: int, now_s: float, count: int = 60_000) -> ElevationSample:
+    """The grid of a cloud, with a hazard."""
     rng = np.random.default_rng(5)
     xy = rng.uniform((-1.0, -6.0), (12.0, 6.0), (count, 2))
     points = np.column_stack([xy, 0.2 * np.sin(xy[:, 0]) + 0.1 * np.cos(2 * xy[:, 1])])
     sigma = 1e-3 * np.hypot(*xy.T) ** 2
     error = np.abs(rng.normal(0.0, sigma + 1e-6))
-    sample, grid = cloud_samples(stamp_ns, points, sigma, now_s, error)
+    grid = grid_of_cloud(stamp_ns, points, sigma, now_s, error)
     assert grid is not None
-    return sample, with_layer(grid, "hazard", np.full(grid.layers.shape[:2], 40.0))
+    return with_layer(grid, "hazard", np.full(grid.layers.shape[:2], 40.0))
 
 
 def fill(state: LiveState, frames: int = 60) -> None:
@@ -158,7 +157,7 @@ def fill(state: LiveState, frames: int = 60) -> None:
         state.put(call(number, now_s))
     state.put(PublishedScore(to_json(whole_score(100, 48, 2)), now_s))
     state.put(GraphNodes(frozenset(NODES), now_s, {"localisation/odometry": 0}))
-    for media in (*images(STEP_NS, now_s), *cloud(STEP_NS, now_s)):
+    for media in (*images(STEP_NS, now_s), grid_with_hazard(STEP_NS, now_s)):
         state.put(media)
 
 

@@ -12,7 +12,7 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.live.map_feed import MapFeed
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import CloudSample, ElevationSample
+from sfr_loc_map.live.updates import ElevationSample
 from sfr_loc_map.mapping.terrain.cells import CellGrid
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
@@ -59,10 +59,7 @@ def test_map_has_its_errors_and_hazards() -> None:
     feed.add_call(fusion(STAMP_NS))
     feed.add_hazard(sent(hazard_msg(terrain(), STAMP_NS, "lm")), 0.0)
     feed.add_elevation(sent(elevation_msg(terrain(), STAMP_NS, "lm")), 0.0)
-    cloud, grid = state.media["mapping/points"], state.media["mapping/elevation"]
-    assert isinstance(cloud, CloudSample)
-    assert cloud.error is not None
-    assert sorted(set(np.round(cloud.error, 3).tolist())) == pytest.approx([0.01, 0.03])
+    grid = state.media["mapping/elevation"]
     assert isinstance(grid, ElevationSample)
     error = grid.layers[..., grid.names.index("error")]
     at = (np.array([[3.0, 1.0], [9.0, 1.0]]) - grid.origin_m) / grid.cell_m
@@ -89,23 +86,20 @@ def test_errors_are_those_of_the_pairs_that_the_fusion_names(order: str) -> None
     }
     for name in order.split():
         messages[name]()
-    cloud, grid = state.media["mapping/points"], state.media["mapping/elevation"]
-    assert isinstance(cloud, CloudSample)
-    assert cloud.error is not None
-    assert sorted(set(np.round(cloud.error, 3).tolist())) == pytest.approx([0.01, 0.03])
+    grid = state.media["mapping/elevation"]
     assert isinstance(grid, ElevationSample)
     assert 0.0 < np.nanmax(grid.layers[..., grid.names.index("error")]) < 0.04
 
 
-def test_cloud_has_no_error_before_its_pairs_are_named() -> None:
+def test_the_map_of_a_cloud_has_no_error_before_its_pairs_are_named() -> None:
     state, truth = LiveState(), ground()
-    feed = MapFeed(state, lambda: True)
+    feed = MapFeed(state, lambda: False)
     feed.add_true_points(bag_messages.points(STAMP_NS, truth, None), 0.0)
     feed.add_cloud(sent(cloud_msg(estimated(truth), STAMP_NS, "lm")), 0.0)
     feed.add_call(fusion(STAMP_NS + 1))
-    cloud = state.media["mapping/points"]
-    assert isinstance(cloud, CloudSample)
-    assert cloud.error is None
+    grid = state.media["mapping/elevation"]
+    assert isinstance(grid, ElevationSample)
+    assert np.isnan(grid.layers[..., grid.names.index("error")]).all()
 
 
 def test_broken_grids_are_refused() -> None:
