@@ -4,6 +4,7 @@ import threading
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import Transition
 from nav_msgs.msg import OccupancyGrid
@@ -14,6 +15,7 @@ from helpers.made_scene import NAV_RIG, nav_pair
 from helpers.manager import Capture, LocalNode, Manager
 from helpers.node_scenes import calls, disparity_of, params, raw, send_infos, send_pair, sent
 from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.mapping.config import MappingConfig, TerrainConfig
@@ -22,6 +24,7 @@ from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
 from sfr_loc_map.nodes.mapping_node import MappingNode
+from sfr_loc_map.nodes.pair_node import PairNode
 from sfr_loc_map.ros.messages import cloud_from_msg, elevation_msg, hazard_msg
 
 
@@ -46,6 +49,41 @@ def test_pairs_that_wait_for_their_poses_are_dropped_at_a_deactivation(ros: None
         peer.until(lambda: disparities, "disparity")
         peer.spin(0.2)
         assert [stamp_of(message) for message in disparities] == [nav_pair(1).pair.stamp_ns]
+
+
+def rows_of(doc: str | None) -> dict[str, tuple[str, ...]]:
+    """The cells of the table in a docstring by its first column."""
+    lines = [line.strip(" |").split(" | ") for line in (doc or "").splitlines() if line.strip().startswith("| ")]
+    return {name: tuple(cells) for name, *cells in lines}
+
+
+@pytest.mark.parametrize("event", ["activation", "`~/reset`", "new run"])
+def test_what_an_event_clears_is_what_the_table_of_the_nodes_states(ros: None, capfd: Capture, event: str) -> None:
+    rows = rows_of(PairNode.__doc__)
+    column = rows["state"].index(event)
+    with Manager("mapping_node") as peer, LocalNode(peer, capfd, MappingNode, *params()) as local:
+        node = local.node
+        node._matching.add_pair(1, object())
+        node._matching.add_pose(10**9, Transform.identity())
+        node._pairs.append(object())
+        if event == "activation":
+            assert peer.change(Transition.TRANSITION_DEACTIVATE) == (True, "inactive")
+            assert peer.change(Transition.TRANSITION_ACTIVATE) == (True, "active")
+        elif event == "new run":
+            node.on_new_run("the stamps have jumped")
+        else:
+            assert peer.call("mapping_node/reset").success
+        done = threading.Event()
+        node.worker.enqueue(done.set)
+        peer.until(done.is_set, "the worker")
+        found = {
+            "pairs that wait for a pose": node._matching._waiting,
+            "poses of `nav/pose`": node._matching._poses,
+            "map in progress": node._pairs,
+        }
+        assert {name: bool(state) for name, state in found.items()} == {
+            name: rows[name][column].startswith("kept") for name in found
+        }
 
 
 def test_a_changed_parameter_applies_to_the_pairs_that_are_received_after_the_change(ros: None, capfd: Capture) -> None:
