@@ -9,8 +9,8 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
    pose with robust weights.
 4. Relocalise if the pose is not trusted: optical flow, then SIFT descriptors (`relocalisation`).
 5. Select the ground's motion among the motions in the image (`ground.selection`). If one motion does not explain the
-   tracks, track the landmarks again from its pose. If many are still unexplained, search for another motion. Remove
-   landmarks that do not move with the ground from the map.
+   tracks, track the landmarks again from its pose. If many are still unexplained, search for another motion. Landmarks
+   that do not move with the ground are no longer tracked.
 6. Correct the right camera: estimate its rotation error, and correct its drift (`backend/online_calibration`).
 7. Judge: a table decides from the findings of all guards whether the pose is accepted (`guards`, `findings.RULES`).
 8. Complete: the pair becomes a keyframe if few landmarks are left or if they moved far in the image. For a keyframe,
@@ -160,7 +160,9 @@ class Candidate(NamedTuple):
     """A pair whose pose is to be judged."""
 
     frame: StereoFrame
-    landmark_map: LandmarkMap  #: The map without the landmarks that do not move with the ground.
+    #: The map, in which landmarks that do not move with the ground are no longer tracked. Their earlier observations
+    #: remain in the window (`SlidingWindow.without`).
+    landmark_map: LandmarkMap
     ground: Ground
     corrected: CorrectedTracks  #: Tracks of the ground after the correction.
 

@@ -123,7 +123,12 @@ class SlidingWindow:
         )
 
     def without(self, rows: NDArray[np.intp]) -> SlidingWindow:
-        """Return the window with some landmarks deactivated. Their observations are kept."""
+        """Return the window in which some landmarks are no longer tracked.
+
+        Their earlier observations remain in the adjustment, with a robust weight. To remove the observations of
+        landmarks that do not move with the ground was tried: measurements/localiser_trials.md, "Observations of
+        excluded landmarks".
+        """
         active = self.active.copy()
         active[rows] = False
         return replace(self, active=active)
@@ -283,5 +288,5 @@ class LandmarkMap:
         return self.followed.thinned(ALIGNED_LANDMARKS)
 
     def without(self, rows: NDArray[np.intp]) -> LandmarkMap:
-        """Return the map without some landmarks, or this map if `rows` is empty."""
+        """Return the map in which some landmarks are no longer tracked, or this map if `rows` is empty."""
         return LandmarkMap(self.window.without(rows)) if len(rows) else self

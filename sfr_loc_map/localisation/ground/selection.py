@@ -2,8 +2,8 @@
 
 The ground is identified by its motion, not by its position in the image. Another rigid motion is searched for among the
 landmarks that the pose does not explain. The motion of the ground is the one that more landmarks follow and that
-continues the previous motion. Landmarks of the other motion (own body, dirt on the lens, moving objects) are removed
-from the map, and their image cells are excluded for several pairs. If the evidence does not distinguish the two
+continues the previous motion. Landmarks of the other motion (own body, dirt on the lens, moving objects) are no longer
+tracked, and their image cells are excluded for several pairs. If the evidence does not distinguish the two
 motions, the pose is ambiguous.
 
 | term | meaning |
