@@ -235,7 +235,7 @@ class Localiser:
     def known_ns(self) -> int | None:
         """Stamp since which the odometry of the next pair is measured; None if that pair begins a window.
 
-        It is the stamp of the last accepted pair, or of an external pose that was applied later.
+        The stamp is that of the last pair that was accepted or began a window.
         """
         return None if self._state.landmark_map is None else self._state.path.last.known_ns
 
