@@ -137,7 +137,8 @@ class SlidingWindow:
         """Return the window with all right observations corrected along the rows for a yaw of the right camera, px.
 
         The v coordinates are not corrected. The yaw changes them by `x y yaw_px`, and later observations are corrected
-        for this change (`RightOffset.at`).
+        for this change (`RightOffset.at`). To correct them, too, was tried: measurements/localiser_trials.md, "Yaw of
+        the right camera as a flow field in the adjustment".
         """
         camera = self.problem.camera
         observations = self.problem.observations.copy()
