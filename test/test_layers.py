@@ -19,7 +19,7 @@ LAYERS = {
     "metrics": ("geometry", "The figures of the specification, and the verdicts by limits"),
     "faults": ("geometry io", "Faults that are injected into the stereo pairs of a source"),
     "simulation": ("geometry io", "Stereo pairs of a Mars-like scene with exact truth"),
-    "report": ("geometry metrics", "Views of scores and other results, which make no verdict"),
+    "report": ("geometry mapping metrics", "Views of scores and other results, which make no verdict"),
     "ros": ("geometry io localisation mapping", "What every program with a ROS node requires"),
     "methods": ("geometry io localisation mapping metrics", "Localisers and mappers under test, in their processes"),
     "runs": (
@@ -30,7 +30,7 @@ LAYERS = {
     "scoring": ("geometry io mapping metrics runs", "A score with its provenance from files, memory or topics"),
     "doctor": ("geometry io source_setup", "The issues of a recording or graph from an observation"),
     "evidence": (
-        "faults geometry io kernels localisation mapping metrics report runs",
+        "faults geometry io kernels localisation mapping metrics runs",
         "The consistency of runs that should agree, without a ground truth",
     ),
     "nodes": (

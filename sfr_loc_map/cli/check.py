@@ -59,6 +59,7 @@ def check(
     runs share, such as those of the calibration, stay hidden.
     """
     from sfr_loc_map.evidence.recording import calls_of_check, check_recording, has_drive_to_check, read_estimates
+    from sfr_loc_map.report.check_tables import check_tables
 
     check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
     if len(estimate or ()) > MAX_ESTIMATES:
@@ -73,7 +74,7 @@ def check(
         task = bar.add_task("checking", total=calls_of_check(opened, pairs))
         parameters = Configuration.read(read_from)
         found = check_recording(opened, parameters, conditions, pairs, others, lambda: bar.advance(task))
-    show(found.to_dict(), json_path, found.tables())
+    show(found.to_dict(), json_path, check_tables(found.figures, found.advice))
     is_silent = json_path == STANDARD_OUTPUT
     for subject, result in found.results.items():
         checked = f"{found.checked[subject]} comparisons have enough data"

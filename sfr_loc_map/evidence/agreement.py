@@ -16,18 +16,16 @@ import numpy as np
 from scipy.special import gammaincc
 
 from sfr_loc_map.evidence.check_result import CheckResult
-from sfr_loc_map.evidence.item_rows import items_with
 from sfr_loc_map.evidence.paired_runs import SPACING, RunAtPairs, paired, spans_of
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.config import Condition, label_of
+from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.consistency import Span, normalised_square, relative_errors, without_overlap
 from sfr_loc_map.metrics.intervals import chi2_interval95
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.trajectory_errors import select
-from sfr_loc_map.report.tables import METRE, Cell, Column, Table, fitting
 
 SIGNIFICANCE = 0.05  #: Probability of a false finding over all comparisons of a recording.
 MIN_SUB_TRAJECTORIES = 3  #: Minimum number of sub-trajectories that do not overlap.
@@ -154,43 +152,3 @@ def agreement_rows(agreement: Agreement) -> list[Figure]:
         figure_row("error_at_least", *where, n=position.n, value=least),
         figure_row("agreement", *where, n=count, value=agreement.probability),
     ]
-
-
-def agreement_table(figures: Sequence[Figure]) -> Table:
-    """Return the comparisons as a table, one line each."""
-    rows = []
-    for item in items_with("difference", figures):
-        unit = fitting(METRE, item.number("difference", "rmse"), item.number("error_at_least"))
-        rows.append(
-            (
-                Cell.head(item.part or ""),
-                Cell(label_of(item.condition) or PLACES),
-                Cell(unit.symbol),
-                item.cell("difference", "rmse", unit),
-                item.cell("error_at_least", unit=unit),
-                item.cell("difference", "n"),
-                item.cell("difference_nees", "mean"),
-                item.cell("difference_nees", "high95"),
-                item.cell("difference_nees", "n"),
-                item.cell("agreement"),
-            )
-        )
-    columns = (
-        Column("runs", words=True),
-        Column("over", words=True),
-        Column("unit"),
-        Column("difference, rmse"),
-        Column("minimum error of a run"),
-        Column("n"),
-        Column("NEES"),
-        Column("expected below"),
-        Column("independent"),
-        Column("p"),
-    )
-    note = (
-        "At least one of the runs has at least the minimum error. NEES: squared difference normalised by the "
-        "covariances of both runs, over the independent sub-trajectories; 6 on average if the covariances are correct. "
-        "p: probability of a difference this large if the covariances are correct. Errors that both runs share are not "
-        "included: a wrong calibration is unobservable, and the noise of common images reduces the difference."
-    )
-    return Table("check", "Runs that should agree", columns, tuple(rows), note)

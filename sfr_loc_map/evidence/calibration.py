@@ -9,7 +9,7 @@ with the right images rotated back. The baseline is unobservable.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from typing import NamedTuple
@@ -21,21 +21,12 @@ from sfr_loc_map.evidence.variants import PairsInMemory, Run
 from sfr_loc_map.faults.images import rotated
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table, Unit, fitting
 
 ANGLES = {"pitch": "vertical_offset_px", "roll": "roll_offset_px", "yaw": "disparity_offset_px"}
 """Statistic of the localiser by the angle that causes it."""
 AXES = {"pitch": (0, -1.0), "roll": (2, 1.0), "yaw": (1, -1.0)}
 """Axis of the optical frame and sign of the rotation that corrects an offset, by angle."""
-NAMES = {
-    "right_camera": "right camera, ",
-    "right_camera_spread": "difference between the runs, ",
-    "depth_error": "error of depth ",
-    "calibration_cost": "shift of positions by correction of ",
-}
-"""Figures of the calibration table and the prefixes of their names."""
 LARGE_PX = 0.2  #: Smaller offsets are corrected online and matter less than matching noise (chosen by hand).
 RANGE_M = 4.0  #: Range at which the depth error is reported.
 
@@ -136,35 +127,3 @@ def cost_row(offsets: Sequence[CameraOffset], agreement: Agreement) -> Figure:
     moved = formulas.statistics(agreement.differences.position_m)
     part = " and ".join(offset.angle for offset in offsets)
     return figure_row("calibration_cost", agreement.condition, part, n=moved.n, value=moved.rmse)
-
-
-def calibration_table(figures: Sequence[Figure], advice: Mapping[str, Advice]) -> Table:
-    """Return the offsets of the right camera as a table, with the advice of the check by angle."""
-    rows = []
-    for index, row in enumerate(figures):
-        if row.figure in NAMES:
-            unit = fitting(Unit(row.unit), row.value)
-            over = f" over {label_of(row.condition)}" if row.condition else ""
-            action = advice.get(row.part or "") if row.figure == "right_camera" else None
-            cells = (
-                Cell.head(f"{NAMES[row.figure]}{row.part}{over}"),
-                Cell(unit.symbol),
-                Cell.number(row.value, f"figures.{index}.value", unit),
-                Cell.number(row.n, f"figures.{index}.n"),
-                Cell(ABSENT if action is None else action.value),
-            )
-            rows.append(cells)
-    columns = (
-        Column("calibration", words=True),
-        Column("unit"),
-        Column("value"),
-        Column("n"),
-        Column("calibration file", words=True),
-    )
-    note = (
-        "Offsets from the calibration file: mean over n runs, which share their images. Redo: the offsets of all "
-        f"runs have one sign, and their mean is at least {LARGE_PX:g} px. Keep: the offsets of all runs are below. Yaw "
-        "is reported as 0 until it is significant. Positions: root mean square over n sub-trajectories; the localiser "
-        "corrects the rest itself. A wrong baseline or focal length is unobservable without a truth or wheel odometry."
-    )
-    return Table("calibration", "Calibration of the right camera", columns, tuple(rows), note)

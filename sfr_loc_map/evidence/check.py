@@ -1,45 +1,35 @@
-"""Check of a drive without a ground truth, and the tables of the figures of a check. `recording` adds the maps.
+"""Check of a drive without a ground truth. `recording` adds the maps, and `report.check_tables` shows the figures.
 
-Each kind of evidence has a module that measures it, returns its figures as rows, and shows these rows as a table:
-`agreement` (runs that should agree), `revisited` (places), `predicted` (error by source), `other_estimates`,
-`calibration` (right camera) and `overlap` (maps).
+Each kind of evidence has a module that measures it and returns its figures as rows: `agreement` (runs that should
+agree), `revisited` (places), `predicted` (error by source), `other_estimates`, `calibration` (right camera) and
+`overlap` (maps).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.evidence.agreement import (
-    Agreement,
-    agreement_rows,
-    agreement_table,
-    compare,
-    disagreement_of,
-    results_of,
-)
+from sfr_loc_map.evidence.agreement import Agreement, agreement_rows, compare, disagreement_of, results_of
 from sfr_loc_map.evidence.calibration import (
     Advice,
     CameraOffset,
-    calibration_table,
     corrected_drive,
     cost_row,
     offset_rows,
     right_camera_offsets,
 )
 from sfr_loc_map.evidence.check_result import Check, CheckResult
-from sfr_loc_map.evidence.other_estimates import at_pairs_of, hat_rows, hat_table, scale_row, scale_table
-from sfr_loc_map.evidence.overlap import overlap_table
-from sfr_loc_map.evidence.predicted import predicted_rows, predicted_table
-from sfr_loc_map.evidence.revisited import agreement_at, closure_rows, closure_table, find_closures
+from sfr_loc_map.evidence.other_estimates import at_pairs_of, hat_rows, scale_row
+from sfr_loc_map.evidence.predicted import predicted_rows
+from sfr_loc_map.evidence.revisited import agreement_at, closure_rows, find_closures
 from sfr_loc_map.evidence.variants import PairsInMemory, Run, Variant, run_pairs, run_variant
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.table import Figure
-from sfr_loc_map.report.tables import Table
 
 MIN_PAIRS = 20
 COMPARED = (
@@ -119,20 +109,3 @@ def check_drive(
         offsets=tuple(offsets),
         wrong_offsets=tuple(wrong_offsets),
     )
-
-
-def check_tables(figures: Sequence[Figure], advice: Mapping[str, Advice]) -> list[Table]:
-    """Return the tables of the figures of a check and of its advice by angle; tables without rows are omitted.
-
-    Cells name keys in the figures.
-    """
-    tables = (
-        agreement_table(figures),
-        closure_table(figures),
-        predicted_table(figures),
-        scale_table(figures),
-        hat_table(figures),
-        calibration_table(figures, advice),
-        overlap_table(figures),
-    )
-    return [table for table in tables if table.rows]

@@ -12,10 +12,9 @@ from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates, associate
-from sfr_loc_map.metrics.config import AssociationConfig, Condition, label_of
+from sfr_loc_map.metrics.config import AssociationConfig, Condition
 from sfr_loc_map.metrics.intervals import student_quantile
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.report.tables import METRE, PERCENT, Cell, Column, Table, fitting
 
 
 def at_pairs_of(run: Run, other: Run) -> Run:
@@ -57,34 +56,6 @@ def scale_row(agreement: Agreement) -> Figure:
     return figure_row("scale", *where, n=count, value=mean, low95=mean - half, high95=mean + half)
 
 
-def scale_table(figures: Sequence[Figure]) -> Table:
-    """Return the excess of length over other estimates as a table."""
-    rows = []
-    for index, row in enumerate(figures):
-        if row.figure == "scale":
-            cells = (
-                Cell.head(row.part or ""),
-                Cell(label_of(row.condition)),
-                Cell.number(row.value, f"figures.{index}.value", PERCENT),
-                Cell.interval(row.interval, f"figures.{index}", PERCENT),
-                Cell.number(row.n, f"figures.{index}.n"),
-            )
-            rows.append(cells)
-    columns = (
-        Column("runs", words=True),
-        Column("over", words=True),
-        Column("excess of length", PERCENT),
-        Column("95 % interval", PERCENT),
-        Column("n"),
-    )
-    note = (
-        "Relative excess of the straight-line distances of the forward run over those of the other estimate. If the "
-        "other estimate is the odometry of wheels that do not slip, the excess is the error of the ratio of baseline "
-        "and focal length."
-    )
-    return Table("scale", "Length against other estimates", columns, tuple(rows), note)
-
-
 def hat_rows(runs: Sequence[Run], condition: Condition) -> list[Figure]:
     """Return the sigma of each of three estimates by the three-cornered hat; no rows for another number of runs."""
     if len(runs) != 3:
@@ -112,20 +83,3 @@ def three_cornered_hat(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[flo
         return None
     first, second, third = np.sqrt(variances).tolist()
     return first, second, third
-
-
-def hat_table(figures: Sequence[Figure]) -> Table:
-    """Return the sigmas of three estimates as a table."""
-    rows = []
-    for index, row in enumerate(figures):
-        if row.figure == "hat_sigma":
-            unit = fitting(METRE, row.value)
-            sigma = Cell.number(row.value, f"figures.{index}.value", unit)
-            count = Cell.number(row.n, f"figures.{index}.n")
-            rows.append((Cell.head(row.part or ""), Cell(label_of(row.condition)), Cell(unit.symbol), sigma, count))
-    columns = (Column("estimate", words=True), Column("over", words=True), Column("unit"), Column("sigma"), Column("n"))
-    note = (
-        "Three-cornered hat: assumes independent errors. Errors that the estimates share, such as those of the "
-        "calibration, are hidden."
-    )
-    return Table("hat", "Three estimates", columns, tuple(rows), note)

@@ -7,22 +7,20 @@ of the mast's mount. These errors are hidden, so the result is never an accuracy
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import combinations, islice
 from typing import NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.evidence.check_result import Check, CheckResult
-from sfr_loc_map.evidence.item_rows import items_with
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.mapping.multiview.pose_agreement import MAX_GREY_RATIO, MAX_RANGE_RATIO, pose_disagreement
-from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, SHIFT_PX
+from sfr_loc_map.mapping.multiview.pose_agreement import pose_disagreement
+from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.report.tables import METRE, PERCENT, Cell, Column, Table, fitting
 
 
 class Overlap(NamedTuple):
@@ -94,37 +92,3 @@ def overlap_rows(overlap: Overlap) -> Iterator[Figure]:
     yield figure_row("overlap_ratio", part=overlap.name, n=overlap.points, value=overlap.ratio)
     grey_ratio = overlap.grey_ratio if np.isfinite(overlap.grey_ratio) else None
     yield figure_row("overlap_grey", part=overlap.name, n=overlap.points, value=grey_ratio)
-
-
-def overlap_table(figures: Sequence[Figure]) -> Table:
-    """Return the overlaps of maps as a table."""
-    rows = []
-    for item in items_with("overlap", figures):
-        unit = fitting(METRE, item.number("overlap_difference"))
-        rows.append(
-            (
-                Cell.head(item.part or ""),
-                item.cell("overlap", unit=PERCENT),
-                Cell(unit.symbol),
-                item.cell("overlap_difference", unit=unit),
-                item.cell("overlap_ratio"),
-                item.cell("overlap_grey"),
-                item.cell("overlap", "n"),
-            )
-        )
-    columns = (
-        Column("maps", words=True),
-        Column("overlap", PERCENT),
-        Column("unit"),
-        Column("range difference, rms"),
-        Column("ratio to the expected one"),
-        Column(f"grey difference over that {SHIFT_PX} px away"),
-        Column("points"),
-    )
-    note = (
-        "Robust root mean square over the points that both pairs observe. The expected difference follows from the "
-        f"reported sigmas and correct poses. Maps disagree above a ratio of {MAX_RANGE_RATIO:g}, or if the grey level "
-        f"difference exceeds {MAX_GREY_RATIO:g} times that {SHIFT_PX} px away. Errors of the camera calibration are "
-        "hidden, because all pairs share them."
-    )
-    return Table("overlap", "Maps that should agree", columns, tuple(rows), note)

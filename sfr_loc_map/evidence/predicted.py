@@ -7,23 +7,21 @@ does not model are missing: a wrong baseline, focal length, mounting or clock.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from enum import StrEnum
 
 import numpy as np
 
-from sfr_loc_map.evidence.item_rows import items_with
 from sfr_loc_map.evidence.paired_runs import SPACING
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import propagation
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import StampedPoses
-from sfr_loc_map.metrics.config import Condition, label_of
+from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.consistency import StepSums, sums_of_steps
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.trajectory_errors import select
-from sfr_loc_map.report.tables import METRE, PERCENT, Cell, Column, Table, Unit, fitting
 
 
 class Source(StrEnum):
@@ -81,36 +79,3 @@ def squares_by_source(start: StepSums, end: StepSums, position: FloatArray) -> M
     }
     variances = {source: covariance.diagonal() for source, covariance in covariances.items()}
     return {source: np.array([values[:3].sum(), values[3:].sum()]) for source, values in variances.items()}
-
-
-def predicted_table(figures: Sequence[Figure]) -> Table:
-    """Return the predicted error by source as a table."""
-    rows = []
-    for item in items_with("predicted", figures):
-        unit = fitting(METRE, item.number("predicted"))
-        rows.append(
-            (
-                Cell.head(item.part or ""),
-                Cell(label_of(item.condition)),
-                item.cell("predicted_share", unit=PERCENT),
-                Cell(unit.symbol),
-                item.cell("predicted", unit=unit),
-                item.cell("predicted_attitude"),
-                item.cell("predicted", "n"),
-            )
-        )
-    columns = (
-        Column("source", words=True),
-        Column("over", words=True),
-        Column("fraction of the mean square", PERCENT),
-        Column("unit"),
-        Column("position, rms"),
-        Column("attitude, rms", Unit("deg")),
-        Column("n"),
-    )
-    note = (
-        "Error budget from the covariance of the forward run. Disparity: a constant error, such as from a yaw of the "
-        "right camera. Lens: an error that varies over the image. Sub-trajectories with a degraded or lost pose are "
-        "skipped. Sources that the localiser does not model are missing: baseline, focal length, mounting, stamps."
-    )
-    return Table("predicted", "Predicted error by its sources", columns, tuple(rows), note)

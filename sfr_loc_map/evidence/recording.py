@@ -10,7 +10,7 @@ from typing import Any
 from sfr_loc_map.config import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.evidence.calibration import Advice
-from sfr_loc_map.evidence.check import check_drive, check_tables
+from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
 from sfr_loc_map.evidence.overlap import check_maps
 from sfr_loc_map.evidence.variants import Run, calls_of
@@ -23,7 +23,6 @@ from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.table import Figure
-from sfr_loc_map.report.tables import Table
 
 SCHEMA = "sfr-check/1"
 DRIVE, MAPS = "drive", "maps"  #: Subjects of a check.
@@ -66,10 +65,6 @@ class RecordingCheck:
     def not_checked(self) -> list[str]:
         """Why subjects could not be checked, one phrase each."""
         return [TOO_FEW[subject] for subject, result in self.results.items() if result is CheckResult.NOT_ENOUGH_DATA]
-
-    def tables(self) -> list[Table]:
-        """Return the tables of the figures and of the advice."""
-        return check_tables(self.figures, self.advice)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the check for JSON."""

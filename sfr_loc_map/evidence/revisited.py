@@ -16,7 +16,6 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from sfr_loc_map.evidence.agreement import Agreement, Differences, probability_of
-from sfr_loc_map.evidence.item_rows import items_with
 from sfr_loc_map.evidence.paired_runs import poses_at, rows_at
 from sfr_loc_map.evidence.variants import PairsInMemory, Run, run_pairs
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -25,7 +24,6 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.consistency import normalised_square, relative_covariance, relative_errors, sums_of_steps
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.report.tables import METRE, PERCENT, Cell, Column, Table, fitting
 
 MIN_PATH_M = 1.0
 """Minimum path between two visits, m. Chosen by hand: a stationary rover does not revisit its place."""
@@ -138,34 +136,3 @@ def closure_rows(closure: Closure) -> Iterator[Figure]:
     yield figure_row("misclosure", part=closure.name, value=closure.misclosure_m)
     yield figure_row("misclosure_of_path", part=closure.name, value=closure.misclosure_m / closure.path_m)
     yield figure_row("misclosure_nees", part=closure.name, value=closure.square)
-
-
-def closure_table(figures: Sequence[Figure]) -> Table:
-    """Return the revisited places as a table."""
-    rows = []
-    for item in items_with("misclosure", figures):
-        unit = fitting(METRE, item.number("misclosure"))
-        rows.append(
-            (
-                Cell.head(item.part or ""),
-                item.cell("revisited_path", unit=METRE),
-                Cell(unit.symbol),
-                item.cell("misclosure", unit=unit),
-                item.cell("misclosure_of_path", unit=PERCENT),
-                item.cell("misclosure_nees"),
-            )
-        )
-    columns = (
-        Column("revisited place", words=True),
-        Column("path", METRE),
-        Column("unit"),
-        Column("misclosure"),
-        Column("of the path", PERCENT),
-        Column("NEES"),
-    )
-    note = (
-        "Misclosure: difference between the motion accumulated along the path from visit to visit and the motion that "
-        "a direct run measures from the landmarks of the first visit. NEES: 6 on average if the covariances are "
-        "consistent. A scale error is unobservable, because it cancels in a closed loop."
-    )
-    return Table("revisited", "Revisited places", columns, tuple(rows), note)

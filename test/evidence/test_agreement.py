@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import compare, results_of
-from sfr_loc_map.evidence.calibration import Advice, advice_of, calibration_table, offset_rows, right_camera_offsets
+from sfr_loc_map.evidence.calibration import Advice, advice_of, offset_rows, right_camera_offsets
 from sfr_loc_map.evidence.check_result import CheckResult, combined
 from sfr_loc_map.evidence.other_estimates import at_pairs_of, scale_row, three_cornered_hat
 from sfr_loc_map.evidence.variants import Run
@@ -20,6 +20,7 @@ from sfr_loc_map.localisation.estimate import TrackingStatistics
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.consistency import STEP_SIZE
+from sfr_loc_map.report.check_tables import calibration_table
 
 STAMPS = 1_000_000_000 + np.arange(400) * 100_000_000
 SIGMA_M, SIGMA_RAD = 1e-3, 2e-4

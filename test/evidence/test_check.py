@@ -13,10 +13,8 @@ from helpers.cli_result import Sfr
 from helpers.loc_drive import drive, run
 from helpers.made_scene import LOC_RIG
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.evidence.agreement import agreement_table
-from sfr_loc_map.evidence.calibration import CameraOffset, calibration_table, corrected_drive
+from sfr_loc_map.evidence.calibration import CameraOffset, corrected_drive
 from sfr_loc_map.evidence.check import check_drive
-from sfr_loc_map.evidence.item_rows import items_with
 from sfr_loc_map.evidence.recording import names_of_estimates
 from sfr_loc_map.evidence.variants import PairsInMemory
 from sfr_loc_map.faults.injector import FaultInjector
@@ -27,6 +25,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import figure_row
+from sfr_loc_map.report.check_tables import agreement_table, calibration_table, items_with
 from sfr_loc_map.runs.offline import trajectory_of
 
 

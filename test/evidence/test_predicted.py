@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.evidence.predicted import Source, predicted_rows, predicted_table
+from sfr_loc_map.evidence.predicted import Source, predicted_rows
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.consistency import STEP_SIZE, relative_covariance, sums_of_steps
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.report.check_tables import predicted_table
 
 COUNT, STEP_M, OVER = 60, 0.1, 20
 STEP_SIGMA_M, NOISE_M, ALONG_M, TURN_RAD = 2e-3, 3e-3, 5e-4, 1e-4

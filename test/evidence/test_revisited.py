@@ -11,17 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from helpers.loc_drive import noisy
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, stereo_pair, true_pose
-from sfr_loc_map.evidence.agreement import agreement_table, results_of
+from sfr_loc_map.evidence.agreement import results_of
 from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.check_result import CheckResult, combined
-from sfr_loc_map.evidence.revisited import (
-    Closure,
-    agreement_at,
-    closure_between,
-    closure_table,
-    find_closures,
-    worth_of_visits,
-)
+from sfr_loc_map.evidence.revisited import Closure, agreement_at, closure_between, find_closures, worth_of_visits
 from sfr_loc_map.evidence.variants import PairsInMemory, Run, Variant, run_pairs, run_variant
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -31,6 +24,7 @@ from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.report.check_tables import agreement_table, closure_table
 
 STEPS = 60  #: Steps around a made circle.
 OUT = 30  #: Pairs of the way out.

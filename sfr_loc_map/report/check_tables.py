@@ -1,0 +1,290 @@
+"""Tables of a check without a ground truth (`sfr check`), from its figures.
+
+Each line of a table has the figures with the same condition and part. Cells name their keys in the figures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.mapping.multiview.pose_agreement import MAX_GREY_RATIO, MAX_RANGE_RATIO
+from sfr_loc_map.mapping.multiview.projection import SHIFT_PX
+from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.report.tables import ABSENT, METRE, NONE, PERCENT, Cell, Column, Table, Unit, fitting
+
+PLACES = "revisited places"  #: Label of a comparison without a condition.
+
+CALIBRATION_NAMES = {
+    "right_camera": "right camera, ",
+    "right_camera_spread": "difference between the runs, ",
+    "depth_error": "error of depth ",
+    "calibration_cost": "shift of positions by correction of ",
+}
+"""Figures of the calibration table and the prefixes of their names."""
+
+
+def check_tables(figures: Sequence[Figure], advice: Mapping[str, str]) -> list[Table]:
+    """Return the tables of the figures of a check and of its advice by angle; tables without rows are omitted.
+
+    Cells name keys in the figures.
+    """
+    tables = (
+        agreement_table(figures),
+        closure_table(figures),
+        predicted_table(figures),
+        scale_table(figures),
+        hat_table(figures),
+        calibration_table(figures, advice),
+        overlap_table(figures),
+    )
+    return [table for table in tables if table.rows]
+
+
+def agreement_table(figures: Sequence[Figure]) -> Table:
+    """Return the comparisons as a table, one line each."""
+    rows = []
+    for item in items_with("difference", figures):
+        unit = fitting(METRE, item.number("difference", "rmse"), item.number("error_at_least"))
+        rows.append(
+            (
+                Cell.head(item.part or ""),
+                Cell(label_of(item.condition) or PLACES),
+                Cell(unit.symbol),
+                item.cell("difference", "rmse", unit),
+                item.cell("error_at_least", unit=unit),
+                item.cell("difference", "n"),
+                item.cell("difference_nees", "mean"),
+                item.cell("difference_nees", "high95"),
+                item.cell("difference_nees", "n"),
+                item.cell("agreement"),
+            )
+        )
+    columns = (
+        Column("runs", words=True),
+        Column("over", words=True),
+        Column("unit"),
+        Column("difference, rmse"),
+        Column("minimum error of a run"),
+        Column("n"),
+        Column("NEES"),
+        Column("expected below"),
+        Column("independent"),
+        Column("p"),
+    )
+    note = (
+        "At least one of the runs has at least the minimum error. NEES: squared difference normalised by the "
+        "covariances of both runs, over the independent sub-trajectories; 6 on average if the covariances are correct. "
+        "p: probability of a difference this large if the covariances are correct. Errors that both runs share are not "
+        "included: a wrong calibration is unobservable, and the noise of common images reduces the difference."
+    )
+    return Table("check", "Runs that should agree", columns, tuple(rows), note)
+
+
+def closure_table(figures: Sequence[Figure]) -> Table:
+    """Return the revisited places as a table."""
+    rows = []
+    for item in items_with("misclosure", figures):
+        unit = fitting(METRE, item.number("misclosure"))
+        rows.append(
+            (
+                Cell.head(item.part or ""),
+                item.cell("revisited_path", unit=METRE),
+                Cell(unit.symbol),
+                item.cell("misclosure", unit=unit),
+                item.cell("misclosure_of_path", unit=PERCENT),
+                item.cell("misclosure_nees"),
+            )
+        )
+    columns = (
+        Column("revisited place", words=True),
+        Column("path", METRE),
+        Column("unit"),
+        Column("misclosure"),
+        Column("of the path", PERCENT),
+        Column("NEES"),
+    )
+    note = (
+        "Misclosure: difference between the motion accumulated along the path from visit to visit and the motion that "
+        "a direct run measures from the landmarks of the first visit. NEES: 6 on average if the covariances are "
+        "consistent. A scale error is unobservable, because it cancels in a closed loop."
+    )
+    return Table("revisited", "Revisited places", columns, tuple(rows), note)
+
+
+def predicted_table(figures: Sequence[Figure]) -> Table:
+    """Return the predicted error by source as a table."""
+    rows = []
+    for item in items_with("predicted", figures):
+        unit = fitting(METRE, item.number("predicted"))
+        rows.append(
+            (
+                Cell.head(item.part or ""),
+                Cell(label_of(item.condition)),
+                item.cell("predicted_share", unit=PERCENT),
+                Cell(unit.symbol),
+                item.cell("predicted", unit=unit),
+                item.cell("predicted_attitude"),
+                item.cell("predicted", "n"),
+            )
+        )
+    columns = (
+        Column("source", words=True),
+        Column("over", words=True),
+        Column("fraction of the mean square", PERCENT),
+        Column("unit"),
+        Column("position, rms"),
+        Column("attitude, rms", Unit("deg")),
+        Column("n"),
+    )
+    note = (
+        "Error budget from the covariance of the forward run. Disparity: a constant error, such as from a yaw of the "
+        "right camera. Lens: an error that varies over the image. Sub-trajectories with a degraded or lost pose are "
+        "skipped. Sources that the localiser does not model are missing: baseline, focal length, mounting, stamps."
+    )
+    return Table("predicted", "Predicted error by its sources", columns, tuple(rows), note)
+
+
+def scale_table(figures: Sequence[Figure]) -> Table:
+    """Return the excess of length over other estimates as a table."""
+    rows = []
+    for index, row in enumerate(figures):
+        if row.figure == "scale":
+            cells = (
+                Cell.head(row.part or ""),
+                Cell(label_of(row.condition)),
+                Cell.number(row.value, f"figures.{index}.value", PERCENT),
+                Cell.interval(row.interval, f"figures.{index}", PERCENT),
+                Cell.number(row.n, f"figures.{index}.n"),
+            )
+            rows.append(cells)
+    columns = (
+        Column("runs", words=True),
+        Column("over", words=True),
+        Column("excess of length", PERCENT),
+        Column("95 % interval", PERCENT),
+        Column("n"),
+    )
+    note = (
+        "Relative excess of the straight-line distances of the forward run over those of the other estimate. If the "
+        "other estimate is the odometry of wheels that do not slip, the excess is the error of the ratio of baseline "
+        "and focal length."
+    )
+    return Table("scale", "Length against other estimates", columns, tuple(rows), note)
+
+
+def hat_table(figures: Sequence[Figure]) -> Table:
+    """Return the sigmas of three estimates as a table."""
+    rows = []
+    for index, row in enumerate(figures):
+        if row.figure == "hat_sigma":
+            unit = fitting(METRE, row.value)
+            sigma = Cell.number(row.value, f"figures.{index}.value", unit)
+            count = Cell.number(row.n, f"figures.{index}.n")
+            rows.append((Cell.head(row.part or ""), Cell(label_of(row.condition)), Cell(unit.symbol), sigma, count))
+    columns = (Column("estimate", words=True), Column("over", words=True), Column("unit"), Column("sigma"), Column("n"))
+    note = (
+        "Three-cornered hat: assumes independent errors. Errors that the estimates share, such as those of the "
+        "calibration, are hidden."
+    )
+    return Table("hat", "Three estimates", columns, tuple(rows), note)
+
+
+def calibration_table(figures: Sequence[Figure], advice: Mapping[str, str]) -> Table:
+    """Return the offsets of the right camera as a table, with the advice of the check by angle."""
+    rows = []
+    for index, row in enumerate(figures):
+        if row.figure in CALIBRATION_NAMES:
+            unit = fitting(Unit(row.unit), row.value)
+            over = f" over {label_of(row.condition)}" if row.condition else ""
+            action = advice.get(row.part or "") if row.figure == "right_camera" else None
+            cells = (
+                Cell.head(f"{CALIBRATION_NAMES[row.figure]}{row.part}{over}"),
+                Cell(unit.symbol),
+                Cell.number(row.value, f"figures.{index}.value", unit),
+                Cell.number(row.n, f"figures.{index}.n"),
+                Cell(ABSENT if action is None else str(action)),
+            )
+            rows.append(cells)
+    columns = (
+        Column("calibration", words=True),
+        Column("unit"),
+        Column("value"),
+        Column("n"),
+        Column("calibration file", words=True),
+    )
+    note = (
+        "Offsets from the calibration file: mean over n runs, which share their images. Redo: the offsets of all "
+        "runs have one sign, and their mean is large. Keep: the offsets of all runs are small. Yaw "
+        "is reported as 0 until it is significant. Positions: root mean square over n sub-trajectories; the localiser "
+        "corrects the rest itself. A wrong baseline or focal length is unobservable without a truth or wheel odometry."
+    )
+    return Table("calibration", "Calibration of the right camera", columns, tuple(rows), note)
+
+
+def overlap_table(figures: Sequence[Figure]) -> Table:
+    """Return the overlaps of maps as a table."""
+    rows = []
+    for item in items_with("overlap", figures):
+        unit = fitting(METRE, item.number("overlap_difference"))
+        rows.append(
+            (
+                Cell.head(item.part or ""),
+                item.cell("overlap", unit=PERCENT),
+                Cell(unit.symbol),
+                item.cell("overlap_difference", unit=unit),
+                item.cell("overlap_ratio"),
+                item.cell("overlap_grey"),
+                item.cell("overlap", "n"),
+            )
+        )
+    columns = (
+        Column("maps", words=True),
+        Column("overlap", PERCENT),
+        Column("unit"),
+        Column("range difference, rms"),
+        Column("ratio to the expected one"),
+        Column(f"grey difference over that {SHIFT_PX} px away"),
+        Column("points"),
+    )
+    note = (
+        "Robust root mean square over the points that both pairs observe. The expected difference follows from the "
+        f"reported sigmas and correct poses. Maps disagree above a ratio of {MAX_RANGE_RATIO:g}, or if the grey level "
+        f"difference exceeds {MAX_GREY_RATIO:g} times that {SHIFT_PX} px away. Errors of the camera calibration are "
+        "hidden, because all pairs share them."
+    )
+    return Table("overlap", "Maps that should agree", columns, tuple(rows), note)
+
+
+class Item(NamedTuple):
+    """One line of a table: the figures that have the same condition and part."""
+
+    condition: str | None
+    part: str | None
+    rows: dict[str, Figure]  #: Rows by the name of their figure.
+    indices: dict[str, int]  #: Index of each row in the figures of the check, by the name of the figure.
+
+    def number(self, figure: str, name: str = "value") -> float | None:
+        """Return a number of a figure."""
+        return self.rows[figure].statistic(name)
+
+    def cell(self, figure: str, name: str = "value", unit: Unit = NONE) -> Cell:
+        """Return a number of a figure as a cell."""
+        return Cell.number(self.number(figure, name), f"figures.{self.indices[figure]}.{name}", unit)
+
+
+def items_with(figure: str, figures: Sequence[Figure]) -> list[Item]:
+    """Return the items that have a figure, in the order of the figures of a check.
+
+    InputError if two rows have the same figure, condition and part, because one line cannot show both.
+    """
+    items: dict[tuple[str | None, str | None], Item] = {}
+    for index, row in enumerate(figures):
+        item = items.setdefault((row.condition, row.part), Item(row.condition, row.part, {}, {}))
+        if row.figure in item.rows:
+            raise InputError(f"two figures of the check have the name '{row.label}': each name must be unique")
+        item.rows[row.figure] = row
+        item.indices[row.figure] = index
+    return [item for item in items.values() if figure in item.rows]
