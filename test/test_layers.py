@@ -37,7 +37,7 @@ LAYERS = {
         "geometry io kernels localisation mapping metrics ros runs scoring",
         "The three nodes, from a message to a result, and their processes",
     ),
-    "graph": ("doctor geometry io nodes ros", "Programs that observe or record a running graph"),
+    "graph": ("doctor geometry io ros", "Programs that observe or record a running graph"),
     "live": (
         "geometry io localisation mapping metrics nodes report ros runs",
         "Views of a run in progress, and their connection to the nodes",

@@ -27,7 +27,6 @@ from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import decoded
 from sfr_loc_map.metrics.shortfall_kinds import MISSING_SHARE
-from sfr_loc_map.nodes.input.extrinsics import publish_extrinsics
 from sfr_loc_map.nodes.launch.processes import ChildProcess, Supervisor, user_command
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.external import external_node
@@ -38,6 +37,7 @@ from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.qos import LATCHED
+from sfr_loc_map.ros.static_transforms import publish_extrinsics
 from sfr_loc_map.runs.offline import check_count
 from sfr_loc_map.topics import REPORT, TRUE_POINTS, Role, names
 

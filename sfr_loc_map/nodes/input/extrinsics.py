@@ -1,32 +1,18 @@
-"""The extrinsics of the localisation cameras, from parameters or /tf_static, and their publisher."""
+"""The extrinsics of the localisation cameras, from parameters or /tf_static."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
-from typing import Any
 
-from rclpy.node import Node
-
-from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME, rig_in_body
+from sfr_loc_map.geometry.extrinsics import rig_in_body
 from sfr_loc_map.geometry.frame_tree import FrameTree
-from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
-from sfr_loc_map.ros.messages import header_msg, pose_msg, tf_message_type, transform_msg
+from sfr_loc_map.ros.messages import tf_message_type
 from sfr_loc_map.ros.qos import TF_STATIC_QOS
+from sfr_loc_map.ros.static_transforms import add_static_transforms
 from sfr_loc_map.topics import TF_STATIC
-
-
-def add_static_transforms(message: Any, tree: FrameTree) -> None:  # noqa: ANN401 - tf2_msgs need not be there
-    """Add the transforms of a tf2_msgs/TFMessage to a tree; transforms that are not rigid motions are ignored."""
-    for item in message.transforms:
-        p, q = item.transform.translation, item.transform.rotation
-        with suppress(GeometryError):
-            pose = Transform.from_quat((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
-            tree.add(item.header.frame_id, item.child_frame_id, pose)
 
 
 class Extrinsics:
@@ -57,12 +43,3 @@ class Extrinsics:
             if found is not None:
                 self.T_rb_sb = found.T_rb_sb
                 say(f"extrinsics of the stereo rig from /tf_static: {found.text}")
-
-
-def publish_extrinsics(node: Node, T_rb_sb: Transform) -> None:
-    """Publish the transform from `rb` to `locsb`, latched, if tf2_msgs is installed."""
-    kind = tf_message_type()
-    if kind is not None:
-        pose = pose_msg(T_rb_sb, T_rb_sb.file_quat_xyzw)
-        transform = transform_msg(header_msg(0, RB_FRAME), LOCSB_FRAME, pose)
-        node.create_publisher(kind, TF_STATIC, TF_STATIC_QOS).publish(kind(transforms=[transform]))

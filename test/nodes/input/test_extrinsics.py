@@ -10,7 +10,8 @@ from helpers.node_scenes import DRIVERS, OPTICAL
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
-from sfr_loc_map.nodes.input.extrinsics import Extrinsics, add_static_transforms
+from sfr_loc_map.nodes.input.extrinsics import Extrinsics
+from sfr_loc_map.ros.static_transforms import add_static_transforms
 
 
 def tf(parent: str, child: str, xyz: tuple[float, float, float], q: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)) -> object:
