@@ -19,7 +19,8 @@ from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.records import FindingKind
 
-SYMMETRY = 1e-6  #: Largest asymmetry of a covariance, relative to its largest element.
+COVARIANCE_TOLERANCE = 1e-6
+"""Largest asymmetry and largest negative eigenvalue of a covariance, relative to its largest element."""
 STEP_NUMBERS = 48
 """Number of values in the uncertainty of a step (`StepEstimate.uncertainty`): covariance (21), systematic vector (6)
 and noise (21)."""
@@ -91,9 +92,10 @@ def _covariance(numbers: list[float] | None) -> FloatArray | None:
         return None
     if not np.isfinite(covariance).all():
         raise MethodFailureError(FindingKind.NOT_FINITE, "the covariance has a number that is not finite")
-    asymmetry = np.abs(covariance - covariance.T).max()
-    if covariance.diagonal().min() < 0.0 or asymmetry > SYMMETRY * np.abs(covariance).max():
-        text = "the covariance is not symmetric, or a variance is negative"
+    tolerance = COVARIANCE_TOLERANCE * np.abs(covariance).max()
+    is_symmetric = np.abs(covariance - covariance.T).max() <= tolerance
+    if not is_symmetric or np.linalg.eigvalsh(covariance).min() < -tolerance:
+        text = "the covariance is not symmetric and positive semi-definite"
         raise MethodFailureError(FindingKind.INVALID_RESULT, text)
     return covariance
 
