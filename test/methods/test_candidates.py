@@ -31,6 +31,7 @@ from types import SimpleNamespace
 import numpy as np
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.mapping.mapper import Mapper
 
 class Odd:
@@ -43,6 +44,9 @@ class Odd:
         kind = next(self.kinds)
         if kind == "raise":
             raise RuntimeError("no idea")
+        if kind == "indefinite":
+            covariance = np.eye(6) + 2.0 * (np.eye(6, k=1) + np.eye(6, k=-1))
+            return PoseEstimate(pair.stamp_ns, Transform.identity(), covariance, TrackingState.TRACKING)
         return self.results[kind]
 
 class Holder:
@@ -78,6 +82,15 @@ class Fusing:
         return SimpleNamespace(cloud=PointCloud.empty(), warnings=["of a pair"])
     def fuse(self, results):
         return SimpleNamespace(cloud=PointCloud.empty(), warnings=["of the fusion"])
+
+class Counting:
+    def __init__(self, rig, config):
+        pass
+    def process(self, pair, T_lm_navsb, index):
+        return PointCloud.empty()
+    def fuse(self, results):
+        self.statistics = {"results": len(results)}
+        return PointCloud.empty()
 
 class InvalidFusion:
     def __init__(self, rig, config):
@@ -130,9 +143,9 @@ def test_ours_gives_the_same_bits_in_a_process_of_its_own(drive: Path) -> None:
 
 def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Path) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
-    made = calls(f"{tmp_path}/classes.py:Odd", "matrix transform none wrong raise nan matrix", 7)
+    made = calls(f"{tmp_path}/classes.py:Odd", "matrix transform none wrong raise nan indefinite matrix", 8)
     assert [estimate.state.value for estimate, _ in made] == [
-        "tracking", "tracking", "lost", "lost", "lost", "lost", "tracking"
+        "tracking", "tracking", "lost", "lost", "lost", "lost", "lost", "tracking"
     ]  # fmt: skip
     assert [call.finding for _, call in made] == [
         "",
@@ -141,6 +154,7 @@ def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Pat
         "invalid result: a pose is a PoseEstimate, a Transform or a matrix (4, 4): got ndarray of shape (3, 3)",
         "raised: RuntimeError: no idea",
         "not finite: the pose has a number that is not finite",
+        "invalid result: the covariance is not symmetric and positive semi-definite",
         "",
     ]
     moved = true_pose(0) @ Transform(np.eye(3), np.array([0.0, 2.0, 0.0]))
@@ -204,6 +218,20 @@ def test_an_invalid_fusion_is_a_finding_and_the_points_of_all_pairs_are_kept(
     assert fusion.finding.startswith(finding)
     assert run.fused.cloud.fused is False
     assert set(run.fused.cloud.pair) == {0, 1}
+
+
+def test_a_fusion_receives_the_results_of_the_pairs_of_its_map(tmp_path: Path) -> None:
+    """A map begins with its first pair, and the map before need not have been fused."""
+    (tmp_path / "classes.py").write_text(CLASSES)
+    item, fused = nav_pair(0), []
+    with IsolatedMapper(find_method(f"{tmp_path}/classes.py:Counting", Task.MAPPING), NAV_RIG, hidden=()) as mapper:
+        for index, is_last in ((0, False), (1, True), (0, False), (1, False), (0, False), (1, False), (2, True)):
+            made, _ = mapper.map_pair(item.pair, item.T_lm_navsb, index)
+            if is_last:
+                _, call = mapper.fuse([made], item.pair)
+                assert call is not None
+                fused.append(call.statistics["results"])
+    assert fused == [2.0, 3.0]
 
 
 def test_the_files_of_a_pair_are_removed_before_the_fusion(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -52,7 +52,7 @@ FIRST = str(PAIRS[0].stamp_ns)[:-3]
                 "not finite: the pose has a number that is not finite",
                 f"wrong stamp: answered for stamp {FIRST}792, asked for {FIRST}791",
                 "invalid result: the quaternion has length 3: must be 1",
-                "invalid result: the covariance is not symmetric, or a variance is negative",
+                "invalid result: the covariance is not symmetric and positive semi-definite",
                 "invalid result: wrote beyond the pose or the covariance",
                 "invalid result: status is 9: must be 0 to 3",
                 "invalid result: sfr_candidate_process returned 7",

@@ -118,8 +118,11 @@ class PythonMapper(PythonClass):
             ]
             return lambda: self.method.map_pairs(pairs)
         if order["call"] == "fuse":
-            return lambda: self.method.fuse(self._results)
+            results, self._results = self._results, []
+            return lambda: self.method.fuse(results)
         (about,) = order["pairs"]
+        if about["index"] == 0:  # begins a map
+            self._results = []
         pair, T_lm_navsb = StereoPair(about["stamp_ns"], left, right), _transform(about["T_lm_navsb"])
         return lambda: self.method.process(pair, T_lm_navsb, about["index"])
 
