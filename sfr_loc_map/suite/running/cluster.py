@@ -37,6 +37,7 @@ TRIES = 3  #: Maximum number of errors of a job, and of worker processes that a 
 JOINED = "sfr-joined"  #: Topic of the event by which a worker reports its code.
 OVER_TIME = "sfr-over-time"  #: Topic of the event by which a worker reports a job that exceeds its time limit.
 OVER_MEMORY = "worker-restart-memory"  #: Topic of the event by which the Dask nanny reports an exceeded memory limit.
+EVENT_S = 2.0  #: Longest delay of an event after the end of its worker.
 ASK_EVERY_S = 1.0  #: Period of requests for the workers of the scheduler.
 SAY_AFTER_S = 2.0  #: Time without a worker after which a message is printed.
 SHOWN = 10  #: Maximum number of reported workers with different code.
@@ -285,15 +286,26 @@ def _result_of(future: Future[JobOutcome]) -> tuple[JobOutcome, BaseException | 
 
 
 def _cause_of_death(client: Client, address: str, job: Job) -> JobOutcome:
-    """Return the outcome of a job that killed its worker, from the events of the worker."""
-    cause, message = FailureCause.DIED, "its worker process was killed or crashed"
-    for _, event in client.get_events(OVER_MEMORY):
-        if event["worker"] == address:
-            cause, message = FailureCause.MEMORY, f"{event['rss'] / 1e6:.0f} MB, more than its worker may use"
+    """Return the outcome of a job that killed its worker.
+
+    The event with the cause may arrive after the scheduler has noticed the end of the worker.
+    """
+    end_s = time.monotonic() + EVENT_S
+    while (outcome := _reported_cause(client, address, job)) is None and time.monotonic() < end_s:
+        time.sleep(0.1)
+    return outcome or JobOutcome(cause=FailureCause.DIED, message="its worker process was killed or crashed")
+
+
+def _reported_cause(client: Client, address: str, job: Job) -> JobOutcome | None:
+    """Return the outcome of a job that exceeded a limit, from the events of its worker; None without an event."""
     for _, event in client.get_events(OVER_TIME):
         if event["worker"] == address and event["job"] == job.key:
-            cause, message = FailureCause.TIME, f"not done after {event['seconds']:g} s"
-    return JobOutcome(cause=cause, message=message)
+            return JobOutcome(cause=FailureCause.TIME, message=f"not done after {event['seconds']:g} s")
+    for _, event in client.get_events(OVER_MEMORY):
+        if event["worker"] == address:
+            message = f"{event['rss'] / 1e6:.0f} MB, more than its worker may use"
+            return JobOutcome(cause=FailureCause.MEMORY, message=message)
+    return None
 
 
 def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
