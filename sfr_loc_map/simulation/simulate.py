@@ -2,11 +2,13 @@
 
 Each image and each ground truth is one job, which writes its files atomically. The lists (`pairs.csv`,
 `groundtruth.csv`) are written last, so a folder without the lists is unfinished; the same command then renders only the
-missing files. Jobs depend only on the configuration, so the result does not depend on the number of workers.
+missing files, unless the code has changed. Jobs depend only on the configuration, so the result does not depend on the
+number of workers.
 """
 
 from __future__ import annotations
 
+import hashlib
 import io
 import multiprocessing
 import os
@@ -21,11 +23,12 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
+from sfr_loc_map import __version__, geometry
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.config import build, flatten, load_yaml
 from sfr_loc_map.errors import ConfigError, OutputError
-from sfr_loc_map.inputs import SIDES, Task
+from sfr_loc_map.inputs import SIDES, Task, read_text
 from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX
 from sfr_loc_map.io.calibration.rig_file import rig_json
 from sfr_loc_map.io.images.codec import encode_png
@@ -38,6 +41,7 @@ from sfr_loc_map.simulation.tracer import require_tracer
 from sfr_loc_map.simulation.world import World
 
 SETTINGS = "simulation.yaml"
+CODE = (Path(__file__).parent, Path(geometry.__file__).parent)  #: Folders of the code that determines the images.
 
 
 class RenderJob(NamedTuple):
@@ -63,8 +67,8 @@ def simulate(
 ) -> int:
     """Write a simulated data set with exact ground truth, and return the number of pairs.
 
-    An unfinished run with the same settings is continued. `progress` is called with the number of finished jobs and the
-    total.
+    An unfinished run with the same settings by the same code is continued. `progress` is called with the number of
+    finished jobs and the total.
     """
     require_tracer()
     if out.suffix in STORAGE_BY_SUFFIX:
@@ -89,9 +93,9 @@ def simulate(
 
 
 def can_continue(config: SimulationConfig, out: Path) -> bool:
-    """Return whether a folder holds an unfinished run with these settings."""
+    """Return whether a folder holds an unfinished run with these settings by this version of the code."""
     folders = task_folders(Plan.make(config), out).values()
-    return _is_of(config, out) and not all((folder / "pairs.csv").exists() for folder in folders)
+    return not _difference(config, out) and not all((folder / "pairs.csv").exists() for folder in folders)
 
 
 def render_jobs(plan: Plan) -> list[RenderJob]:
@@ -107,22 +111,31 @@ def task_folders(plan: Plan, out: Path) -> dict[Task, Path]:
 
 
 def settings_text(config: SimulationConfig) -> str:
-    """Return the settings as YAML for `sfr simulate`."""
+    """Return the settings as YAML for `sfr simulate`, with a comment that names the code that renders."""
     flat = {name: list(value) if isinstance(value, tuple) else value for name, value in flatten(config).items()}
-    return yaml.safe_dump(flat, sort_keys=False, width=120)
+    return _code_line() + yaml.safe_dump(flat, sort_keys=False, width=120)
 
 
-def _is_of(config: SimulationConfig, out: Path) -> bool:
+def _code_line() -> str:
+    files = sorted(path for folder in CODE for path in folder.rglob("*.py"))
+    code = hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
+    return f"# rendered by sfr_loc_map {__version__}, code {code[:16]}\n"
+
+
+def _difference(config: SimulationConfig, out: Path) -> str:
+    """Return how the simulation in a folder differs; empty if settings and code are the same."""
     try:
-        return build(SimulationConfig, load_yaml(out / SETTINGS)) == config
-    except ConfigError:
-        return False
+        if build(SimulationConfig, load_yaml(out / SETTINGS)) != config:
+            return "with other settings"
+        return "" if read_text(out / SETTINGS).startswith(_code_line()) else "by another version of the code"
+    except (ConfigError, OSError, ValueError):
+        return "with other settings"
 
 
 def _claim(config: SimulationConfig, out: Path) -> None:
     if (out / SETTINGS).exists():
-        if not _is_of(config, out):
-            raise OutputError(f"'{out}' contains a simulation with other settings: remove it or choose another name")
+        if difference := _difference(config, out):
+            raise OutputError(f"'{out}' contains a simulation {difference}: remove it or choose another name")
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"cannot write '{out}': it exists and is not a simulation; remove it or choose another name")

@@ -134,12 +134,17 @@ def test_ctrl_c_ends_a_run_at_once_and_says_how_to_continue(tmp_path: Path) -> N
     assert not any(worker.is_running() for worker in workers)
 
 
-def test_finished_or_unlike_folder(made: Path, tmp_path: Path) -> None:
+def test_a_folder_of_another_simulation_is_refused_and_a_finished_one_is_unchanged(made: Path, tmp_path: Path) -> None:
     before = digest(made)
     assert simulate(CONFIG, made, workers=1) == 4
     assert digest(made) == before
     with pytest.raises(OutputError, match="other settings"):
         simulate(build(SimulationConfig, {**TINY, "seed": 9}), made)
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / SETTINGS).write_text(settings_text(CONFIG).partition("\n")[2])
+    with pytest.raises(OutputError, match="by another version of the code"):
+        simulate(CONFIG, other)
     (tmp_path / "a.txt").write_text("a")
     with pytest.raises(OutputError, match="is not a simulation"):
         simulate(CONFIG, tmp_path)
