@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from sfr_loc_map.methods.method_process import MB
+from sfr_loc_map.methods.call_monitor import MB
 from sfr_loc_map.process_tree import bytes_of_files, bytes_of_open_files
 
 

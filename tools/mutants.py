@@ -51,6 +51,7 @@ GROUPS = (
 """Groups of tests, in order."""
 OF_METHODS = (
     "test/methods/child/test_loop.py",
+    "test/methods/test_call_monitor.py",
     "test/methods/test_method_process.py",
     "test/methods/test_misbehaviour.py",
     "test/methods/test_work_between_calls.py",
@@ -486,11 +487,11 @@ MUTATIONS = (
     Mutation("methods/child/loop.py", 'return {"fault": "raised", "text": raised}', "pass"),
     Mutation("methods/child/loop.py", 'order["call"] == "set" else', 'order["call"] != "set" else'),
     Mutation("methods/child/loop.py", 'images[: len(order["pairs"])]', "images[:1]"),
-    Mutation("methods/method_process.py", "abs(measured_s - stated_s) > max(", "measured_s - stated_s > max("),
-    Mutation("methods/method_process.py", "seconds = self._clock.end()", 'seconds = reply["seconds"]'),
-    Mutation("methods/method_process.py", "return min(between_s, time.monotonic() - self._answered_s)", "return 0.0"),
-    Mutation("methods/method_process.py", "if now_s >= look_s:", "if False:"),
-    Mutation("methods/method_process.py", "if now_s > end_s:", "if now_s > end_s and not self._unread:"),
+    Mutation("methods/call_monitor.py", "abs(measured_s - stated_s) > max(", "measured_s - stated_s > max("),
+    Mutation("methods/method_process.py", "MethodCall(measured.usage,", "MethodCall(type(measured.usage)(stated_s),"),
+    Mutation("methods/call_monitor.py", "return min(self._between_s,", "return min(0.0,"),
+    Mutation("methods/channel.py", "if now_s >= check_s:", "if False:"),
+    Mutation("methods/channel.py", "if now_s > end_s:", "if now_s > end_s and not self._unread:"),
     # geometry
     Mutation("geometry/rotation.py", "aw * bx + ax * bw + ay * bz - az * by", "aw * bx + ax * bw - ay * bz + az * by"),
     Mutation("geometry/rotation.py", "np.abs(quat[..., 3])", "quat[..., 3]"),

@@ -23,7 +23,7 @@ from sfr_loc_map.mapping.search_range import search_range_of
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
-from sfr_loc_map.methods.method_process import MethodCall
+from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map

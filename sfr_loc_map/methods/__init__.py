@@ -5,7 +5,9 @@ A method under test (in the documentation also: a candidate) is called through t
     runs/offline.py, bench/method_benchmark.py
       isolated_localiser.py, isolated_mapper.py    one call for a pair or a set: checks the values of the answer
         isolated_method.py                         starts a lost process again, at the last known pose
-          method_process.py                        images in shared memory, JSON lines, time, memory, leaks
+          method_process.py                        starts and ends the process; images in shared memory
+            channel.py                             messages as lines of JSON, with a timeout
+            call_monitor.py                        time and memory from outside, leaks, misstated times
             isolation.py                           which files the process may read and write
     ---- process boundary -------------------------------------------------------------------------------------
             child/supervisor.py                    restricts its child (Landlock, seccomp), kills what remains
@@ -13,7 +15,7 @@ A method under test (in the documentation also: a candidate) is called through t
                 adapters/*.py                      one module for each interface of methods
                   the method
 
-`registry.py` finds a method by its name.
+`registry.py` finds a method by its name. `method_call.py` has the result of a call, and the failures.
 `config_truth.py` refuses a configuration that contains the ground truth. `ours.py` is our method with the interface
 of a candidate.
 

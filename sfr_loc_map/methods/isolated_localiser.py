@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
 from sfr_loc_map.methods.child.loop import OrderedPair, Pose
 from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp
-from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError
+from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.records import FindingKind
 

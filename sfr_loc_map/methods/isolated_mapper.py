@@ -22,7 +22,8 @@ from sfr_loc_map.mapping.maps import FusedMap, PairMap
 from sfr_loc_map.mapping.reprojection import points_from_disparity
 from sfr_loc_map.methods.child.loop import Answer, OrderedPair
 from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp
-from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, numbers_of
+from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
+from sfr_loc_map.methods.method_process import numbers_of
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.records import FindingKind
 

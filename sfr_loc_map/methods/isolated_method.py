@@ -10,7 +10,8 @@ from typing import Self
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.methods.child.loop import Answer
-from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, MethodProcess, NotStartedAgainError
+from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, NotStartedAgainError
+from sfr_loc_map.methods.method_process import MethodProcess
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.records import FindingKind, MethodRecord
 

@@ -24,7 +24,7 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import source_config
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.methods.method_process import MethodCall
+from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method, find_method
 from sfr_loc_map.metrics.call_meter import CallUsage
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig

@@ -18,7 +18,8 @@ from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
-from sfr_loc_map.methods.method_process import MethodCall, MethodProcess
+from sfr_loc_map.methods.method_call import MethodCall
+from sfr_loc_map.methods.method_process import MethodProcess
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.runs.offline import UnderTest, localise, map_pairs, map_pairs_with
 

@@ -20,7 +20,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
-from sfr_loc_map.methods.method_process import MethodCall
+from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
 from sfr_loc_map.runs.offline import UnderTest, map_pairs_with
 

@@ -1,0 +1,26 @@
+"""Findings that several calls of a method show: a leak and misstated times."""
+
+from sfr_loc_map.methods.call_monitor import LEAK_CALLS, MB, is_misstated, leak_in
+
+
+def test_a_growth_over_all_calls_is_a_leak_and_a_saw_tooth_is_none() -> None:
+    tooth = [90 * MB * (number % 4) for number in range(LEAK_CALLS)]
+    assert not leak_in(tooth)
+    assert leak_in([level + 2 * number * MB for number, level in enumerate(tooth)]).startswith("leaking")
+
+
+def test_a_window_that_fills_and_then_stays_flat_is_no_leak() -> None:
+    """The memory of our own localiser without a warm-up: libraries and a window of 30 keyframes, then 0.1 MB."""
+    filling = [165 * MB + min(number, 30) * 1_300_000 + number // 40 * MB // 10 for number in range(210)]
+    windows = range(LEAK_CALLS, len(filling) + 1)
+    assert not any(leak_in(filling[last - LEAK_CALLS : last]) for last in windows)
+    leaking = [level + 2 * MB * max(number - 40, 0) for number, level in enumerate(filling)]
+    assert any(leak_in(leaking[last - LEAK_CALLS : last]) for last in windows)
+
+
+def test_a_transfer_of_the_result_is_no_misstatement() -> None:
+    assert not is_misstated(measured_s=0.9, stated_s=0.1, calls=20)  # one delayed call
+    assert not is_misstated(measured_s=26.0, stated_s=16.0, calls=20)  # less than half of the calls
+    assert not is_misstated(measured_s=2.0, stated_s=0.008, calls=400)  # a fast method in a long drive
+    assert is_misstated(measured_s=1.6, stated_s=0.16, calls=20)
+    assert is_misstated(measured_s=0.10, stated_s=3.00, calls=20)
