@@ -42,7 +42,7 @@ class LimitSection(StrEnum):
     TARGET = "target"
 
 
-class Interpretation(StrEnum):
+class Population(StrEnum):
     """Population of the fraction of a requirement [ECSS-E-ST-60-10C, 4.1.4.2]; see `metrics.judging.proof`."""
 
     TEMPORAL = "temporal"
@@ -55,7 +55,7 @@ class Terms(NamedTuple):
 
     prob: float = THREE_SIGMA  #: Fraction of the errors that must be within the limit.
     confidence: float = CONFIDENCE  #: Confidence with which this fraction must be proved.
-    interpretation: Interpretation = Interpretation.TEMPORAL
+    interpretation: Population = Population.TEMPORAL
     normal: bool = False  #: Whether errors are declared to be normal, which a small sample cannot prove.
     power: float = CONFIDENCE  #: Probability of a pass if the fraction `good` of the drives fails.
     good: float | None = None  #: Acceptable fraction of failures; if given, a sequential test judges the drives.
@@ -73,10 +73,10 @@ def fault_of_terms(given: Mapping[str, Any]) -> str | None:
         return f"'good' is {good!r}: a fraction of failures from 0 to below 1 - prob = {most:g} is required"
     if "normal" in given and not isinstance(given["normal"], bool):
         return f"'normal' is {given['normal']!r}: true or false is required"
-    word = given.get("interpretation", Interpretation.TEMPORAL)
-    if word not in [str(kind) for kind in Interpretation]:
-        return f"'interpretation' is {word!r}: {', '.join(Interpretation)} are allowed"
-    if "good" in given and word == Interpretation.TEMPORAL:
+    word = given.get("interpretation", Population.TEMPORAL)
+    if word not in [str(kind) for kind in Population]:
+        return f"'interpretation' is {word!r}: {', '.join(Population)} are allowed"
+    if "good" in given and word == Population.TEMPORAL:
         return "'good' is a fraction of drives: the interpretation ensemble or mixed is required"
     return None
 
@@ -169,7 +169,7 @@ class Limit(Record, frozen=True, kw_only=True):
     certain: bool = False  #: Whether a pass requires the complete 95 % interval to be within the limit.
     prob: float | None = None  #: Fraction of the errors for a tolerance bound; null for other limits.
     confidence: float | None = None  #: Confidence with which this fraction must be proved.
-    interpretation: Interpretation | None = None  #: Population of this fraction.
+    interpretation: Population | None = None  #: Population of this fraction.
     normal: bool | None = None  #: Whether the errors are declared to be normal.
     power: float | None = None  #: Probability of a pass if the fraction `good` of the drives fails.
     good: float | None = None  #: Acceptable fraction of failures; if given, a sequential test judges the drives.

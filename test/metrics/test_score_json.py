@@ -17,7 +17,7 @@ from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import CallHistogram, Columns
-from sfr_loc_map.metrics.limits import BOUND, LIMITED_NUMBERS, Interpretation, Limit, LimitSection
+from sfr_loc_map.metrics.limits import BOUND, LIMITED_NUMBERS, Limit, LimitSection, Population
 from sfr_loc_map.metrics.records import InputFile, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import decoded, from_dict, from_json, from_plain, hash_of_values, to_dict, to_json
@@ -67,7 +67,7 @@ def limit_of(part: LimitSection, place: int, bound: float, certain: bool) -> Lim
     condition = "distance=5" if part is LimitSection.TRAJECTORY else None
     terms: dict[str, Any] = {}
     if LIMITED_NUMBERS[part][name].statistic == BOUND:
-        terms = {"prob": 0.95, "confidence": 0.9, "interpretation": Interpretation.TEMPORAL}
+        terms = {"prob": 0.95, "confidence": 0.9, "interpretation": Population.TEMPORAL}
     return Limit(section=part, name=name, limit=bound, condition=condition, certain=certain, **terms)
 
 

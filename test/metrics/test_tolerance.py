@@ -14,7 +14,7 @@ from sfr_loc_map.metrics import tolerance
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging import judge, limit_scope, limits_file, reasons
 from sfr_loc_map.metrics.judging.proof import prove_sample
-from sfr_loc_map.metrics.limits import Interpretation, Terms
+from sfr_loc_map.metrics.limits import Population, Terms
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.stored import stored_contradiction
 from sfr_loc_map.metrics.table import figure_row
@@ -96,7 +96,7 @@ def test_a_fractional_overlap_needs_as_many_values_as_each_series_lacks() -> Non
     """Of 80 errors with an overlap of 1.25, each of the two series has 40 of the 59 that are needed."""
     sample = Sample(RANDOM.standard_normal(80), 64.0)
     assert tolerance.order_bounds(sample, 0.95, 0.95)[0] is None
-    terms = Terms(prob=0.95, confidence=0.95, interpretation=Interpretation.TEMPORAL)
+    terms = Terms(prob=0.95, confidence=0.95, interpretation=Population.TEMPORAL)
     assert prove_sample(terms, 100.0, sample).record.more == 19
 
 

@@ -16,11 +16,11 @@ from sfr_loc_map.metrics.limits import (
     MINIMUM_COUNT,
     MINIMUM_INDEPENDENT,
     OF_MAP,
-    Interpretation,
     Limit,
     LimitedNumber,
     Limits,
     LimitSection,
+    Population,
     Terms,
     fault_of_terms,
 )
@@ -128,5 +128,5 @@ def terms_of(entry: Mapping[str, Any]) -> tuple[Terms, str | None]:
     fault = fault_of_terms(given)
     if fault is not None:
         return Terms(), fault
-    word = given.pop("interpretation", Interpretation.TEMPORAL)
-    return Terms(**given)._replace(interpretation=Interpretation(word)), None
+    word = given.pop("interpretation", Population.TEMPORAL)
+    return Terms(**given)._replace(interpretation=Population(word)), None

@@ -21,7 +21,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.sequential import sequential_test
-from sfr_loc_map.metrics.limits import Interpretation, Terms
+from sfr_loc_map.metrics.limits import Population, Terms
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.tolerance import BoundMethod, Sample, count_needed, tolerance_bound
@@ -54,7 +54,7 @@ def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]]) ->
     runs = {name: samples for name, samples in runs.items() if samples}
     if not all(np.isfinite(sample.errors).all() for samples in runs.values() for sample in samples):
         return prove_sample(terms, limit, Sample(np.empty(0), 0.0))  # an unknown error permits no decision
-    if terms.interpretation is Interpretation.TEMPORAL:
+    if terms.interpretation is Population.TEMPORAL:
         proofs = [prove_sample(terms, limit, sample) for samples in runs.values() for sample in samples]
         if not proofs:
             return prove_sample(terms, limit, Sample(np.empty(0), 0.0))
@@ -63,7 +63,7 @@ def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]]) ->
     return prove_sample(terms, limit, sample) if terms.good is None else prove_sequentially(terms, limit, sample)
 
 
-def sample_over_drives(interpretation: Interpretation, drives: Mapping[str, Sequence[Sample]]) -> Sample:
+def sample_over_drives(interpretation: Population, drives: Mapping[str, Sequence[Sample]]) -> Sample:
     """Return the errors that represent the drives, in the order of the names of the drives.
 
     The names of the drives of a suite are hashes of their data. The order of a sequential test therefore does not
@@ -99,13 +99,13 @@ def record_of(terms: Terms, method: str, independent: float, more: int | None) -
     )
 
 
-def error_of_drive(interpretation: Interpretation, name: str, samples: Sequence[Sample]) -> FloatArray:
+def error_of_drive(interpretation: Population, name: str, samples: Sequence[Sample]) -> FloatArray:
     """Return the error that represents a drive: the largest size, or the error of one sub-trajectory.
 
     The sub-trajectory is drawn at random, with the name of the drive as the seed.
     """
     errors = np.concatenate([sample.vectors for sample in samples])
-    if interpretation is Interpretation.ENSEMBLE:
+    if interpretation is Population.ENSEMBLE:
         return np.asarray([np.max(np.linalg.norm(errors, axis=1))])
     return np.asarray(
         errors[np.random.default_rng([SEED, *hashlib.sha256(name.encode()).digest()]).integers(len(errors))]
@@ -142,6 +142,6 @@ def words_of(record: ProofRecord, state: VerdictState) -> str:
     share = f"{100.0 * record.prob:g} % with {100.0 * record.confidence:g} %, {record.interpretation}, {record.method}"
     if state is not VerdictState.NOT_ENOUGH_DATA:
         return share
-    what = "sub-trajectories" if record.interpretation == Interpretation.TEMPORAL else "drives"
+    what = "sub-trajectories" if record.interpretation == Population.TEMPORAL else "drives"
     more = f"no number of {what} like these suffices" if record.more is None else f"{record.more} more {what}"
     return f"{share}; needed: {more}"

@@ -31,7 +31,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.limits import BOUND, Interpretation
+from sfr_loc_map.metrics.limits import BOUND, Population
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
@@ -150,7 +150,7 @@ def replay_options(job: Job, scratch: Path) -> list[str]:
         config.write_text(yaml.safe_dump(nested), encoding="utf-8")
         options += ["--config", str(config)]
     if job.kept_errors:
-        terms = {"limit": 0.0, "prob": 0.5, "confidence": 0.5, "interpretation": Interpretation.TEMPORAL.value}
+        terms = {"limit": 0.0, "prob": 0.5, "confidence": 0.5, "interpretation": Population.TEMPORAL.value}
         entries = [
             {"condition": condition, f"{figure}_{BOUND}_{KINDS[figure].unit}": terms}
             for figure, condition in job.kept_errors

@@ -11,7 +11,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.proof import sample_over_drives
 from sfr_loc_map.metrics.judging.sequential import sequential_test
-from sfr_loc_map.metrics.limits import BOUND, Interpretation, Limits, Terms
+from sfr_loc_map.metrics.limits import BOUND, Limits, Population, Terms
 from sfr_loc_map.metrics.tolerance import count_needed, moments, normal_count, zero_failure_count
 from sfr_loc_map.report.verdict_view import limited_name
 from sfr_loc_map.suite.statistics.group_verdicts import samples_by_drive
@@ -70,8 +70,8 @@ def drive_counts(results: Sequence[ScoredJob], limits: Limits | None) -> Iterato
             if not samples:
                 continue
             interpretation = terms.interpretation
-            if interpretation is Interpretation.TEMPORAL:  # a single drive is not a sample of drives
-                interpretation = Interpretation.ENSEMBLE
+            if interpretation is Population.TEMPORAL:  # a single drive is not a sample of drives
+                interpretation = Population.ENSEMBLE
             sample = sample_over_drives(interpretation, samples)
             known = moments(sample)
             has_failed = sample.sizes > limit.limit

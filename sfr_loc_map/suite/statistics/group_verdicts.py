@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.judging.limit_scope import task_of, tasks_of
 from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import prove, sample_of
 from sfr_loc_map.metrics.judging.several_scores import items_under_test
-from sfr_loc_map.metrics.limits import Interpretation, Limit, Limits, Terms, meets
+from sfr_loc_map.metrics.limits import Limit, Limits, Population, Terms, meets
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.tolerance import Sample
@@ -170,7 +170,7 @@ def proof_over_drives(
     exceeding = sum(
         any(not (sample.sizes <= limit.limit).all() for sample in of_drive) for of_drive in samples.values()
     )
-    over = WORST_DRIVE if terms.interpretation is Interpretation.TEMPORAL else ALL_DRIVES
+    over = WORST_DRIVE if terms.interpretation is Population.TEMPORAL else ALL_DRIVES
     return _group_verdict(verdict, over, exceeding)
 
 

@@ -7,7 +7,7 @@ from scipy import stats
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.proof import prove
 from sfr_loc_map.metrics.judging.sequential import SequentialTest
-from sfr_loc_map.metrics.limits import Interpretation, Terms
+from sfr_loc_map.metrics.limits import Population, Terms
 from sfr_loc_map.metrics.tolerance import Sample, zero_failure_count
 
 TEST = SequentialTest(good=0.01, bad=0.05, confidence=0.95, power=0.9)
@@ -47,7 +47,7 @@ def test_the_risks_are_kept_and_drives_are_saved() -> None:
 
 
 def test_drives_are_judged_after_each_of_them() -> None:
-    terms = Terms(0.95, 0.95, Interpretation.ENSEMBLE, good=0.01, power=0.9)
+    terms = Terms(0.95, 0.95, Population.ENSEMBLE, good=0.01, power=0.9)
     drives = {str(number): [Sample(np.full((5, 3), 0.01), 1.0)] for number in range(80)}
     passed = prove(terms, 0.1, drives)
     assert (passed.state, passed.record.independent) == ("pass", TEST.more_without_failure(0, 0))
@@ -57,9 +57,9 @@ def test_drives_are_judged_after_each_of_them() -> None:
     assert (failed.state, failed.record.independent) == ("fail", 2)
 
 
-@pytest.mark.parametrize("interpretation", [*Interpretation])
-def test_an_unknown_error_proves_nothing(interpretation: Interpretation) -> None:
-    good = None if interpretation is Interpretation.TEMPORAL else 0.01
+@pytest.mark.parametrize("interpretation", [*Population])
+def test_an_unknown_error_proves_nothing(interpretation: Population) -> None:
+    good = None if interpretation is Population.TEMPORAL else 0.01
     terms = Terms(0.9, 0.9, interpretation, good=good, power=0.9)
     known = {str(number): [Sample(np.full((5, 1), 0.01), 5.0)] for number in range(99)}
     unknown = {name: [Sample(np.full((5, 1), np.nan), 5.0)] for name in known}
@@ -71,14 +71,14 @@ def test_an_unknown_error_proves_nothing(interpretation: Interpretation) -> None
 def test_the_order_of_drives_draws_no_other_errors() -> None:
     rng = np.random.default_rng(1)
     drives = {str(number): [Sample(rng.random((50, 3)), 50.0)] for number in range(30)}
-    terms = Terms(0.9, 0.9, Interpretation.MIXED)
+    terms = Terms(0.9, 0.9, Population.MIXED)
     reverse = dict(reversed(drives.items()))
     assert prove(terms, 1.0, drives).bound == prove(terms, 1.0, reverse).bound
 
 
 def test_a_sequential_test_takes_drives_by_their_names_whatever_their_order() -> None:
     """The first drive decides: that of the first name, which is good."""
-    terms = Terms(0.5, 0.5, Interpretation.ENSEMBLE, power=0.5, good=0.0)
+    terms = Terms(0.5, 0.5, Population.ENSEMBLE, power=0.5, good=0.0)
     drives = {"b": [Sample(np.full(5, 9.0), 5.0)], "a": [Sample(np.full(5, 0.1), 5.0)]}
     for order in (("a", "b"), ("b", "a")):
         proof = prove(terms, 1.0, {name: drives[name] for name in order})
