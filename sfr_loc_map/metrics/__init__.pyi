@@ -3,7 +3,7 @@ from .config import CallKind as CallKind
 from .config import CloudKind as CloudKind
 from .config import Condition as Condition
 from .config import ConditionKind as ConditionKind
-from .config import Rebase as Rebase
+from .config import Reading as Reading
 from .config import VerdictState as VerdictState
 from .records import Provenance as Provenance
 from .score import Score as Score

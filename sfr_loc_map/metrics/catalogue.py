@@ -75,7 +75,7 @@ class FigureKind(NamedTuple):
     is_better_if_larger: bool = False  #: Whether a larger value is better, unlike errors, times and memory.
     #: Errors of sub-trajectories, `(M,)` or vectors `(M, d)`, that the figure is about; None for any other figure.
     errors_of: Callable[[SubTrajectories], FloatArray] | None = None
-    is_of_all_readings: bool = False  #: Whether these errors do not depend on the interpretation of the document.
+    is_of_all_readings: bool = False  #: Whether these errors do not depend on the reading of the document.
     is_without_height: bool = False  #: Whether only a ground truth without heights has the figure.
 
 

@@ -21,11 +21,11 @@ class AssociationMode(StrEnum):
     INTERPOLATE = "interpolate"
 
 
-class Rebase(StrEnum):
+class Reading(StrEnum):
     """How the error from before the start of a sub-trajectory is removed; see `metrics.formulas`."""
 
     POSE = "pose"  #: The estimate is re-based at the start by its complete pose.
-    DISPLACEMENT = "displacement"  #: Literal interpretation: compares displacements and changes of attitude.
+    DISPLACEMENT = "displacement"  #: Literal reading: compares displacements and changes of attitude.
     POSITION = "position"  #: The estimate is re-based at the start by its position only.
     YAW_ALIGNED = "yaw_aligned"  #: `position` after a fit of yaw and translation, if the truth has no attitudes.
     #: `position` after a fit of the complete rotation and translation, if the estimate has a tilted z-axis.
@@ -34,7 +34,7 @@ class Rebase(StrEnum):
     @property
     def is_fit(self) -> bool:
         """Whether the estimate was aligned with a truth without attitudes."""
-        return self in (Rebase.YAW_ALIGNED, Rebase.ROTATION_ALIGNED)
+        return self in (Reading.YAW_ALIGNED, Reading.ROTATION_ALIGNED)
 
 
 class CallKind(StrEnum):
@@ -224,7 +224,7 @@ class TrajectoryScoreConfig:
     rebase: str = param(
         "pose",
         doc="Removal of the error from before the start: re-basing by the complete pose, differences of displacements "
-        "and of changes of attitude (the literal interpretation of the document), or re-basing by the position only.",
+        "and of changes of attitude (the literal reading of the document), or re-basing by the position only.",
         choices=("pose", "displacement", "position"),
     )
     partial: bool = param(

@@ -91,7 +91,7 @@ def ends_apart(
     return ends
 
 
-# ---- 4.1.2 Error over a sub-trajectory by three interpretations (`trajectory.rebase`, default `pose`)
+# ---- 4.1.2 Error over a sub-trajectory by three readings (`trajectory.rebase`, default `pose`)
 #
 # All three remove the position error at N. `pose` also removes the attitude error at N. In `displacement` and
 # `position`, this attitude error turns the displacement and therefore counts in the position error. In the attitude
@@ -115,8 +115,8 @@ class Poses(NamedTuple):
     attitude: FloatArray
 
 
-Reading = Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]
-"""Function that returns the errors of the sub-trajectories from `starts` to `ends` by one interpretation."""
+ErrorFunction = Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]
+"""Function that returns the errors of the sub-trajectories from `starts` to `ends` by one reading."""
 
 
 def pose_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
@@ -136,7 +136,7 @@ def pose_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajector
 
 
 def displacement_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
-    """Return the errors of the literal interpretation of the document.
+    """Return the errors of the literal reading of the document.
 
     Displacements in DS and the changes of attitude and heading since N are compared. The attitude errors equal those of
     `pose_reading`. With `R = true_N^-1 true_N+x` and `E = est_N^-1 est_N+x`, both functions return the angle of

@@ -1,4 +1,4 @@
-"""Frames of estimate and ground truth, and the interpretation of the document by which they are compared.
+"""Frames of estimate and ground truth, and the reading of the document by which they are compared.
 
 An estimate is associated with the truth by its stamps. If the truth has no attitudes, the estimate is also aligned with
 the true positions.
@@ -22,17 +22,17 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.aligned_error import umeyama
 from sfr_loc_map.metrics.association import Estimates, Frames, associate
-from sfr_loc_map.metrics.config import AssociationConfig, Condition, ConditionKind, Rebase, TrajectoryScoreConfig
-from sfr_loc_map.metrics.formulas import Lengths, Poses, Reading, SubTrajectoryErrors
+from sfr_loc_map.metrics.config import AssociationConfig, Condition, ConditionKind, Reading, TrajectoryScoreConfig
+from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses, SubTrajectoryErrors
 from sfr_loc_map.metrics.records import Association
 from sfr_loc_map.metrics.truth_error import known_of
 
-READINGS: dict[Rebase, Reading] = {
-    Rebase.POSE: formulas.pose_reading,
-    Rebase.DISPLACEMENT: formulas.displacement_reading,
-    Rebase.POSITION: formulas.position_reading,
+ERROR_FUNCTIONS: dict[Reading, ErrorFunction] = {
+    Reading.POSE: formulas.pose_reading,
+    Reading.DISPLACEMENT: formulas.displacement_reading,
+    Reading.POSITION: formulas.position_reading,
 }
-"""The function that computes the errors by each interpretation of the requirements document; see `Rebase`."""
+"""The function that computes the errors by each reading of the requirements document; see `Reading`."""
 MIN_TILT_DEG, TILT_GAIN = 0.1, 3.0
 """Smallest tilt of z, deg, and smallest reduction of the residual for which the complete rotation is fitted."""
 ROLL_GAIN = 1.1  #: Smallest reduction of the residual for which a rotation about the line of the drive is fitted.
@@ -47,12 +47,12 @@ class Placement(NamedTuple):
 
 
 class PlacedFrames(NamedTuple):
-    """Frames, how they were associated, and the interpretation of the document by which they are judged."""
+    """Frames, how they were associated, and the reading of the document by which they are judged."""
 
     frames: Frames
     association: Association
     estimates: Estimates
-    reading: Reading
+    errors_of: ErrorFunction
     placement: Placement | None
     poses: Poses  #: Poses of all frames; unknown true heights are NaN.
     length_m: Lengths  #: Length of the true path up to each frame.
@@ -68,17 +68,17 @@ def placed_frames(
     """Return the frames of an estimate and a truth; the estimate is aligned with a truth that has no attitudes."""
     known = known_of(truth)
     if truth.has_attitude:
-        rebase, placement = Rebase(config.rebase), None
+        reading, placement = Reading(config.rebase), None
         frames, association = associate(estimates.trajectory, truth, config.association, images_ns)
         if not known.has_tilt:
             frames = with_estimated_tilt(frames)
-        reading = of_known(known, READINGS[rebase])
+        errors_of = of_known(known, ERROR_FUNCTIONS[reading])
     else:
         estimates, frames, association, placement = associate_positions(
             estimates, truth, conditions, config.association, images_ns
         )
-        rebase = Rebase.YAW_ALIGNED if placement.tilt_deg is None else Rebase.ROTATION_ALIGNED
-        reading = formulas.position_reading
+        reading = Reading.YAW_ALIGNED if placement.tilt_deg is None else Reading.ROTATION_ALIGNED
+        errors_of = formulas.position_reading
     true_position = frames.true_position
     if not known.has_height:
         true_position = true_position.copy()
@@ -90,20 +90,20 @@ def placed_frames(
         lost=int(np.count_nonzero(estimates.lost[frames.estimate_rows])),
         degraded=int(np.count_nonzero(estimates.degraded[frames.estimate_rows])),
         spacing_frames=config.spacing,
-        rebase=rebase,
+        rebase=reading,
         path_length_m=float(length_m[-1]) if len(length_m) else 0.0,
         duration_s=int(frames.stamps_ns[-1] - frames.stamps_ns[0]) / NS_PER_S if len(length_m) else None,
     )
-    return PlacedFrames(frames, association, estimates, reading, placement, poses, length_m)
+    return PlacedFrames(frames, association, estimates, errors_of, placement, poses, length_m)
 
 
-def of_known(truth: Truth, reading: Reading) -> Reading:
-    """Return an interpretation whose attitude errors are unknown (NaN) if roll and pitch of the truth are unknown."""
+def of_known(truth: Truth, errors_of: ErrorFunction) -> ErrorFunction:
+    """Return a function whose attitude errors are unknown (NaN) if roll and pitch of the truth are unknown."""
     if truth.has_tilt:
-        return reading
+        return errors_of
 
     def without_attitude(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
-        errors = reading(poses, starts, ends)
+        errors = errors_of(poses, starts, ends)
         return errors._replace(attitude_deg=np.full_like(errors.attitude_deg, np.nan))
 
     return without_attitude

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from sfr_loc_map.metrics.config import SPACING_FRAMES, AssociationMode, CloudKind, Rebase
+from sfr_loc_map.metrics.config import SPACING_FRAMES, AssociationMode, CloudKind, Reading
 from sfr_loc_map.metrics.formulas import Statistics
 
 
@@ -46,7 +46,7 @@ class Association(Record, frozen=True, kw_only=True, omit_defaults=False):
     #: `displacement` compares displacements in DS, and the changes of attitude and heading since N. `position` removes
     #: only the position at N. If the ground truth has no attitudes, the yaw (`yaw_aligned`) or the complete rotation
     #: (`rotation_aligned`) of the estimate is fitted over the drive, and then `position` is applied.
-    rebase: Rebase = Rebase.POSE
+    rebase: Reading = Reading.POSE
     incomplete: str | None = None  #: Why the estimate evidently does not cover the drive; null without an evident gap.
 
 

@@ -4,7 +4,7 @@ The part of a row is one text, or None for the complete figure. Only this module
 
 | part | rows | in code |
 |---|---|---|
-| `pose`, `displacement`, `position`, ... | errors of sub-trajectories by one interpretation | `config.Rebase` |
+| `pose`, `displacement`, `position`, ... | errors of sub-trajectories by one reading | `config.Reading` |
 | `x`, `y`, `z`, `along`, `cross` | position errors along one direction | `DIRECTIONS` |
 | `moving`, `other frames`, `pooled` | errors of other sub-trajectories than the judged ones | `MOVING`, ... |
 | `5 m` | errors over a distance travelled | `distance_part` |

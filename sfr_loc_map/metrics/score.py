@@ -115,7 +115,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     def judged_row(self, figure: str, *, subject: str = ANY, condition: str | Condition | None = ANY) -> Figure | None:
         """Return the judged row of a figure; None if no row is judged. Without `condition` the first condition is used.
 
-        Errors of sub-trajectories are judged by one interpretation of the document (`association.rebase`), and in a
+        Errors of sub-trajectories are judged by one reading of the document (`association.rebase`), and in a
         suite over all drives (part `pooled`). For every other figure the row without a part is judged.
         """
         reading = self.reading
@@ -170,7 +170,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
 
     @property
     def reading(self) -> str | None:
-        """The interpretation of the requirements document that the verdicts use; None without a trajectory."""
+        """The reading of the requirements document that the verdicts use; None without a trajectory."""
         return None if self.association is None else str(self.association.rebase)
 
     @property

@@ -31,7 +31,7 @@ class Figure(RowNumbers, frozen=True):
     unit: str  #: `m`, `deg`, `px`, `s`, `bytes`; `1` for counts and fractions.
     clause: str = ""  #: Clause of the specification that defines the figure; empty if the specification does not.
     condition: str | None = None  #: Condition that ends the sub-trajectories [4.1.1], as on the command line.
-    #: Part of the figure: the interpretation (`pose`, `displacement`, `position`), an axis or direction (`x`,
+    #: Part of the figure: the reading (`pose`, `displacement`, `position`), an axis or direction (`x`,
     #: `along`), a range (`0-4 m`), a pair (`pair 0`), a kind or stage of calls, a distance (`5 m`), the number of items
     #: instead of their fraction (`count`), or other errors than the judged ones (`moving`, `other frames`, `pooled`).
     #: The part of calls that were not measured on the host begins with `target` or `stated`.

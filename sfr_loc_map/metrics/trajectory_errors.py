@@ -13,9 +13,9 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import StampedPoses
 from sfr_loc_map.metrics.catalogue import KINDS, FigureKind
 from sfr_loc_map.metrics.config import Condition, ConditionKind
-from sfr_loc_map.metrics.formulas import Lengths, Poses, Reading
+from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses
 from sfr_loc_map.metrics.intervals import interval95
-from sfr_loc_map.metrics.placement import READINGS, PlacedFrames, of_known
+from sfr_loc_map.metrics.placement import ERROR_FUNCTIONS, PlacedFrames, of_known
 from sfr_loc_map.metrics.row_part import distance_part
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.table import Figure, figure_row
@@ -98,7 +98,7 @@ def error_row(
 def error_rows(
     condition: str, sub_trajectories: SubTrajectories, overlap: float, placed: PlacedFrames, truth: Trajectory
 ) -> Iterator[Figure]:
-    """Yield the errors of one condition by the judged interpretation, by direction, and by the others."""
+    """Yield the errors of one condition by the judged reading, by direction, and by the others."""
     known, rebase = known_of(truth), placed.association.rebase
     kinds = error_figures(has_height=known.has_height)
     for kind in kinds:
@@ -109,7 +109,7 @@ def error_rows(
     for kind in kinds:
         if kind.is_without_height:
             yield error_row(kind, condition, str(rebase), sub_trajectories, overlap)
-    for name, reading in READINGS.items() if truth.has_attitude else ():
+    for name, reading in ERROR_FUNCTIONS.items() if truth.has_attitude else ():
         if name is rebase:
             continue
         errors_by_reading = of_known(known, reading)(placed.poses, sub_trajectories.starts, sub_trajectories.ends)
@@ -119,7 +119,7 @@ def error_rows(
                 yield error_row(kind, condition, str(name), other)
 
 
-def growth_rows(poses: Poses, length_m: Lengths, spacing: int, reading: Reading) -> Iterator[Figure]:
+def growth_rows(poses: Poses, length_m: Lengths, spacing: int, reading: ErrorFunction) -> Iterator[Figure]:
     """Yield the rows of the error as a function of the length of the sub-trajectory."""
     count = len(length_m)
     for metres in DISTANCES_M:

@@ -18,13 +18,13 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import Estimates, Frames
-from sfr_loc_map.metrics.config import Condition, Rebase, TrajectoryScoreConfig
+from sfr_loc_map.metrics.config import Condition, Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import StepSums, nees_rows, sums_of_steps
 from sfr_loc_map.metrics.copies import copy_rows, judged_of_truth
 from sfr_loc_map.metrics.details import ErrorRows, SubTrajectoryRows, TrajectoryDetails, column
 from sfr_loc_map.metrics.drive_completeness import drive_completeness
 from sfr_loc_map.metrics.other_frames import largest_fraction_beyond, rows_of_other_frames, unjudged_frames
-from sfr_loc_map.metrics.placement import READINGS, PlacedFrames, Placement, of_known, placed_frames
+from sfr_loc_map.metrics.placement import ERROR_FUNCTIONS, PlacedFrames, Placement, of_known, placed_frames
 from sfr_loc_map.metrics.plot_columns import path_rows, sub_trajectory_rows
 from sfr_loc_map.metrics.records import TruthRecord
 from sfr_loc_map.metrics.results import TrajectoryResult
@@ -74,7 +74,7 @@ def score_trajectory(
     unjudged: list[str] = []
     has_height = known_of(truth).has_height
     for condition, (starts, ends) in zip(conditions, chosen, strict=True):
-        sub_trajectories = SubTrajectories(starts, ends, placed.poses, placed.reading(placed.poses, starts, ends))
+        sub_trajectories = SubTrajectories(starts, ends, placed.poses, placed.errors_of(placed.poses, starts, ends))
         overlap = overlap_of(starts, ends, config.spacing)
         figures += error_rows(condition.setting, sub_trajectories, overlap, placed, truth)
         figures += evidence_of(condition.setting, sub_trajectories, overlap, placed, truth, sums)
@@ -87,7 +87,7 @@ def score_trajectory(
         rows.append(sub_trajectory_rows(condition.setting, sub_trajectories, frames.stamps_ns, placed.length_m))
     figures += largest_fraction_beyond(figures)
     figures.append(largest_standing_fraction(figures))
-    figures += growth_rows(placed.poses, placed.length_m, config.spacing, placed.reading)
+    figures += growth_rows(placed.poses, placed.length_m, config.spacing, placed.errors_of)
     figures += truth_error_rows(truth, frames.stamps_ns if association.interpolated else frames.stamps_ns[:0])
     path = path_rows(placed.estimates, frames, placed.length_m) if details else None
     return TrajectoryResult(
@@ -136,7 +136,7 @@ def evidence_of(
 ) -> Iterator[Figure]:
     """Yield the figures of evidence and consistency of one condition: error of the truth, tolerance, covariance."""
     known = known_of(truth)
-    if placed.association.rebase is Rebase.POSE:
+    if placed.association.rebase is Reading.POSE:
         yield from turn_rows(condition, known.sigma_deg, sub_trajectories.true_displacement())
     if known.has_height:
         yield from evidence_rows(condition, sub_trajectories.errors.position_m, overlap)
@@ -196,8 +196,8 @@ def sub_trajectory_table(
 ) -> dict[str, NDArray[Any]]:
     """Return every sub-trajectory of each condition, as columns of equal length.
 
-    Each row has the errors by one interpretation of the specification (`READINGS`). `start_frame` and `end_frame` are
-    indices of frames. The error vector is the estimated displacement, as this interpretation compares it, minus the
+    Each row has the errors by one reading of the specification (`ERROR_FUNCTIONS`). `start_frame` and `end_frame` are
+    indices of frames. The error vector is the estimated displacement, as this reading compares it, minus the
     true displacement. Errors are raised as by `score_trajectory`.
     """
     conditions = parsed_conditions(config)
@@ -206,9 +206,9 @@ def sub_trajectory_table(
     judged = placed.association.rebase
     poses = placed.poses
     length_m = placed.length_m
-    readings = {judged: placed.reading}
+    readings = {judged: placed.errors_of}
     if truth.has_attitude:
-        readings |= {name: of_known(known_of(truth), reading) for name, reading in READINGS.items()}
+        readings |= {name: of_known(known_of(truth), reading) for name, reading in ERROR_FUNCTIONS.items()}
     parts: list[dict[str, NDArray[Any]]] = []
     for condition in conditions:
         starts, ends = select(condition, config.spacing, frames.truth, length_m)

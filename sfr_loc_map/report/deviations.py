@@ -17,7 +17,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.calls import STATED_CLOCK
 from sfr_loc_map.metrics.catalogue import STANDING, TOTAL, Subject
 from sfr_loc_map.metrics.caveats import caveats_of
-from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Rebase, label_of
+from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Reading, label_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.row_part import MOVING, SUB_TRAJECTORIES, RowPart
@@ -51,14 +51,14 @@ def _spacing(score: Score) -> Iterator[str]:
 
 
 def _reading(score: Score) -> Iterator[str]:
-    """Yield an interpretation that differs from the literal one, with the errors by both."""
+    """Yield a reading that differs from the literal one, with the errors by both."""
     association = score.association
-    if association is None or association.rebase is Rebase.DISPLACEMENT:
+    if association is None or association.rebase is Reading.DISPLACEMENT:
         return
     compared = []
     for condition in score.conditions:
         used = score.number("position", TOTAL, condition=condition, part=str(association.rebase))
-        literal = score.number("position", TOTAL, condition=condition, part=str(Rebase.DISPLACEMENT))
+        literal = score.number("position", TOTAL, condition=condition, part=str(Reading.DISPLACEMENT))
         if used is None or literal is None:
             continue
         unit = fitting(METRE, used, literal)
@@ -66,7 +66,7 @@ def _reading(score: Score) -> Iterator[str]:
         literal_text = f"{number(literal, unit=unit)} {unit.symbol}"
         compared.append(f"mean + 3 sigma over {label_of(condition)} {used_text}, by displacements {literal_text}")
     yield (
-        f"Errors are computed by the interpretation '{association.rebase}'. Literally, the document compares "
+        f"Errors are computed by the reading '{association.rebase}'. Literally, the document compares "
         f"displacements [4.2.3.1]{': ' if compared else ''}{'; '.join(compared)}."
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sfr_loc_map.metrics.config import Rebase, label_of
+from sfr_loc_map.metrics.config import Reading, label_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.tables import UNKNOWN, number
@@ -15,13 +15,13 @@ NO_INTERVAL = (
     "Without an interval no verdict is certain (-)."
 )
 READINGS = {
-    Rebase.POSE: "the estimate is re-based at the start by its full pose, then poses are compared",
-    Rebase.DISPLACEMENT: "displacements in DS and changes of attitude and heading since the start are compared, as the "
-    "document literally states; an attitude error at the start counts in the position error",
-    Rebase.POSITION: "the estimate is re-based at the start by its position only; earlier attitude errors count",
+    Reading.POSE: "the estimate is re-based at the start by its full pose, then poses are compared",
+    Reading.DISPLACEMENT: "displacements in DS, and changes of attitude and heading since the start, are compared as "
+    "the document literally states; an attitude error at the start counts in the position error",
+    Reading.POSITION: "the estimate is re-based at the start by its position only; earlier attitude errors count",
 }
 DS_IS_COMMON = (
-    "The interpretations by displacement and by position compare vectors in DS. They require an estimate that starts "
+    "The readings by displacement and by position compare vectors in DS. They require an estimate that starts "
     "at a true pose (--start truth, initialpose)."
 )
 
@@ -43,19 +43,19 @@ def covered_note(score: Score) -> str:
 
 
 def readings_note(score: Score) -> str:
-    """Return the definitions of the interpretations, and the verdicts that depend on them."""
+    """Return the definitions of the readings, and the verdicts that depend on them."""
     note = "".join(f"{rebase.capitalize()}: {text}. " for rebase, text in READINGS.items())
     judged = [item for item in score.verdicts if item.by_reading]
     if not judged:
         return note
     said = [f"{name_of(item)}: {readings_text(item)}" for item in judged if len(set(item.by_reading.values())) > 1]
     if not said:
-        return note + "Each interpretation gives the same verdicts."
-    return f"{note}The verdict depends on the interpretation: {'; '.join(said)}. {DS_IS_COMMON}"
+        return note + "Each reading gives the same verdicts."
+    return f"{note}The verdict depends on the reading: {'; '.join(said)}. {DS_IS_COMMON}"
 
 
 def readings_text(item: Verdict) -> str:
-    """Return the verdict by each interpretation of the document."""
+    """Return the verdict by each reading of the document."""
     return ", ".join(f"{state} by {name}" for name, state in item.by_reading.items())
 
 

@@ -15,7 +15,7 @@ import msgspec
 
 from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST
 from sfr_loc_map.metrics.catalogue import ALIGNED, KINDS, Subject, statistic_title, title_of
-from sfr_loc_map.metrics.config import CallKind, Rebase, label_of
+from sfr_loc_map.metrics.config import CallKind, Reading, label_of
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.row_part import DIRECTIONS, Place
 from sfr_loc_map.metrics.score import Score
@@ -77,8 +77,8 @@ def is_limited(score: Score, row: Figure) -> bool:
 
 
 def is_of_a_reading(score: Score, row: Figure) -> bool:
-    """Return whether a row has the errors of sub-trajectories by one interpretation of the document."""
-    return row.subject is Subject.TRAJECTORY and row.condition is not None and row.part in [*Rebase]
+    """Return whether a row has the errors of sub-trajectories by one reading of the document."""
+    return row.subject is Subject.TRAJECTORY and row.condition is not None and row.part in [*Reading]
 
 
 def is_growth(score: Score, row: Figure) -> bool:
@@ -136,7 +136,7 @@ COVERED = View("covered", "Completeness", about(Subject.COMPLETENESS), notes.cov
 VIEWS = (
     View("headline", "Figures", is_headline, notes.headline_note, shown_statistics),
     COVERED,
-    View("readings", "Each interpretation of the document", is_of_a_reading, notes.readings_note, compared_statistics),
+    View("readings", "Each reading of the document", is_of_a_reading, notes.readings_note, compared_statistics),
     View("aligned", "Absolute and relative pose error", lambda score, row: row.figure in ALIGNED, notes.aligned_note),
     View("growth", "Error against the length of the sub-trajectory", is_growth),
     View("directions", "Position error by direction", is_by_direction, notes.directions_note),

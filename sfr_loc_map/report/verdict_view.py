@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.catalogue import KINDS, clause_of, defines, is_fraction, statistic_title, title_of
-from sfr_loc_map.metrics.config import Rebase, VerdictState, label_of
+from sfr_loc_map.metrics.config import Reading, VerdictState, label_of
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.judging.reasons import why_open
 from sfr_loc_map.metrics.limits import BOUND
@@ -35,7 +35,7 @@ from sfr_loc_map.report.tables import (
 )
 
 MOST_SHOWN = 10.0  #: Largest displayed fraction of a limit.
-WITHOUT_NAME = (None, *Rebase)  #: Parts that are omitted in the name of a limit: the interpretations of the document.
+WITHOUT_NAME = (None, *Reading)  #: Parts that are omitted in the name of a limit: the readings of the document.
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from helpers.made_scores import whole_score
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.metrics.config import Rebase
+from sfr_loc_map.metrics.config import Reading
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.row_part import POOLED
@@ -21,8 +21,8 @@ LIMITS = {
 }
 
 
-@pytest.mark.parametrize("reading", [Rebase.POSE, Rebase.DISPLACEMENT])
-def test_verdicts_are_of_the_reading_that_is_judged_whatever_the_order_of_rows(reading: Rebase) -> None:
+@pytest.mark.parametrize("reading", [Reading.POSE, Reading.DISPLACEMENT])
+def test_verdicts_are_of_the_reading_that_is_judged_whatever_the_order_of_rows(reading: Reading) -> None:
     score = whole_score()
     assert score.association is not None
     score = replace(score, association=replace(score.association, rebase=reading))

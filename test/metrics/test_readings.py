@@ -1,4 +1,4 @@
-"""The three interpretations of the document against an oracle of matrices, which shares no code with the package."""
+"""The three readings of the document against an oracle of matrices, which shares no code with the package."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from helpers.random_drives import as_score
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
-from sfr_loc_map.metrics.placement import READINGS
+from sfr_loc_map.metrics.placement import ERROR_FUNCTIONS
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 SECOND = 1_000_000_000
@@ -95,12 +95,12 @@ def test_each_reading_is_that_of_the_oracle(seed: int, condition: str, spacing: 
     estimate, truth = drive(seed)
     starts = range(0, len(truth.stamps_ns), spacing)
     spans = [(start, end) for start in starts if (end := ends_of(truth, condition, start)) is not None]
-    expected = {reading: oracle(estimate, truth, spans, reading) for reading in READINGS}
-    for used in READINGS:
+    expected = {reading: oracle(estimate, truth, spans, reading) for reading in ERROR_FUNCTIONS}
+    for used in ERROR_FUNCTIONS:
         config = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing, rebase=used)
         score = as_score(score_trajectory(Estimates.of(estimate), truth, config))
         assert score.association.rebase is used
-        for reading in READINGS:
+        for reading in ERROR_FUNCTIONS:
             for name, value in expected[reading].items():
                 row = score.figure(name, part=reading)
                 assert row.n == len(spans)
@@ -127,7 +127,7 @@ def test_the_worked_example_of_the_page_on_rebasing() -> None:
     score = as_score(score_trajectory(estimates, straight, TrajectoryScoreConfig()))
     page = (ROOT / "docs/concepts/sub_trajectories.md").read_text()
     assert f"{score.figure('position').n} sub-trajectories of 5 m" in page
-    for reading in READINGS:
+    for reading in ERROR_FUNCTIONS:
         position, *angles = (
             score.number(name, "mean_plus_3sigma", part=reading) for name in ("position", "attitude", "heading")
         )

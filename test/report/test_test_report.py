@@ -213,11 +213,11 @@ def test_each_limit_that_is_neither_met_nor_missed_is_an_open_point() -> None:
 def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
     score = scores()[0]
     note = table_of(score, "readings").note
-    assert note.endswith("Each interpretation gives the same verdicts.")
+    assert note.endswith("Each reading gives the same verdicts.")
     first = score.verdicts[0]
     other = replace(first, by_reading={"pose": VerdictState.PASS, "position": VerdictState.FAIL})
     said = table_of(replace(score, verdicts=(other,)), "readings").note
-    assert "The verdict depends on the interpretation: position error over 5 m, mean + 3 sigma: " in said
+    assert "The verdict depends on the reading: position error over 5 m, mean + 3 sigma: " in said
     assert "fail by position" in said
 
 

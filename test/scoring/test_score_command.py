@@ -56,7 +56,7 @@ def test_the_readings_differ_under_drift_and_the_result_says_which_verdict_they_
     assert attitude["pose"] == pytest.approx(attitude["displacement"], abs=1e-6)
     assert attitude["position"] > 8.0
     assert score["verdicts"][0]["by_reading"] == {"pose": "pass", "displacement": "fail", "position": "fail"}
-    assert "2 of 2 verdicts depend on the interpretation" in result.err
+    assert "2 of 2 verdicts depend on the reading" in result.err
     for reading, code in (("pose", 0), ("displacement", 1), ("position", 1)):
         result, score = judge("--rebase", reading, limits=OVER_5_M + "0.3\n", estimate=drifting)
         assert (result.code, score["association"]["rebase"]) == (code, reading)

@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.catalogue import KINDS
-from sfr_loc_map.metrics.config import Rebase, VerdictState, worst_of
+from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
 from sfr_loc_map.metrics.intervals import Interval
 from sfr_loc_map.metrics.judging.incomplete import KIND_OF, incompleteness, is_accepted, text_of
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, needed_part
@@ -230,13 +230,13 @@ def bound_rows(proofs: Mapping[Limit, Proof]) -> Iterator[Figure]:
 
 
 def _by_reading(limit: Limit, score: Score, limits: Limits) -> dict[str, VerdictState]:
-    """Return the verdict by each interpretation, without `certain`: only the judged one has an interval."""
+    """Return the verdict by each reading, without `certain`: only the judged one has an interval."""
     if limit.condition is None or limit.section is not LimitSection.TRAJECTORY:
         return {}
     loose = struct_replace(limit, certain=False)
-    found = {str(reading): value_of(limit, score, reading) for reading in Rebase if not reading.is_fit}
+    found = {str(reading): value_of(limit, score, reading) for reading in Reading if not reading.is_fit}
     if any(figure.row is None for figure in found.values()):  # chord errors do not depend on it
         return {}
-    independent = value_of(limit, score).independent  # all interpretations have the same sub-trajectories
+    independent = value_of(limit, score).independent  # all readings have the same sub-trajectories
     found = {name: figure._replace(independent=independent) for name, figure in found.items()}
     return {name: verdict_on(loose, figure, limits).state for name, figure in found.items()}

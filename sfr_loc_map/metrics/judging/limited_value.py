@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.metrics.catalogue import KINDS
-from sfr_loc_map.metrics.config import Rebase
+from sfr_loc_map.metrics.config import Reading
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
 from sfr_loc_map.metrics.intervals import Interval, normal_quantile
 from sfr_loc_map.metrics.limits import Limit, LimitSection
@@ -37,8 +37,8 @@ class LimitedValue(NamedTuple):
     truth_error: float = 0.0  #: Largest change of the number that the error of the truth can cause.
 
 
-def value_of(limit: Limit, score: Score, reading: Rebase | None = None) -> LimitedValue:
-    """Return the limited number by the judged interpretation of the document, or by another one if it is given."""
+def value_of(limit: Limit, score: Score, reading: Reading | None = None) -> LimitedValue:
+    """Return the limited number by the judged reading of the document, or by another one if it is given."""
     limited = limit.limited
     row = limited_row(limit, score, limited.part if reading is None else RowPart(reading))
     if row is None:
@@ -72,7 +72,7 @@ def limited_row(limit: Limit, score: Score, part: RowPart | None) -> Figure | No
 def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> float:
     """Return the largest change of a limited number that errors of the truth at both ends of a sub-trajectory cause.
 
-    The interpretation `pose` rotates the estimate by the true attitude at the start, whose error also moves the end.
+    The reading `pose` rotates the estimate by the true attitude at the start, whose error also moves the end.
     """
     if limit.section is not LimitSection.TRAJECTORY:
         return 0.0
@@ -80,7 +80,7 @@ def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> fl
     is_length = kind.unit == "m"
     part = None if is_length else ATTITUDE
     of_ends = float(np.sqrt(2.0)) * (score.number("truth_error", condition=None, part=part) or 0.0)
-    is_turned = is_length and not kind.is_of_all_readings and reading == Rebase.POSE
+    is_turned = is_length and not kind.is_of_all_readings and reading == Reading.POSE
     of_turn = score.number("truth_error", condition=limit.condition, part=TURN) if is_turned else None
     return expansion_of(limit) * float(np.hypot(of_ends, of_turn or 0.0))
 

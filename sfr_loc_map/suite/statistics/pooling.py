@@ -74,7 +74,7 @@ def _without_copies(figure: str, condition: str, sources: Iterable[Sequence[Driv
 
 
 def axis_row(score: Score, figure: str, condition: str, axis: str | None) -> Figure | None:
-    """Return the row of an axis of a figure; without axes, the row of the judged interpretation."""
+    """Return the row of an axis of a figure; without axes, the row of the judged reading."""
     if axis is None:
         return score.judged_row(figure, condition=condition)
     return score.figure(figure, condition=condition, part=axis)
