@@ -19,7 +19,7 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import Report
+from sfr_loc_map.live.updates import PublishedScore
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.comparison import compare_scores
@@ -213,7 +213,7 @@ def of_comparison(made: Made) -> str:
 
 def of_live_page(made: Made) -> str:
     state = LiveState()
-    state.put(Report(to_json(scored(made)), 1.0))
+    state.put(PublishedScore(to_json(scored(made)), 1.0))
     return str(state.to_plain(1.0)["live"]["overall"]["state"])
 
 
