@@ -31,7 +31,7 @@ EXIT_CODES = (
 PANELS = {
     "Look": ("info", "doctor", "init"),
     "Run": ("replay", "localise", "map", "live", "run", "record"),
-    "Judge": ("score", "diagnose", "report", "check"),
+    "Judge": ("score", "report", "check"),
     "Many runs": ("suite",),
     "Methods of your own": ("bench",),
     "Data": ("convert", "simulate"),

@@ -39,5 +39,5 @@ def check_live(files: Sequence[Path] | None) -> None:
 def check_doctor(files: Sequence[Path] | None) -> None:
     """Raise ConfigError if `sfr doctor` is given a source, or an estimate and its truth."""
     if files:
-        what = "sfr diagnose EST TRUTH" if len(files) > 1 else f"sfr info {files[0]}"
+        what = "sfr score EST TRUTH --diagnose" if len(files) > 1 else f"sfr info {files[0]}"
         raise ConfigError(f"'{files[0]}': sfr doctor examines the running graph: use {what}")

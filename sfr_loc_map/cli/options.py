@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -24,7 +23,7 @@ from sfr_loc_map.json_yaml import parse_yaml
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.runs.offline import UnderTest
-    from sfr_loc_map.scoring.inputs import Correction, ScoreInputs
+    from sfr_loc_map.scoring.inputs import Correction
 
 MORE = "More"
 METHOD = "Method under test"
@@ -101,28 +100,6 @@ ColumnsOption = Annotated[
 ]
 
 
-FramesOption = Annotated[
-    Literal["truth", "images"],
-    Option(rich_help_panel=MORE, help="Frames: true poses (truth), or estimates with interpolated truth (images)."),
-]
-AssociateOption = Annotated[
-    Literal["auto", "match", "interpolate"],
-    Option(rich_help_panel=MORE, help="Association of estimates with true poses."),
-]
-MaxGapOption = Annotated[
-    float, Option(metavar="S", rich_help_panel=MORE, help="Longest gap of the truth that is bridged by interpolation.")
-]
-TruthSettingsOption = Annotated[
-    list[str] | None,
-    Option(
-        "--set",
-        metavar="truth.KEY=VALUE",
-        rich_help_panel=MORE,
-        help="Setting of the truth, for example truth.sigma_m=0.02; repeatable.",
-    ),
-]
-
-
 def parse_remaps(remaps: Sequence[str] | None) -> dict[str, str]:
     """Return remappings `FOUND:=EXPECTED` as a mapping; raise ConfigError if one has another form."""
     parsed: dict[str, str] = {}
@@ -160,24 +137,6 @@ def columns_of(texts: Sequence[str] | None) -> tuple[str, str]:
         else:
             found["estimate"].append(text)
     return ",".join(found["estimate"]), ",".join(found["truth"])
-
-
-def inputs_read_as(
-    inputs: ScoreInputs, truth: Path, config: Path | None, columns: Sequence[str] | None, settings: list[str] | None
-) -> ScoreInputs:
-    """Return the inputs of a score with the columns of their tables and the configuration of the truth."""
-    from sfr_loc_map.io.source_config import truth_config
-
-    of_estimate, of_truth = columns_of(columns)
-    how = truth_config(truth, config, parse_settings(settings), of_truth)
-    return replace(inputs, columns=of_estimate, config=how)
-
-
-def config_of_truth(truth: Path, config: Path | None) -> Path | None:
-    """Return a given configuration, or else the one beside a data set or bag with the truth; None without any."""
-    from sfr_loc_map.io.bag.files import is_bag
-
-    return announced_config(truth) if config is None and (truth.is_dir() or is_bag(truth)) else config
 
 
 def announced_config(source: Path) -> Path | None:

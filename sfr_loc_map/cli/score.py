@@ -6,42 +6,48 @@ import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.diagnose import OF_COMPARISON
 from sfr_loc_map.cli.options import (
+    CONVENTION,
     MORE,
     Align,
     ApplyDiagnosisOption,
-    AssociateOption,
     ColumnsOption,
     ConditionOption,
     ConfigOption,
     ConventionOption,
-    FramesOption,
     HtmlOption,
     JsonOption,
     LenientOption,
     LimitsOption,
-    MaxGapOption,
     OverwriteOption,
     PartialOption,
     RebaseOption,
     SpacingOption,
-    TruthSettingsOption,
-    config_of_truth,
+    announced_config,
+    columns_of,
     correction_of,
     given_words,
-    inputs_read_as,
+    parse_settings,
     refuse_given,
 )
-from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, secondary_output
+from sfr_loc_map.cli.output import (
+    HTML_SUFFIXES,
+    STANDARD_OUTPUT,
+    check_outputs,
+    check_suffix,
+    say,
+    secondary_output,
+    show,
+)
 from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, present, write_junit
 from sfr_loc_map.config import Configuration
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, FailedVerdictError
+from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig, aligned_error_config
 
 if TYPE_CHECKING:
@@ -51,11 +57,15 @@ if TYPE_CHECKING:
 
 TABLE_SUFFIXES = (".parquet", ".csv")
 OF_TRAJECTORIES = (
-    *("condition", "align", "partial", "convention", "apply_diagnosis", "spacing", "rebase", "frames"),
+    *("condition", "align", "partial", "convention", "apply_diagnosis", "diagnose", "spacing", "rebase", "frames"),
     *("associate", "max_gap", "max_difference", "rpe_delta", "pieces", "columns", "settings"),
 )
 """Options that apply only to trajectories."""
 OF_CLOUDS = ("scored_range", "fused", "points")  #: Options that apply only to clouds.
+OF_COMPARISON = ("frames", "associate", "max_gap", "columns", "config_file", "settings")
+"""Options that determine which poses a score or a diagnosis compares."""
+OF_DIAGNOSIS = ("estimate", "truth", "diagnose", "json_path", "overwrite", "lenient", *OF_COMPARISON)
+"""Arguments and options that apply to `--diagnose`."""
 
 
 @app.command(
@@ -93,11 +103,28 @@ def score(
     lenient: LenientOption = False,
     convention: ConventionOption = None,
     apply_diagnosis: ApplyDiagnosisOption = False,
+    diagnose: Annotated[
+        bool,
+        Option(
+            "--diagnose",
+            rich_help_panel=CONVENTION,
+            help="Search for a convention mismatch that explains the disagreement; exit 1 if one is found.",
+        ),
+    ] = False,
     spacing: SpacingOption = 10,
     rebase: RebaseOption = "pose",
-    frames: FramesOption = "truth",
-    associate: AssociateOption = "auto",
-    max_gap: MaxGapOption = 1.0,
+    frames: Annotated[
+        Literal["truth", "images"],
+        Option(rich_help_panel=MORE, help="Frames: true poses (truth), or estimates with interpolated truth (images)."),
+    ] = "truth",
+    associate: Annotated[
+        Literal["auto", "match", "interpolate"],
+        Option(rich_help_panel=MORE, help="Association of estimates with true poses."),
+    ] = "auto",
+    max_gap: Annotated[
+        float,
+        Option(metavar="S", rich_help_panel=MORE, help="Longest gap of the truth that is bridged by interpolation."),
+    ] = 1.0,
     scored_range: Annotated[
         tuple[float, float],
         Option(
@@ -165,9 +192,18 @@ def score(
     ] = None,
     columns: ColumnsOption = None,
     config_file: ConfigOption = None,
-    settings: TruthSettingsOption = None,
+    settings: Annotated[
+        list[str] | None,
+        Option(
+            "--set",
+            metavar="truth.KEY=VALUE",
+            rich_help_panel=MORE,
+            help="Setting of the truth, for example truth.sigma_m=0.02; repeatable.",
+        ),
+    ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
+    from sfr_loc_map.io.source_config import truth_config
     from sfr_loc_map.scoring.assembly import with_conditions
     from sfr_loc_map.scoring.conversion import converted_run
     from sfr_loc_map.scoring.inputs import ScoreInputs
@@ -186,7 +222,11 @@ def score(
         refuse_given(context, OF_TRAJECTORIES, "applies only to trajectories: omit it for a cloud")
     if found.cloud is None:
         refuse_given(context, OF_CLOUDS, "applies only to clouds: omit it for a trajectory")
-    config_file = config_of_truth(truth, config_file)
+    if diagnose:
+        others = context.params.keys() - set(OF_DIAGNOSIS)
+        refuse_given(context, others, "has no effect with --diagnose, which makes no score: omit it")
+    if config_file is None and (truth.is_dir() or is_bag(truth)):
+        config_file = announced_config(truth)
     by = Judgement.of(limits, condition, Configuration.read(config_file))
     config = score_settings(
         by.conditions,
@@ -198,11 +238,17 @@ def score(
         max_gap=max_gap,
         scored_range=scored_range,
     )
+    of_estimate, of_truth = columns_of(columns)
     inputs = replace(
-        inputs_read_as(found, truth, config_file, columns, settings),
+        found,
+        columns=of_estimate,
+        config=truth_config(truth, config_file, parse_settings(settings), of_truth),
         limits=by.limits_file,
         command=shlex.join(["sfr", *sys.argv[1:]]),
     )
+    if diagnose:
+        _diagnose(inputs, config, json_path, lenient=lenient)
+        return
     inputs = _measured_on(inputs, target, target_timing, target_run)
     aligned = aligned_error_config(align, {"max_difference_s": max_difference, "rpe_delta": rpe_delta})
     correction = correction_of(convention, apply_diagnosis)
@@ -264,7 +310,7 @@ def _propose_next(context: Context, result: Score) -> None:
     if result.incomplete is not None and is_lifted_by_partial(result):
         propose("... --partial", why="judges the part that the estimate covers")
     elif result.contradiction is not None:
-        words = ("sfr", "diagnose", estimate, truth, *given_words(context, *OF_COMPARISON))
+        words = ("sfr", "score", estimate, truth, *given_words(context, *OF_COMPARISON), "--diagnose")
         propose(*words, why="finds the convention mismatch and its correction")
     elif html is not None:
         propose(f"open {html} in a browser")
@@ -274,3 +320,30 @@ def _propose_next(context: Context, result: Score) -> None:
         propose("sfr", "report", json_path, why="the same as a page with figures")
     else:
         propose("... --html report.html", why="the same command, with a page of figures")
+
+
+def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *, lenient: bool) -> None:
+    """Show the convention mismatches that may explain the disagreement; raise FailedVerdictError if one does.
+
+    The disagreement is the root sum of squares of the position error per distance travelled and the attitude error in
+    radians, re-based at each start and averaged over sub-trajectories.
+    """
+    from sfr_loc_map.metrics.convention_diagnosis import MIN_POSES
+    from sfr_loc_map.report.diagnosis_table import diagnosis_table
+    from sfr_loc_map.scoring.conversion import diagnose_run
+
+    diagnosis = diagnose_run(inputs, config)
+    show(diagnosis, json_path, [diagnosis_table(diagnosis)])
+    if diagnosis.found is not None:
+        if json_path != STANDARD_OUTPUT:
+            say(diagnosis.found.sentence)
+            if diagnosis.found.setting:
+                say(f"sfr score ... --convention {diagnosis.found.setting} corrects it")
+        advice = f": score again with --convention {diagnosis.found.setting}" if diagnosis.found.setting else ""
+        raise FailedVerdictError(f"estimate and truth use different conventions ({diagnosis.found.mismatch}){advice}")
+    if diagnosis.disagreement is None:
+        not_judged(
+            [f"'{inputs.estimate}' and '{inputs.truth}' have fewer than {MIN_POSES} stamps in common"], lenient=lenient
+        )
+    elif json_path != STANDARD_OUTPUT:
+        say("no single convention mismatch explains the disagreement, if there is any")

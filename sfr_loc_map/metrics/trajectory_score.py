@@ -116,7 +116,7 @@ def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:
         spans.append(f"{len(stamps)} poses{span}")
     return (
         f"no estimate has a ground truth at its stamp: the estimate has {spans[0]}, the ground truth has {spans[1]}; "
-        "give trajectories of the same drive and clock (sfr diagnose estimates the offset of the stamps)"
+        "give trajectories of the same drive and clock (sfr score --diagnose estimates the offset of the stamps)"
     )
 
 

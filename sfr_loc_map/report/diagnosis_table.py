@@ -1,4 +1,4 @@
-"""The table of `sfr diagnose`: the disagreement without each convention mismatch."""
+"""The table of `sfr score --diagnose`: the disagreement without each convention mismatch."""
 
 from __future__ import annotations
 

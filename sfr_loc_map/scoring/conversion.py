@@ -57,7 +57,7 @@ def convention_mismatch(drive: DriveToScore, config: ScoreConfig) -> ConventionF
     remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
     if not found.prevents_verdict:
         remedy = f"the figures are those of the estimate as delivered; if a clock is wrong, {remedy}"
-    text = f"{found.sentence} ({remedy}sfr diagnose EST TRUTH shows every hypothesis)"
+    text = f"{found.sentence} ({remedy}sfr score EST TRUTH --diagnose shows every hypothesis)"
     return ConventionFinding(text, found.prevents_verdict)
 
 
@@ -78,6 +78,6 @@ def diagnose_run(inputs: ScoreInputs, config: ScoreConfig) -> Diagnosis:
     if drive is None:
         raise MetricsError(f"'{inputs.truth}' and the estimate are not trajectories: a diagnosis requires poses")
     if not drive.truth.has_attitude:
-        text = "has only positions: give a truth with orientations"
+        text = "has only positions: omit '--diagnose', or give a truth with orientations"
         raise MetricsError(f"the truth '{inputs.truth}' {text}")
     return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig)

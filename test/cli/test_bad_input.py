@@ -161,6 +161,7 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("plot", "{tum}", "-o", "{out}/p.html"), "'sfr plot' was removed: use sfr report"),
         (("doctor", "{source}"), "use sfr info"),
         (("live", "--terminal", "--port", "0"), "'--port' applies to the page.*: omit it"),
+        (("score", "{tum}", "{tum}", "--diagnose", "--junit", "{out}/j.xml"), "'--junit' has no effect.*: omit it"),
         (("score", "{tum}", "{tum}", "--spacing", "0"), "Invalid value for '--spacing'"),
         (
             ("convert", "{tum}", "{out}/e.tum", "--compression", "zstd"),
@@ -198,6 +199,7 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("score", "{out}/c.ply", "{source}", "--spacing", "10"), "'--spacing' applies only to trajectories"),
         (("score", "{tum}", "{tum}", "--range", "0", "10"), "'--range' applies only to clouds"),
         (("score", "{tum}", "{tum}", "--not-fused"), "'--fused' applies only to clouds"),
+        (("score", "{tum}", "{tum}", "--diagnose", "--condition", "time=1"), "'--condition' has no effect"),
         (("simulate", "{tum}", "{out}/f", "--from={source}"), "has no effect with --from"),
         (("suite", "run", "{tum}", "--out", "{out}/s", "--dry-run", "--json", "-"), "'--json' has no effect"),
     ],

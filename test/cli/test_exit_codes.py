@@ -148,7 +148,7 @@ def test_a_convention_mismatch_judges_nothing_and_is_a_finding_of_the_doctor(
     page = tmp_path / "page.html"
     assert sfr("report", report, "-o", page).code == ExitCode.NOT_JUDGED
     assert "Not judged: the estimate looks wrong" in page.read_text()
-    found = sfr("diagnose", estimate, truth)
+    found = sfr("score", estimate, truth, "--diagnose")
     assert found.code == ExitCode.FAILED
     assert "estimate and truth use different conventions" in found.err
     assert "the estimate looks wrong" in found.out
@@ -168,7 +168,7 @@ def test_a_late_method_is_judged_as_delivered_and_its_offset_is_a_finding(
     assert (result.code, score["verdict"]) == (code, verdict), result.err
     assert f"add -{lag_s:.3f} s to those of the estimate" in " ".join(score["warnings"])
     assert score.get("contradiction") is None
-    assert sfr("diagnose", estimate, truth).code == ExitCode.FAILED
+    assert sfr("score", estimate, truth, "--diagnose").code == ExitCode.FAILED
 
 
 def winding_drive(lag_s: float) -> Trajectory:

@@ -71,23 +71,34 @@ def test_a_diagnosis_reads_columns_as_a_score_does(
     rows = np.column_stack((1e3 * estimate.positions, estimate.quats_xyzw)).tolist()
     lines = [",".join(map(repr, (*row, stamp))) for row, stamp in zip(rows, estimate.stamps_ns.tolist(), strict=True)]
     (tmp_path / "theirs.txt").write_text("\n".join(("a,b,c,d,e,f,g,h", *lines)))
-    words = ["diagnose", tmp_path / "theirs.txt", source]
+    words = ["score", tmp_path / "theirs.txt", source, "--diagnose"]
     assert sfr(*words).code == 2
     found = sfr(*words, "--columns", "x=a,y=b,z=c,qx=d,qy=e,qz=f,qw=g,t=h[ns]")
     assert found.code == 1, found.err
     assert "--convention metres_per_unit=0.001 corrects it" in found.out
 
 
-def test_a_diagnosis_associates_as_a_score_does(sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory) -> None:
+def test_a_diagnosis_associates_as_a_score_does_and_refuses_what_it_does_not_make(
+    sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory
+) -> None:
     late = Trajectory(estimate.stamps_ns + 40_000_000, 1e3 * estimate.positions, estimate.quats_xyzw)
     save_trajectory(tmp_path / "late.csv", late)
-    words = ["diagnose", tmp_path / "late.csv", source]
+    words = ["score", tmp_path / "late.csv", source, "--diagnose"]
     disagreements = []
     for how in ("match", "interpolate"):
         sfr(*words, "--associate", how, "--json", tmp_path / f"{how}.json")
         disagreements.append(json.loads((tmp_path / f"{how}.json").read_text())["disagreement"])
     assert disagreements[0] is None, "no stamp is that of a true pose"
     assert disagreements[1] > 1.0
+    refused = sfr(*words, "--html", tmp_path / "page.html")
+    assert (refused.code, (tmp_path / "page.html").exists()) == (2, False)
+    assert "'--html' has no effect with --diagnose" in refused.err
+    others = {"--apply-diagnosis": [], "--align": ["se3"], "--target": ["board"], "--target-run": ["first"]}
+    others["--target-timing"] = [tmp_path / "late.csv"]
+    for option, values in others.items():
+        refused = sfr(*words, option, *values)
+        assert refused.code == 2
+        assert f"'{option}' has no effect with --diagnose" in refused.err
 
 
 def test_the_proposed_diagnosis_compares_the_poses_of_the_score(
@@ -96,9 +107,9 @@ def test_the_proposed_diagnosis_compares_the_poses_of_the_score(
     monkeypatch.delenv("SFR_HINTS")
     wrong = Trajectory(estimate.stamps_ns, 1e3 * estimate.positions, estimate.quats_xyzw)
     save_trajectory(tmp_path / "mm.csv", wrong)
-    words = (tmp_path / "mm.csv", source, "--frames", "images", "--max-gap", "2.5")
-    scored = sfr("score", *words, "--condition", "frames=4", "--spacing", "1")
-    assert f"next: sfr diagnose {' '.join(map(str, words))}" in scored.err
+    words = ("score", tmp_path / "mm.csv", source, "--frames", "images", "--max-gap", "2.5")
+    scored = sfr(*words, "--condition", "frames=4", "--spacing", "1")
+    assert f"next: sfr {' '.join(map(str, words))} --diagnose" in scored.err
 
 
 def test_a_diagnosis_is_applied_only_where_asked_for_and_the_score_says_so(
@@ -113,7 +124,7 @@ def test_a_diagnosis_is_applied_only_where_asked_for_and_the_score_says_so(
     assert refused.code == 3
     assert "--convention metres_per_unit=0.001 or --apply-diagnosis corrects it" in refused.err
     assert "convention" not in json.loads((tmp_path / "refused.json").read_text())
-    found = sfr("diagnose", tmp_path / "mm.csv", source)
+    found = sfr("score", tmp_path / "mm.csv", source, "--diagnose")
     assert "--convention metres_per_unit=0.001 corrects it" in found.out
     applied = sfr("score", tmp_path / "mm.csv", source, *options, tmp_path / "applied.json", "--apply-diagnosis")
     assert applied.code == 0, applied.err

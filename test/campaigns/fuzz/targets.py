@@ -136,7 +136,7 @@ def _cloud(name: str, *targets: str) -> tuple[Command, ...]:
 def _trajectory(name: str) -> tuple[Command, ...]:
     place = f"{{w}}/{name}"
     scores = (("score", place, "{w}/truth.csv", *SCORE[3:]), ("score", "{w}/truth.csv", place, *SCORE[3:]))
-    return (*scores, ("diagnose", place, "{w}/truth.csv"), *_convert(name, "t.tum", "t.mcap"))
+    return (*scores, ("score", place, "{w}/truth.csv", "--diagnose"), *_convert(name, "t.tum", "t.mcap"))
 
 
 def plan_simulation(path: Path) -> None:
