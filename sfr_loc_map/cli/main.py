@@ -17,7 +17,6 @@ from sfr_loc_map.cli import (  # noqa: F401 - most join `app` when they are impo
     bench,
     check,
     convert,
-    diagnose,
     doctor,
     info,
     init,

@@ -16,8 +16,8 @@ from sfr_loc_map.errors import (
     NodeError,
     SfrError,
 )
-from sfr_loc_map.nodes.launch import live_process
-from sfr_loc_map.nodes.ros import environment
+from sfr_loc_map.live import live_process
+from sfr_loc_map.ros import environment
 
 
 class Page:
