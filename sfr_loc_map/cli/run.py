@@ -51,7 +51,7 @@ def run(
     """Run each node in its own process until Ctrl-C, SIGTERM or SIGHUP; exit 2 if a node ends earlier."""
     require_ros("run")
     propose("sfr doctor", why="checks the inputs of the running nodes")
-    from sfr_loc_map.nodes.launch.live_process import shown_on
+    from sfr_loc_map.live.live_process import shown_on
     from sfr_loc_map.nodes.launch.processes import node_names, run_nodes
     from sfr_loc_map.nodes.launch.run_arguments import node_arguments, split_ros_arguments, topic_rules
 
