@@ -54,8 +54,15 @@ class ReceivedResults:
         self.points.append((stamp_ns, points))
 
     def add_call(self, task: Task, call: CallRecord) -> None:
-        """Add a call; a later call of the same state and stamp replaces it."""
-        self.calls[task][call.state if task is Task.MAPPING else "", call.stamp_ns] = call
+        """Add a call; a later call of the same state and stamp replaces it.
+
+        Of an external node the first call counts, as its first answer does.
+        """
+        place = call.state if task is Task.MAPPING else "", call.stamp_ns
+        if task is self.external_task:
+            self.calls[task].setdefault(place, call)
+        else:
+            self.calls[task][place] = call
 
     def add_sent(self, rig: str, stamp_ns: int) -> None:
         """Add a pair that was published."""

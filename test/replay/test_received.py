@@ -1,6 +1,7 @@
 """The map of a replay: of ours by the call that made it; of an external node by its clouds or points."""
 
 import numpy as np
+import pytest
 
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.inputs import Task
@@ -51,3 +52,11 @@ def test_a_cloud_is_of_the_pairs_that_its_call_names() -> None:
     last, stamps = found.last_map()
     assert (len(last), last.fused, last.pair_stamps_ns, stamps) == (7, True, (10, 30), (10, 30))
     assert found.map_count == 1
+
+
+@pytest.mark.parametrize("external_task", [None, Task.LOCALISATION])
+def test_a_node_under_test_cannot_state_later_that_a_pose_was_not_lost(external_task: Task | None) -> None:
+    found = ReceivedResults(external_task=external_task)
+    for state in ("lost", "tracking"):
+        found.add_call(Task.LOCALISATION, CallRecord(10, 0.1, state))
+    assert [call.state for call in found.records] == ["tracking" if external_task is None else "lost"]
