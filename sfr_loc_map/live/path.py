@@ -80,13 +80,6 @@ class LivePath:
         self._positions_alone = False
         self._last: tuple[Point, Point | None, float] | None = None  # estimate as sent, truth, distance
 
-    @property
-    def drawn(self) -> list[PathRow]:
-        """The kept poses, and the newest one."""
-        if self.newest is None or self.rows[-1] is self.newest:
-            return [*self.rows]
-        return [*self.rows, self.newest]
-
     def is_late(self, sample: PoseSample) -> bool:
         """Return whether the stamp of a pose does not exceed the last stamp of its track."""
         return sample.stamp_ns <= self._last_ns.get(sample.track, -1)

@@ -209,6 +209,23 @@ def test_the_report_of_a_run_is_served_apart_from_the_page(tmp_path: Path) -> No
     in_loop(test)
 
 
+def test_a_page_gets_the_last_pose_also_if_the_path_is_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sfr_loc_map.live.path.MAX_ROWS", 4)
+
+    async def test(found: Served) -> None:
+        async with found.session.ws_connect(found.server.url + "ws") as channel:
+            for number in range(12):
+                for update in frame(number, 1.0):
+                    await asyncio.to_thread(found.state.put, update)
+            assert found.state.path.rows[-1] is not found.state.path.newest
+            last = -1
+            while last < 11:
+                message = json.loads((await asyncio.wait_for(channel.receive(), 60)).data)
+                last = message["last"][0] if message.get("last") else last
+
+    in_loop(test)
+
+
 def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
     async def test(found: Served) -> None:
         fill(found.state, 10)
