@@ -108,7 +108,7 @@ def localise(
     opened = open(source)
     drive = drive_of(opened)
     if isinstance(start, str) and start not in ("identity", "truth"):
-        raise ConfigError(f"start is '{start}': must be identity, truth or a pose of RB in DS")
+        raise ConfigError(f"start is '{start}': identity, truth or a pose of RB in DS is required")
     with naming(opened.path):
         first = offline.start_pose(drive, start) if isinstance(start, str) else StartPose.of(start)
     how: LocalisationConfig | offline.UnderTest
@@ -185,7 +185,7 @@ def score(
     """
     known = get_type_hints(ScoreOptions)
     if unknown := sorted(set(settings) - set(known)):
-        raise ConfigError(f"sfr.score has no setting '{unknown[0]}': it has {', '.join(known)}")
+        raise ConfigError(f"sfr.score has no setting '{unknown[0]}': the settings are {', '.join(known)}")
     of_score: Any = {name: value for name, value in settings.items() if name in get_type_hints(ScoreSettings)}
     config = score_settings(None if conditions is None else _texts("conditions", conditions), **of_score)
     convention = PoseConvention.parse(_texts("convention", settings.get("convention", ())))
@@ -261,7 +261,7 @@ def _check(name: str, value: object, *kinds: type) -> None:
     """Raise ConfigError with the name of the argument if its value is neither a path nor one of `kinds`."""
     if not isinstance(value, (str, os.PathLike, *kinds)):
         known = " or ".join(kind.__name__ for kind in kinds)
-        raise ConfigError(f"{name} is of type {type(value).__name__}: a path or a {known} is required")
+        raise ConfigError(f"{name} has the type {type(value).__name__}: a path or a {known} is required")
 
 
 def _parameters(kind: type[C], config: object, section: str) -> C:

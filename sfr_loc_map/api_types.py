@@ -251,7 +251,7 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         if table == "figures":
             return data_frame({name: [row.as_dict()[name] for row in self.figures] for name in COLUMNS})
         if table != "sub_trajectories":
-            raise ConfigError(f"table is '{table}': must be figures or sub_trajectories")
+            raise ConfigError(f"table is '{table}': figures or sub_trajectories is required")
         details = None if self.details is None else self.details.trajectory
         return data_frame({} if details is None else columns_of(details.sub_trajectories))
 
@@ -291,5 +291,5 @@ def data_frame(columns: Mapping[str, Any]) -> pandas.DataFrame:
     try:
         import pandas
     except ImportError as error:
-        raise MissingExtraError("to_pandas() needs pandas: pip install 'sfr_loc_map[notebook]'") from error
+        raise MissingExtraError("to_pandas() requires pandas: pip install 'sfr_loc_map[notebook]'") from error
     return pandas.DataFrame(dict(columns))

@@ -37,7 +37,7 @@ def param(
     if isinstance(default, (list, dict)):
         raise TypeError("use a tuple: defaults are shared")
     if _has_numbers(default) and (low is None or high is None or not -math.inf < low <= high < math.inf):
-        raise TypeError(f"a number needs a finite range: low is {low}, high is {high} ({doc})")
+        raise TypeError(f"a number requires a finite range: low is {low}, high is {high} ({doc})")
     return field(default=default, metadata=metadata)
 
 
@@ -156,9 +156,10 @@ def _checked(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any paramete
         raise ConfigError(f"'{info.name}' is {value!r:.40}: a value of type {kind} is required") from error
     for item in value if isinstance(value, tuple) else (value,):
         if info.low is not None and info.high is not None and not info.low <= item <= info.high:
-            raise ConfigError(f"'{info.name}' is {item}: must lie in {info.low} .. {info.high} {info.unit}".rstrip())
+            limits = f"{info.low} to {info.high} {info.unit}".rstrip()
+            raise ConfigError(f"'{info.name}' is {item}: {limits} is required")
     if info.choices and value not in info.choices:
-        raise ConfigError(f"'{info.name}' is '{value}': must be one of {', '.join(info.choices)}")
+        raise ConfigError(f"'{info.name}' is '{value}': one of {', '.join(info.choices)} is required")
     return value
 
 

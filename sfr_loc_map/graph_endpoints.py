@@ -58,7 +58,7 @@ def silence_of(
         fix = "set input.reliability of the node to best_effort, or the publisher's reliability to reliable"
         return Issue(Cause.QOS, topic, text, fix)
     text = f"the publisher {names} exists, but no message was received"
-    fix = "check whether it publishes; a container with --net=host also needs --ipc=host to share /dev/shm"
+    fix = "check whether it publishes; a container with --net=host also requires --ipc=host to share /dev/shm"
     return Issue(Cause.SILENT, topic, text, fix)
 
 
@@ -74,7 +74,6 @@ def _fix_of_type(topic: str, wanted: Sequence[str], found: str) -> str:
 def loss_fix(export_line: str) -> str:
     """Return the fix for messages that are lost between two processes of a host."""
     return (
-        f"start the process that publishes them (the camera driver) with "
-        f"`{export_line}`: the default shared memory of the publisher is 0.5 MB; "
-        "a container with --net=host needs --ipc=host"
+        f"start the process that publishes them (the camera driver) with `{export_line}`: the default shared memory "
+        "of the publisher is 0.5 MB; a container with --net=host requires --ipc=host"
     )

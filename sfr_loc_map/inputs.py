@@ -146,7 +146,7 @@ def check_regular(path: Path) -> None:
         with open(path, "rb", opener=_open_at_once) as stream:
             if stream.read(len(_LFS_POINTER)) == _LFS_POINTER:
                 raise OSError(
-                    errno.EINVAL, "it is a pointer of Git LFS, not the file itself: run git lfs pull", str(path)
+                    errno.EINVAL, "it is a pointer of Git LFS, which git lfs pull replaces by the file", str(path)
                 )
 
 

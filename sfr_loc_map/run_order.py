@@ -1,4 +1,4 @@
-"""Assignment of stamped items to runs, by their stamps and the stamps received before.
+"""Assignment of stamped items to runs, by their stamps and the stamps received earlier.
 
 A run is one continuous sequence of stamps; a recording that is played again begins a new run. Nodes and the live page
 detect new runs by this module. Where a stamp has another meaning, such as the end of a path or the time of a clock,
@@ -24,7 +24,8 @@ LEAP_NS = 3600 * 1_000_000_000
 """A stamp ahead of the last stamp by this many nanoseconds or more is taken to be from another clock."""
 AGREEING = 3  #: Consecutive increasing stamps of another time that begin a new run.
 REGULAR = 10  #: Consecutive increasing unknown stamps that begin a new run: 1 of 3.6 million permutations increases.
-PACE = 4  #: Largest duration of these stamps over their number times their median step; messages may be lost.
+PACE = 4
+"""Maximum ratio of the duration of these stamps to their number times their median step. Messages may be lost."""
 JOIN = 2.0  #: An earlier item joins a run if it precedes the run by at most this many mean steps of the run.
 
 
@@ -137,9 +138,9 @@ class AnyOrder(StampOrder[T]):
     An item after the first stamp of the run is accepted if the lead over the last stamp is below an hour. An earlier
     item is accepted once no gap separates it from the run. Consecutive items of another time that have increasing
     stamps, all before or all after the last stamp, are accepted together in two cases. Either there are `AGREEING`
-    items, and each stamp was received before, as when a recording is played again, or is an hour ahead. Or there are
+    items, and each stamp was received earlier, as when a recording is played again, or is an hour ahead. Or there are
     `REGULAR` items at a regular pace. The accepted items begin a new run; if they are ahead, the run continues with
-    them. Otherwise, an item is dropped if its stamp was received before or is an hour ahead. An item with a stamp of
+    them. Otherwise, an item is dropped if its stamp was received earlier or is an hour ahead. An item with a stamp of
     zero or less is also dropped.
     """
 

@@ -384,11 +384,11 @@ sfr_candidate *sfr_candidate_create(const sfr_rig *rig, const char *config, char
         return NULL;
     }
     if (*config && sscanf(config, "max_disparity: %d", &max_disparity) != 1) {
-        snprintf(message, message_size, "the configuration must be 'max_disparity: PIXELS'");
+        snprintf(message, message_size, "the configuration 'max_disparity: PIXELS' is required");
         return NULL;
     }
     if (max_disparity < 4 || max_disparity > 1023) {
-        snprintf(message, message_size, "max_disparity is %d: must be 4 to 1023", max_disparity);
+        snprintf(message, message_size, "max_disparity is %d: 4 to 1023 is required", max_disparity);
         return NULL;
     }
     sfr_candidate *self = calloc(1, sizeof *self);

@@ -65,9 +65,9 @@ class StatedErrors:
     degraded: int  #: Number of degraded pairs.
     lost: int  #: Number of lost pairs.
     compared: int = 0  #: Number of pairs with a valid state that have a true pose at their stamp.
-    position_ratio: float | None = None  #: Largest position error over its 3 sigma (root of the covariance's trace).
-    attitude_ratio: float | None = None  #: Largest attitude error over its 3 sigma.
-    step_ratio: float | None = None  #: Largest error of a step, translation or rotation, over its 3 sigma.
+    position_ratio: float | None = None  #: Largest ratio of a position error to its 3 sigma (from the trace).
+    attitude_ratio: float | None = None  #: Largest ratio of an attitude error to its 3 sigma.
+    step_ratio: float | None = None  #: Largest ratio of the translation or rotation error of a step to its 3 sigma.
     beyond_share: float | None = None  #: Fraction of valid pairs with a ratio above `LIMIT`.
     largest_error_m: float | None = None  #: Largest position error of valid pairs, metres.
 
@@ -242,7 +242,7 @@ def benchmark_faults(
 
 
 def fault_figures(estimates: Sequence[PoseEstimate], truth: Trajectory, scoring: TrajectoryScoreConfig) -> FaultEntry:
-    """Return the figures of the drive with one fault; raise InputError without any pair."""
+    """Return the figures of the drive with one fault; raise InputError if no pair is left."""
     if not estimates:
         raise InputError("no pair is left")
     lost = [estimate.state is TrackingState.LOST for estimate in estimates]

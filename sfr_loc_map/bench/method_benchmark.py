@@ -79,7 +79,7 @@ def methods_to_compare(
 ) -> tuple[list[Method], dict[str, str]]:
     """Return the methods of a comparison, ours with its configuration first and `added` last.
 
-    The second value has the reasons for missing peers, by name.
+    The second value gives, by name, the reasons why peers are missing.
     """
     ours, *others = BUILT_IN[task].values()
     present, missing = [replace(ours, name=OURS_IN_TABLES, config=json.dumps(asdict(config))), *others], {}

@@ -73,7 +73,10 @@ class Trial(ABC, Generic[Item, Opened, Result]):
 
     @abstractmethod
     def call(self, opened: Opened, item: Item, index: int, since_start_s: float) -> tuple[Result, MethodCall]:
-        """Pass a pair, its index and its time since the first pair to a method; return the result and the call."""
+        """Pass a pair, its index and its time since the first pair to a method.
+
+        Return the result and the record of the call.
+        """
 
     @abstractmethod
     def figures(self, results: Sequence[Result]) -> Iterator[FigureRow]:

@@ -63,7 +63,9 @@ def check(
 
     check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
     if len(estimate or ()) > MAX_ESTIMATES:
-        raise ConfigError(f"'--estimate': give at most {MAX_ESTIMATES} estimates; our own run is the third")
+        raise ConfigError(
+            f"'--estimate': at most {MAX_ESTIMATES} estimates are allowed, because our own run is the third"
+        )
     others = read_estimates(estimate or ())
     conditions = list(dict.fromkeys(Condition.parse(text) for text in condition or CONDITIONS))
     opened, read_from = open_as(source, remap, config)

@@ -33,11 +33,15 @@ def check_command(name: str) -> None:
 def check_live(files: Sequence[Path] | None) -> None:
     """Raise ConfigError if `sfr live` is given a recording."""
     if files:
-        raise ConfigError(f"'{files[0]}': sfr live shows running nodes; sfr replay SRC --live plays a recording")
+        raise ConfigError(
+            f"'{files[0]}': sfr live accepts no recording, because it shows running nodes: use sfr replay SRC --live"
+        )
 
 
 def check_doctor(files: Sequence[Path] | None) -> None:
     """Raise ConfigError if `sfr doctor` is given a source, or an estimate and its truth."""
     if files:
         what = "sfr score EST TRUTH --diagnose" if len(files) > 1 else f"sfr info {files[0]}"
-        raise ConfigError(f"'{files[0]}': sfr doctor examines the running graph: use {what}")
+        raise ConfigError(
+            f"'{files[0]}': sfr doctor accepts no file, because it examines the running graph: use {what}"
+        )

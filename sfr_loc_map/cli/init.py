@@ -29,7 +29,7 @@ def init(
         "."
     ),
     source: Annotated[
-        Path | None, Option("--from", metavar="SRC", help="Recording that DIR/sfr.yaml describes.")
+        Path | None, Option("--from", metavar="SRC", help="Recording for which DIR/sfr.yaml is written.")
     ] = None,
     calibration: CalibrationOption = None,
     settings: SectionsOption = None,

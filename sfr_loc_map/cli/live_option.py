@@ -23,7 +23,7 @@ LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port
 def require_live() -> None:
     """Raise MissingExtraError if the web server cannot be imported."""
     if find_spec("aiohttp") is None:
-        raise MissingExtraError("sfr live needs a web server, aiohttp: pip install 'sfr_loc_map[live]'")
+        raise MissingExtraError("sfr live requires the web server aiohttp: pip install 'sfr_loc_map[live]'")
 
 
 @contextmanager

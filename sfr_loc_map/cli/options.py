@@ -106,7 +106,7 @@ def parse_remaps(remaps: Sequence[str] | None) -> dict[str, str]:
     for item in remaps or ():
         found, _, expected = item.partition(":=")
         if not found or not expected:
-            raise ConfigError(f"'--remap {item}': must have the form FOUND:=EXPECTED")
+            raise ConfigError(f"'--remap {item}': FOUND:=EXPECTED is required")
         if found in parsed and parsed[found] != expected:
             raise ConfigError(f"'--remap {item}': '{found}' is remapped as '{parsed[found]}' already: omit one")
         parsed[found] = expected
@@ -119,7 +119,7 @@ def parse_settings(settings: Sequence[str] | None) -> dict[str, Any]:
     for item in settings or ():
         key, separator, text = item.partition("=")
         if not separator or not key:
-            raise ConfigError(f"'--set {item}': must have the form KEY=VALUE, such as terrain.relief_m=0.2")
+            raise ConfigError(f"'--set {item}': KEY=VALUE is required, such as terrain.relief_m=0.2")
         try:
             values[key] = parse_yaml(text)
         except (yaml.YAMLError, ValueError) as error:
@@ -284,5 +284,5 @@ def require_ros(command: str) -> None:
         from sfr_loc_map.ros import messages  # noqa: F401
     except ImportError as error:
         raise MissingExtraError(
-            f"sfr {command} needs ROS 2 ({error}): source a ROS 2 installation, or pip install 'sfr_loc_map[ros]'"
+            f"sfr {command} requires ROS 2 ({error}): source a ROS 2 installation, or pip install 'sfr_loc_map[ros]'"
         ) from error

@@ -31,7 +31,7 @@ HTML_SUFFIXES = (".html", ".htm")
 def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
     """Raise OutputError if the name of an output ends in none of the suffixes."""
     if path is not None and path.suffix not in suffixes:
-        raise OutputError(f"cannot write '{path}': its name must end in one of {', '.join(suffixes)}")
+        raise OutputError(f"cannot write '{path}': a name that ends in {' or '.join(suffixes)} is required")
 
 
 def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (), overwrite: bool) -> None:

@@ -262,7 +262,7 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
         write_text(render_overview("Comparison of suites", Banner.without_verdict("tables", ""), tables), page)
         propose(f"open {page} in a browser")
     else:
-        propose("sfr", "suite", "history", *folders, why="when and where the figures became worse")
+        propose("sfr", "suite", "history", *folders, why="when and where the figures got worse")
     show(result.to_dict(), json_path, tables)
 
 

@@ -188,7 +188,7 @@ def score(
     ] = None,
     target_run: Annotated[
         str | None,
-        Option(metavar="TEXT", rich_help_panel=MORE, help="Name of another run that --target-timing is from."),
+        Option(metavar="TEXT", rich_help_panel=MORE, help="Name of the other run from which --target-timing comes."),
     ] = None,
     columns: ColumnsOption = None,
     config_file: ConfigOption = None,

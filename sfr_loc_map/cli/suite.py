@@ -211,7 +211,7 @@ def plan(
         Path | None, Argument(metavar="DIR", help="Folder of a suite: plan for the limits of this suite.")
     ] = None,
     prob: Annotated[
-        float | None, Option(metavar="P", help="Fraction of drives that must meet the limit; default 0.9973.")
+        float | None, Option(metavar="P", help="Fraction of drives that must meet the limit; default: 0.9973.")
     ] = None,
     confidence: Annotated[float | None, Option(metavar="C", help="Confidence level; default: 0.9.")] = None,
     power: Annotated[float | None, Option(metavar="W", help="Probability that good drives pass; default: 0.9.")] = None,
@@ -266,7 +266,8 @@ def history(
         say(change.text, err=True)
     if result.worse:
         raise FailedVerdictError(
-            f"{len({change.figure for change in result.worse})} figures became and stayed worse: each is named above"
+            f"figures that got worse and did not recover: {len({change.figure for change in result.worse})}; the "
+            "messages above name them"
         )
 
 

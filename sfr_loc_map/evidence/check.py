@@ -72,7 +72,7 @@ def check_drive(
     """
     drive = PairsInMemory(sequence.rig, list(islice(sequence.pairs(), most_pairs)))
     if len(drive) < MIN_PAIRS:
-        raise InputError(f"the drive has {len(drive)} pairs: a check needs at least {MIN_PAIRS}")
+        raise InputError(f"the drive has {len(drive)} pairs: at least {MIN_PAIRS} are required for a check")
     runs = {variant: run_variant(drive, config, variant, progress) for variant in Variant}
     forward = runs[Variant.FORWARD]
     compared = [(runs[first], runs[other]) for first, other in COMPARED]

@@ -31,8 +31,8 @@ class Overlap(NamedTuple):
     fraction: float  #: Fraction of the points of the first pair that the other pair observes.
     points: int  #: Number of points that the other pair observes.
     difference_m: float  #: Robust root mean square of the range differences: median and spread.
-    ratio: float  #: Range differences over the expected ones; about 1 if sigmas and poses are correct.
-    grey_ratio: float  #: Grey level differences over those at `SHIFT_PX`; NaN without texture.
+    ratio: float  #: Ratio of the range differences to those expected; about 1 if sigmas and poses are correct.
+    grey_ratio: float  #: Ratio of the grey level differences to those at `SHIFT_PX`; NaN without texture.
 
     @property
     def name(self) -> str:

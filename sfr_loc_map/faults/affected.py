@@ -20,7 +20,8 @@ class Affected:
 
     fault: Fault
     pair: StereoPair  #: The pair before this fault, with the previous faults.
-    previous: StereoPair | None  #: The last new pair before this fault; None for the first pair.
+    #: The last earlier pair that is not a repetition, also before this fault; None for the first pair.
+    previous: StereoPair | None
     following_ns: int | None  #: Stamp of the next pair of the source, with faults of the clock; None after the last.
     rig: StereoRig  #: The true rig.
     index: int  #: Index of the pair in the source.

@@ -116,7 +116,10 @@ class FaultInjector:
     def _with_fault(
         self, number: int, index: int, pair: StereoPair, previous: StereoPair | None, following_ns: int | None
     ) -> StereoPair:
-        """Return the pair `index` with the fault `number`; `previous` is the last new pair before the same fault."""
+        """Return the pair `index` with the fault `number`.
+
+        `previous` is the last earlier pair that is not a repetition, also before this fault.
+        """
         fault = self._faults[number]
         first = int(self._bursts[number][index])
         if first == UNAFFECTED:

@@ -1,7 +1,7 @@
 """Kinds of faults that are injected into stereo pairs: failures of cameras, clocks, calibration and view.
 
-`FaultKind` declares the effect, the options and the defaults of each kind. `injector.CHANGES` has the function of each
-kind that changes a pair. Some kinds are implemented in a further place:
+`FaultKind` declares the effect, the options and the defaults of each kind. `injector.CHANGES` contains the function of
+each kind that changes a pair. Some kinds are implemented in a further place:
 
 - dropped pairs: `FaultInjector.__init__`
 - the first pairs of a drive (`start`): `injector.burst_starts`
@@ -175,7 +175,7 @@ def parse_fault(text: str) -> Fault:
             values[name] = types[name](value)
         except (KeyError, ValueError) as error:
             known = ", ".join(types)
-            raise ConfigError(f"fault '{text}': '{item}' must be NAME=VALUE, and NAME one of {known}") from error
+            raise ConfigError(f"fault '{text}': '{item}': NAME=VALUE is required, with NAME one of {known}") from error
         if name not in info.options:
             raise ConfigError(
                 f"fault '{text}': '{name}' applies to {APPLIES_TO[name]}, not to {kind}, which has the options "
@@ -184,14 +184,16 @@ def parse_fault(text: str) -> Fault:
     fault = Fault(**values)  # type: ignore[arg-type]
     if not (0 <= fault.share <= 1 and 1 <= fault.burst <= MAX_PAIRS and 0 <= fault.start <= MAX_PAIRS):
         raise ConfigError(
-            f"fault '{text}': share must lie in 0 .. 1, burst in 1 .. {MAX_PAIRS}, start in 0 .. {MAX_PAIRS}"
+            f"fault '{text}': share 0 to 1, burst 1 to {MAX_PAIRS} and start 0 to {MAX_PAIRS} are required"
         )
     if fault.camera not in CAMERAS:
-        raise ConfigError(f"fault '{text}': camera must be one of {', '.join(CAMERAS)}")
+        raise ConfigError(f"fault '{text}': camera is '{fault.camera}': one of {', '.join(CAMERAS)} is required")
     high = kind.info.max_amount
     low = -high if kind.info.is_signed else 0.0
     if not low <= fault.amount <= high:
-        raise ConfigError(f"fault '{text}': amount must lie in {low:g} .. {high:g}: {kind.info.effect}")
+        raise ConfigError(
+            f"fault '{text}': amount is {fault.amount:g}: {low:g} to {high:g} is required ({kind.info.effect})"
+        )
     return fault
 
 

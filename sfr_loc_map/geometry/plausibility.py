@@ -47,7 +47,7 @@ def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: 
     low, high = (ratio * side for ratio in FOCAL_RATIOS)
     if not all(low <= f <= high for f in focal):
         raise GeometryError(
-            f"focal lengths are {focal[0]:g} and {focal[1]:g} px: {low:g} to {high:g} px are allowed for images of "
+            f"focal lengths are {focal[0]:g} and {focal[1]:g} px: {low:g} to {high:g} px are required for images of "
             f"{size[0]} x {size[1]}"
         )
     if not all(abs(c - 0.5 * n) <= MAX_CENTRE_RATIO * side for c, n in zip(centre, size, strict=True)):
@@ -60,7 +60,7 @@ def check_extrinsics(position_m: FloatArray, name: str = "the stereo rig", frame
     """Check the position `(3,)` of a stereo rig on its rover, or of a camera on its body, metres."""
     if not (np.abs(position_m) <= MAX_EXTRINSICS_M).all():
         raise GeometryError(
-            f"{name} is at {position_m.tolist()} m in {frame}: up to {MAX_EXTRINSICS_M:g} m are allowed; are the "
+            f"{name} is at {position_m.tolist()} m in {frame}: at most {MAX_EXTRINSICS_M:g} m is allowed; are the "
             "units metres?"
         )
 
@@ -69,7 +69,10 @@ def check_distortion(coefficients: ArrayLike) -> None:
     """Check the coefficients of lens distortion."""
     values = np.asarray(coefficients, dtype=np.float64)
     if not (np.abs(values) <= MAX_DISTORTION).all():
-        raise GeometryError(f"distortion is {values.tolist()}: finite numbers up to {MAX_DISTORTION:g} are allowed")
+        raise GeometryError(
+            f"distortion is {', '.join(f'{value:g}' for value in values)}: finite numbers up to {MAX_DISTORTION:g} "
+            "are required"
+        )
 
 
 def plausible_rotations(rotations: FloatArray) -> Mask:

@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 MIN_NORM: Final = 1e-12  #: Smallest norm of a quaternion that can be normalised.
 SMALL_SINE: Final = 1e-6  #: Sine of the angle below which `slerp` interpolates linearly, with an error below 1e-12.
 SMALL_HALF_SINE: Final = 1e-9  #: Sine of the half angle below which the rotation vector is twice the vector part.
-NO_LENGTH: Final = "a quaternion has no length or is not finite: a rotation needs four finite numbers, not all zero"
+NO_LENGTH: Final = "a quaternion is zero or not finite: four finite numbers, not all zero, are required"
 
 
 def quat_normalised(quat_xyzw: ArrayLike) -> FloatArray:

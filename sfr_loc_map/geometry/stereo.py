@@ -44,7 +44,7 @@ class StereoRig:
         check_camera((self.width, self.height), (self.fx, self.fy), (self.cx, self.cy))
         low, high = BASELINE_M
         if not low <= self.baseline_m <= high:
-            raise GeometryError(f"baseline is {self.baseline_m:g} m: {low:g} to {high:g} m are allowed")
+            raise GeometryError(f"baseline is {self.baseline_m:g} m: {low:g} to {high:g} m is required")
         if self.T_rb_sb is not None:
             check_extrinsics(self.T_rb_sb.translation)
 
@@ -108,8 +108,8 @@ class StereoPair:
                 )
         if self.left.shape != self.right.shape:
             raise GeometryError(
-                f"images of stamp {self.stamp_ns} differ in size: left {self.left.shape[::-1]}, "
-                f"right {self.right.shape[::-1]}; both must be of the rig's size"
+                f"images of stamp {self.stamp_ns} differ in size: left {self.left.shape[::-1]}, right "
+                f"{self.right.shape[::-1]}: the rig's size is required for both"
             )
 
 

@@ -41,15 +41,13 @@ class Transform:
         """Check shapes and values; GeometryError if a number is not finite or a coordinate exceeds `MAX_POSITION_M`."""
         if self.rotation.shape != (3, 3) or self.translation.shape != (3,):
             shapes = f"{self.rotation.shape}, {self.translation.shape}"
-            raise GeometryError(f"a transform needs (3, 3) and (3,): got {shapes}")
+            raise GeometryError(f"a transform has the shapes {shapes}: (3, 3), (3,) are required")
         position = self.translation.tolist()  # Python loops are faster than numpy for so few numbers
         numbers = (*position, *self.rotation.reshape(-1).tolist())
         if not all(map(isfinite, numbers)):
-            raise GeometryError("a transform has a number that is not finite")
+            raise GeometryError("a transform contains a non-finite number")
         if max(map(abs, position)) > MAX_POSITION_M:
-            raise GeometryError(
-                f"a position is {self.translation.tolist()} m: up to {MAX_POSITION_M:g} m are allowed, in metres"
-            )
+            raise GeometryError(f"a position is {self.translation.tolist()} m: at most {MAX_POSITION_M:g} m is allowed")
 
     @classmethod
     def identity(cls) -> Transform:

@@ -54,7 +54,7 @@ class GraphObserver(Peer):
     """Observes the graph for a given time; a context manager."""
 
     def __init__(self, remap: Mapping[str, str]) -> None:
-        """Join the graph; `remap` has the name in the suite of each topic that has another name in the graph."""
+        """Join the graph; `remap` contains the name in the suite of each topic that has another name in the graph."""
         super().__init__(f"sfr_doctor_{os.getpid()}")
         self._name_in_suite = {"/" + found.strip("/"): "/" + name.strip("/") for found, name in remap.items()}
         self._name_in_graph = {name.strip("/"): found for found, name in self._name_in_suite.items()}

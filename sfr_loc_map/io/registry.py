@@ -100,7 +100,7 @@ def format_of(path: Path) -> SourceFormat:
 
 
 def true_trajectory(path: Path, config: SourceConfig) -> Trajectory:
-    """Return the true trajectory of a source; of a bag also if the bag contains only poses. InputError without one."""
+    """Return the true trajectory of a source, also of a bag that contains only poses. InputError if there is none."""
     if is_bag(path):
         return read_truth(path, config.truth, config.remap)
     drive = open_source(path, config).loc

@@ -71,7 +71,7 @@ class ExtrinsicsConfig:
     def transform(self, name: str = "extrinsics") -> Transform | None:
         """Return `T_rb_locsb`, None if it is not given; error messages name the section or parameter `name`."""
         if len(self.translation_m) != 3 or len(self.quat_xyzw) != 4:
-            raise ConfigError(f"{name} needs translation_m [x, y, z] and quat_xyzw [x, y, z, w]")
+            raise ConfigError(f"{name} requires translation_m [x, y, z] and quat_xyzw [x, y, z, w]")
         if not any(self.quat_xyzw):
             if any(self.translation_m):
                 raise ConfigError(f"{name}.translation_m is given but quat_xyzw is not: give both")
@@ -137,7 +137,7 @@ class SourceConfig:
         origin, folder = str(path or "settings"), Path() if path is None else path.parent
         types, topics = get_type_hints(cls), sections.get("topics") or {}
         if wrong := [name for name, topic in topics.items() if not isinstance(topic, str) or not topic]:
-            raise ConfigError(f"{origin}: topics.{wrong[0]} must be the name of a topic of the source")
+            raise ConfigError(f"{origin}: topics.{wrong[0]}: the name of a topic of the source is required")
         _check_topics_differ(topics, origin)
         parts = {
             item.name: build(types[item.name], sections.get(item.name) or {}, origin=f"{origin}, {item.name}")
@@ -233,8 +233,8 @@ def _check_setting(key: str, value: object) -> None:
         is_list = isinstance(value, list) and all(isinstance(item, str) for item in value)
         if name or not (is_list if section == "conditions" else isinstance(value, str)):
             raise ConfigError(
-                f"setting '{key}' is {value!r:.40}: 'limits' must be a file name and 'conditions' a list such as "
-                "[distance=5]"
+                f"setting '{key}' is {value!r:.40}: a file name is required for 'limits', and for 'conditions' a list "
+                "such as [distance=5]"
             )
     elif not name and not isinstance(value, Mapping):
         raise ConfigError(f"setting '{key}' is {value!r:.40}: names with values are required, as {key}.NAME=VALUE")

@@ -14,7 +14,7 @@ DATA_SET_NAMES = {
 """Names in the folders that the suite writes: data sets and bags."""
 SOURCE_NAMES = DATA_SET_NAMES | {"mav0", "calib.txt", "times.txt", "poses.txt", *(f"image_{n}" for n in range(4))}
 """Names in the folders of all sources."""
-NAMES_IN_PATHS = SOURCE_NAMES - {"loc", "nav"}  #: Names of which one occurs in the path of each file of a source.
+NAMES_IN_PATHS = SOURCE_NAMES - {"loc", "nav"}  #: The path of each file of a source contains at least one of these.
 
 
 def has_only_data_set(folder: Path) -> bool:

@@ -30,7 +30,9 @@ class LiveConfig:
                 "characters"
             )
         if token and (len(token) < MIN_TOKEN_LETTERS or not token.isascii() or not token.isprintable()):
-            raise ConfigError(f"--token must have at least {MIN_TOKEN_LETTERS} printable ASCII characters")
+            raise ConfigError(
+                f"--token is invalid: at least {MIN_TOKEN_LETTERS} printable ASCII characters are required"
+            )
 
 
 def is_loopback(host: str) -> bool:

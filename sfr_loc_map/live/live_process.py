@@ -50,7 +50,7 @@ class LiveProcess(AbstractContextManager["LiveProcess"]):
     def stay(self, words: str = "") -> None:
         """Print `words` and that the page is still served; wait until a signal arrives or the page ends."""
         if self._process.is_running:
-            print(f"{words}the run is over; its page is served until Ctrl-C", file=sys.stderr, flush=True)
+            print(f"{words}the run has ended; its page is served until Ctrl-C", file=sys.stderr, flush=True)
             with suppress(KeyboardInterrupt), stopping() as ended:
                 while self._process.is_running and not ended():
                     time.sleep(WATCH_S)

@@ -89,7 +89,10 @@ class MapFeed:
             corner = cells[0, 0, :2] - 0.5 * cell_m
         origin = float(corner[0]), float(corner[1])
         if not (0.0 < cell_m < math.inf and all(map(math.isfinite, origin))):
-            raise InputError(f"elevation with cells of {cell_m:g} m: x must grow along the columns, y along the rows")
+            raise InputError(
+                f"elevation with cells of {cell_m:g} m: an x that grows along the columns and a y that grows along "
+                "the rows are required"
+            )
         self._grid = updates.ElevationSample(ELEVATION, stamp_ns, origin, cell_m, LAYERS, cells[..., 2:], published_s)
         self._put()
 

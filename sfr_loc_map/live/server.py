@@ -228,7 +228,9 @@ class LiveServer:
 
     async def _run_command(self, request: web.Request) -> web.Response:
         if not is_equal(request.headers.get(COMMAND_HEADER, ""), self._command_token):
-            return web.json_response({"ok": False, "text": "the page is of an earlier server: reload it"}, status=403)
+            return web.json_response(
+                {"ok": False, "text": "the page was loaded from an earlier server: reload the page"}, status=403
+            )
         try:
             async with asyncio.timeout(IDLE_TIMEOUT_S):
                 content = await request.read()

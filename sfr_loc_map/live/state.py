@@ -267,7 +267,7 @@ class LiveState:
         """Add a score of the monitor."""
         self._note_topic(REPORT, None, update.received_s)
         if (length := len(update.text)) > MAX_REPORT_CHARACTERS:
-            raise InputError(f"{REPORT} has {length} characters: at most {MAX_REPORT_CHARACTERS} are read")
+            raise InputError(f"{REPORT} has {length} characters: at most {MAX_REPORT_CHARACTERS} are allowed")
         score = ShownScore(from_json(update.text, REPORT), update.received_s)
         self.score = score.with_missing(self._missing) if self.ended else score
         bars = sorted(self.score.bars, key=lambda bar: bar.place)

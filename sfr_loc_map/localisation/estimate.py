@@ -39,8 +39,8 @@ class StartPose:
         scale = max(float(np.abs(covariance).max(initial=0.0)) / MAX_VARIANCE, 1.0)  # a large uncertainty is valid
         if covariance.shape != (6, 6) or not is_plausible_covariance(covariance / scale):
             raise GeometryError(
-                "the start pose has an invalid covariance: it must be 6 x 6, finite, symmetric and positive "
-                "semi-definite"
+                "the start pose has an invalid covariance: a 6 x 6, finite, symmetric and positive semi-definite "
+                "matrix is required"
             )
         if not plausible_rotations(start.T_ds_rb.rotation):
             raise GeometryError(f"the start pose has an invalid rotation: {start.T_ds_rb.rotation.tolist()}")

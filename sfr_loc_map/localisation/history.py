@@ -17,7 +17,7 @@ class PastPose(NamedTuple):
 
     stamp_ns: int
     T_world_left: Transform
-    was_known: bool  #: Whether the pose before this one was known (tracked or kept, not lost).
+    was_known: bool  #: Whether the previous pose was known (tracked or kept, not lost).
     window_number: int  #: Number of the window.
     in_window: LocatedCovariance  #: Covariance of the pose in its window.
     #: Covariance that windows, and the motions between windows, added up to this pose (`PathErrors`).

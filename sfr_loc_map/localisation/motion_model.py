@@ -96,7 +96,7 @@ class LastPose:
         return MotionSince(T_last_now, *size_of(T_last_now), self.unobserved_s(stamp_ns))
 
     def tracked(self, stamp_ns: int, T_world_left: Transform, since: MotionSince, *, was_known: bool) -> LastPose:
-        """Return the pose of a tracked pair. The speed is updated only if the pose before it was known."""
+        """Return the pose of a tracked pair. The speed is updated only if the previous pose was known."""
         speed = self.speed
         if was_known:
             seconds = since.seconds

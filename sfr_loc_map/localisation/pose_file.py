@@ -36,9 +36,9 @@ class PoseFile:
     """Saves the last known pose of a rig, at which a localisation node that was killed resumes.
 
     The file is replaced by renaming, so that a process that is killed leaves the previous file. The file is not
-    synchronised with the disk: after a loss of power it may be old, empty or missing. A file that is corrupt or of
-    another rig is reported and replaced, and a pose that is too old is ignored, because a rover must localise without
-    intervention. Any other file is never modified.
+    synchronised with the disk: after a loss of power it may be old, empty or missing. A file that is corrupt or was
+    saved with another rig is reported and replaced, and a pose that is too old is ignored, because a rover must
+    localise without intervention. Any other file is never modified.
     """
 
     def __init__(self, path: Path, max_age_s: float) -> None:
@@ -46,7 +46,10 @@ class PoseFile:
         self._path, self._max_age_s = Path(os.path.realpath(path)), max_age_s
 
     def check(self) -> None:
-        """Check that poses can be saved: the file has a saved pose, complete or corrupt, or does not exist."""
+        """Raise OutputError unless the file does not exist, is empty, or begins like a saved pose.
+
+        A loss of power may have truncated it.
+        """
         check_output(self._path)
         try:
             data = read_bytes(self._path, MAX_BYTES)
@@ -55,7 +58,6 @@ class PoseFile:
         except OSError as error:
             raise OutputError(f"resume_file '{self._path}': {error.strerror}; choose another name") from error
         head = f'{{"schema": "{SCHEMA}"'.encode()
-        # files that a loss of power truncated or emptied are accepted
         if data.strip(b"\0") and not (data.startswith(head) or head.startswith(data)):
             raise OutputError(f"resume_file '{self._path}' has no saved pose; remove it or choose another name")
 
@@ -72,7 +74,7 @@ class PoseFile:
         except (OSError, ValueError, RecursionError, SfrError) as error:
             raise InputError(f"resume_file '{self._path}' cannot be read: {error}; {REPLACED}") from error
         if kept.rig != rig.fingerprint:
-            raise InputError(f"resume_file '{self._path}' is of another rig or calibration; {REPLACED}")
+            raise InputError(f"resume_file '{self._path}' was saved with another rig or calibration; {REPLACED}")
         age_s = (stamp_ns - kept.stamp_ns) * 1e-9
         return StartPose(pose, covariance, kept.stamp_ns) if 0.0 < age_s <= self._max_age_s else None
 

@@ -124,7 +124,7 @@ class LocalisationSession:
             if self._start.stamp_ns is not None:
                 gap_s = (stamp_ns - self._start.stamp_ns) * 1e-9
                 self._warn(
-                    f"localisation resumes at the pose of {gap_s:.1f} s before: the motion since then is unknown"
+                    f"localisation resumes at the pose from {gap_s:.1f} s earlier: the motion since then is unknown"
                 )
         self._localiser = self._make_localiser(rig, self._config, self._start)
         self._localiser_rig = rig
@@ -154,8 +154,8 @@ def completed_pose(given: StartPose, known: StartPose) -> StartPose:
     """Return a given pose; components that its covariance marks as unknown are taken from a known pose.
 
     Tools that set a pose on a plane, such as RViz, send variances of x, y and yaw, and zeros for z, roll and pitch.
-    Others, such as two-dimensional filters, send at least the variance of a lost pose. A covariance that is zero states
-    an exact pose.
+    Others, such as two-dimensional filters, mark unknown components by variances of at least `LOST_VARIANCE`. A
+    covariance that is zero states an exact pose.
     """
     is_given = given.covariance.any(axis=1) & (np.diag(given.covariance) < LOST_VARIANCE)
     if is_given.all() or not is_given.any():

@@ -34,7 +34,7 @@ small."""
 class CalibrationSigma(NamedTuple):
     """Standard deviations of a calibration given a pair, in rad or as fractions; the default is an exact calibration.
 
-    `CalibrationPrior` has the configured values in deg and pixels.
+    `CalibrationPrior` contains the configured values, in degrees and pixels.
     """
 
     yaw_rad: float = 0.0  #: Yaw of the right camera.
@@ -77,9 +77,9 @@ def sigma_of_calibration(rotation: CameraRotation, rig: StereoRig, prior: Calibr
 
         distortion_px = min(max(prior.distortion_px, distortion_rms_px), vertical_rms_px)
 
-    A measured vertical disparity below the prior shows that the cameras are better than stated, because it contains all
-    distortion. If the rotation was not measured, only a part of the vertical disparity is known, and the minimum is
-    omitted. A prior of 0 means no distortion.
+    The vertical disparity contains all distortion. If the measured vertical disparity is below the prior, the cameras
+    are therefore better than stated. If the rotation was not measured, only a part of the vertical disparity is known,
+    and the minimum is omitted. A prior of 0 means no distortion.
     """
     yaw_rad = math.radians(prior.yaw_deg)
     if is_yaw_significant(rotation, rig, prior):

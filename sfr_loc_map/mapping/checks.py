@@ -33,13 +33,13 @@ data sets the fraction is 0.75 or more for swapped images, and 0.2 or less for u
 def check_index(index: int) -> None:
     """Raise MappingError if the index of a pair is out of range."""
     if not 0 <= index < MAX_PAIRS:
-        raise MappingError(f"pair index is {index}: a map has up to {MAX_PAIRS} pairs, 0 to {MAX_PAIRS - 1}")
+        raise MappingError(f"pair index is {index}: 0 to {MAX_PAIRS - 1} is required")
 
 
 def check_pair_count(count: int) -> None:
     """Raise MappingError if a map cannot be fused from this number of pairs."""
     if not 1 <= count <= MAX_PAIRS:
-        raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {count}")
+        raise MappingError(f"{count} pairs given: 1 to {MAX_PAIRS} are required for a map")
 
 
 def check_images(pair: StereoPair, rig: StereoRig) -> None:

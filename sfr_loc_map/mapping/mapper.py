@@ -44,7 +44,7 @@ To add
 - a validity test of the pixels of one pair: the docstring of `disparity/validity` lists the steps.
 - another filter or correction of the disparities of one pair: a function that takes and returns a `DisparityMap`, and
   its call in `Mapper.process` between `fill_holes` and `without_roll`. Its disparities still fit the right image, and
-  `within_range` tests them. Later stages use its result; the fraction of measured pixels is computed before.
+  `within_range` tests them. Later stages use its result; the fraction of measured pixels is computed earlier.
 - a contribution to sigma: the docstring of `point_sigma` lists the steps.
 - a test of points across pairs: a flag of `Judgement` (`multiview/fusion`), which drops points, or a stage of
   `Mapper.fuse` that takes and returns views, like `without_fixed_content`.
@@ -115,7 +115,7 @@ class Mapper:
     def map(self, pairs: Sequence[PosedStereoPair]) -> FusedMap:
         """Return one cloud from one to three pairs: the mapping call of the specification [1.3], for users of Python.
 
-        The result has the warnings of the pairs and of the fusion, but only the statistics of the fusion. Call
+        The result contains the warnings of the pairs and of the fusion, but only the statistics of the fusion. Call
         `process` and `fuse` to obtain the statistics of the pairs, too.
 
         Raises MappingError under the same conditions as `process` and `fuse`.

@@ -27,7 +27,7 @@ standard deviations of points are in metres:
 8  point_sigma.total_sigma               variance sigma^2 + the variance of the calibration error
 =  ====================================  ===============================================================================
 
-The functions have the bounds and windows of the formulas in their docstrings.
+The docstrings of the functions state the bounds and windows of the formulas.
 
 The error of the calibration is common to all points. A constant disparity error, for example due to a yaw of the right
 camera, causes a depth error of `Z^2 / (fx baseline)` per pixel of disparity. Within a pair this error cannot be
@@ -46,7 +46,7 @@ To add an error source:
   value in `sigma_of_calibration` and a term in `total_sigma`. It does not affect the weights of the fusion, because
   averaging does not reduce it.
 
-Each also requires a row in the table.
+Every new error source also requires a row in the table above.
 """
 
 from __future__ import annotations
@@ -145,8 +145,8 @@ def total_sigma(
         c^2     = a^2 (Z / baseline_m)^2 + focal^2 + baseline^2
         total^2 = sigma^2 + (r c)^2
 
-    The angle a is the error of the angle between both rays (`disparity/right_camera` has the geometry), and c is the
-    relative error of the range. `pair_index` `(N,)` is the index of each point's pair in `poses_lm_left`, which
+    The angle a is the error of the angle between both rays (`disparity/right_camera` describes the geometry), and c is
+    the relative error of the range. `pair_index` `(N,)` is the index of each point's pair in `poses_lm_left`, which
     transform from the left optical frame to LM.
     """
     return _total_sigma(

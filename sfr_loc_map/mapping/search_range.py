@@ -37,7 +37,7 @@ def search_range_of(rig: StereoRig, config: MappingConfig) -> SearchRange:
     """
     if config.min_range_m >= config.max_range_m:
         raise ConfigError(
-            f"min_range_m {config.min_range_m} must be less than max_range_m {config.max_range_m}: correct them"
+            f"min_range_m is {config.min_range_m}: a number below max_range_m, {config.max_range_m}, is required"
         )
     scale = rig.fx * rig.baseline_m
     max_disparity_px = min(scale / config.min_range_m, MAX_DISPARITY_FRACTION * rig.width)

@@ -20,8 +20,8 @@ A method under test (in the documentation also: a candidate) is called through t
 of a candidate.
 
 Another interface requires a module in `adapters/` with `open_method(setup)`, which returns an object as described in
-`child/loop.py`, and a row in `registry.py` (`_BUILT_IN`, or `_PEERS` for a method of another interpreter). The method
-of a user requires no adapter and no row, because `package.module:Class`, `FILE.py:Class` and `lib:PATH.so` have
+`child/loop.py`, and a row in `registry.py` (`_BUILT_IN`, or `_PEERS` for a method of another interpreter). A user's own
+method requires neither an adapter nor a row: `package.module:Class`, `FILE.py:Class` and `lib:PATH.so` use existing
 adapters (docs/candidates.md).
 """
 

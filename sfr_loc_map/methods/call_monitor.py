@@ -106,7 +106,7 @@ class CallMonitor:
         usage = replace(usage, rss_bytes=usage.rss_bytes + self._file_bytes())
         self._peak_bytes = max(self._peak_bytes, usage.rss_bytes)
         if usage.rss_bytes > self._memory_mb * MB:
-            text = f"has {usage.rss_bytes // MB} MB resident, the limit is {self._memory_mb} MB"
+            text = f"has {usage.rss_bytes // MB} MB resident: at most {self._memory_mb} MB is allowed"
             raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text, ended=True)
         return usage
 

@@ -47,7 +47,10 @@ class IsolatedLocaliser(IsolatedMethod):
         super().__init__(method, rig, limits, T_ds_rb=T_ds_rb, rate_hz=rate_hz, keeps_rate=keeps_rate, hidden=hidden)
 
     def localise(self, pair: StereoPair, since_start_s: float = 0.0) -> tuple[PoseEstimate, MethodCall]:
-        """Localise one pair; return the estimate and the call. If the result is invalid, the state is lost."""
+        """Localise one pair. Return the estimate and the record of the call.
+
+        If the result is invalid, the state of the estimate is lost.
+        """
         call = MethodCall()
         about = OrderedPair(stamp_ns=pair.stamp_ns, index=0, T_lm_navsb=None)
         try:
@@ -77,7 +80,7 @@ def _pose(numbers: Pose | None) -> Transform | None:
         return None
     matrix = _array(numbers, (4, 4), "pose")
     if not np.isfinite(matrix).all():
-        raise MethodFailureError(FindingKind.NOT_FINITE, "the pose has a number that is not finite")
+        raise MethodFailureError(FindingKind.NOT_FINITE, "the pose contains a non-finite number")
     try:
         return Transform.from_matrix(matrix)
     except GeometryError as error:
@@ -91,7 +94,7 @@ def _covariance(numbers: list[float] | None) -> FloatArray | None:
     if np.isnan(covariance).all():
         return None
     if not np.isfinite(covariance).all():
-        raise MethodFailureError(FindingKind.NOT_FINITE, "the covariance has a number that is not finite")
+        raise MethodFailureError(FindingKind.NOT_FINITE, "the covariance contains a non-finite number")
     tolerance = COVARIANCE_TOLERANCE * np.abs(covariance).max()
     is_symmetric = np.abs(covariance - covariance.T).max() <= tolerance
     if not is_symmetric or np.linalg.eigvalsh(covariance).min() < -tolerance:

@@ -49,7 +49,10 @@ class IsolatedMapper(IsolatedMethod):
         self._is_complete = True  # whether all pairs so far were mapped
 
     def map_set(self, pairs: Sequence[PosedStereoPair]) -> tuple[list[PairMap], FusedMap, MethodCall]:
-        """Map one to three pairs in one call; return the part of the cloud of each pair, the cloud, and the call."""
+        """Map one to three pairs in one call.
+
+        Return the part of the cloud of each pair, the cloud, and the record of the call.
+        """
         cloud, call = PointCloud.empty(), MethodCall()
         warnings: tuple[str, ...] = ()
         stamps_ns = tuple(item.pair.stamp_ns for item in pairs)
@@ -67,7 +70,7 @@ class IsolatedMapper(IsolatedMethod):
         return maps, FusedMap(cloud, cloud.sigma, T_lm_left, call.statistics, warnings), call
 
     def map_pair(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> tuple[PairMap, MethodCall]:
-        """Map one pair; return its points, which are empty if the result is invalid, and the call."""
+        """Map one pair. Return its points, which are empty if the result is invalid, and the record of the call."""
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
         disparity, cloud = None, PointCloud.empty(fused=False)
         warnings: tuple[str, ...] = ()
@@ -102,7 +105,7 @@ class IsolatedMapper(IsolatedMethod):
         return PairMap(stamp_ns, cloud, cloud.sigma, T_lm_left, shown, figures, warnings)
 
     def fuse(self, maps: Sequence[PairMap], last: StereoPair) -> tuple[FusedMap, MethodCall | None]:
-        """Return one cloud of all maps, and the call; the points are concatenated if the method does not fuse."""
+        """Return one cloud of all maps, concatenated if the method does not fuse, and the record of the call."""
         call: MethodCall | None = None
         warnings: tuple[str, ...] = ()
         cloud = PointCloud.concatenate([item.cloud for item in maps])
@@ -121,7 +124,10 @@ class IsolatedMapper(IsolatedMethod):
     def _called(
         self, kind: str, pairs: Sequence[StereoPair], about: Sequence[OrderedPair]
     ) -> tuple[MethodCall, Answer, dict[str, bytes]]:
-        """Return the call, its answer and the files of its arrays; the files of the previous call are removed."""
+        """Return the record of the call, its answer and the files of its arrays.
+
+        The files of the previous call are removed.
+        """
         process = self._running_process()
         limits = {"cloud": MAX_CLOUD_BYTES, "disparity": 8 * pairs[-1].left.size + 2 * MAX_HEADER}
         for what in limits:

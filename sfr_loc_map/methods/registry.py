@@ -47,7 +47,7 @@ class Method:
     name: str  #: Name as selected by the user.
     task: Task
     kind: MethodKind
-    adapter: str  #: File of `adapters/`, or an absolute path.
+    adapter: str  #: File in `adapters/`, or an absolute path.
     target: str = ""  #: Loaded by the adapter: `package.module:Class` or the path of a library.
     config: str = ""  #: Text of the configuration.
     background: bool = False  #: Whether the method works between calls; a benchmark then sends pairs at their rate.
@@ -164,7 +164,7 @@ def find_peer(peer: Peer, python: Path | None, vocabulary: Path | None = None) -
     if not peer.needs_vocabulary:
         return replace(peer.method, python=python), ""
     if vocabulary is None or not vocabulary.is_file():
-        return None, f"needs a vocabulary, but '{vocabulary}' is not a file: give --vocab FILE"
+        return None, f"requires a vocabulary, but '{vocabulary}' is not a file: give --vocab FILE"
     return replace(peer.method, python=python, vocabulary=str(vocabulary.resolve())), ""
 
 

@@ -67,7 +67,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
     """
     known = known_of(truth)
     if not known.has_height:
-        raise MetricsError("APE and RPE need true heights, which the truth does not have: omit the option align")
+        raise MetricsError("APE and RPE require true heights, which the truth does not have: omit the option align")
     poses = aligned_poses(estimate, truth, config)
     delta = Condition.parse(config.rpe_delta)
     # relative error E = inv(inv(Q_i) Q_j) inv(P_i) P_j with the truth Q and the estimate P; the next motion starts at j
@@ -104,7 +104,9 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
     `max_difference_s`, or if the alignment is undetermined.
     """
     if config.align == "origin" and not truth.has_attitude:
-        raise MetricsError("align=origin needs true attitudes, but the truth has only positions: use align=se3 or none")
+        raise MetricsError(
+            "align=origin requires true attitudes, but the truth has only positions: use align=se3 or none"
+        )
     if not truth.has_attitude and isinstance(truth, Truth):
         estimate = at_point(estimate, truth.lever_arm_m)
     estimate_rows, true_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)

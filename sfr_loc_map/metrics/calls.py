@@ -67,7 +67,7 @@ class Calls:
 
     @property
     def is_localisation(self) -> Mask:
-        """Whether each call `(N,)` is of a localiser."""
+        """Whether each call `(N,)` is a call of a localiser."""
         return np.asarray(self.kinds == CallKind.LOCALISATION, np.bool_)
 
 
@@ -182,7 +182,7 @@ def time_rows(kind: CallKind, seconds: FloatArray) -> Iterator[Figure]:
 
 
 def deadline_rows(kind: CallKind, stamps_ns: IntArray, seconds: FloatArray) -> Iterator[Figure]:
-    """Yield the period of the pairs, the fraction of calls within the period, and the mean time over the period.
+    """Yield the period of the pairs, the fraction of calls within the period, and the mean time divided by the period.
 
     The period is the median difference of the stamps. There are no rows for calls without stamps or for mapping calls.
     """

@@ -1,8 +1,8 @@
 """The catalogue of figures, one line each: the names, clauses and displayed statistics that every view uses.
 
 To add a figure, add its line here, and the text of a new clause in `CLAUSES`. The line of an error of sub-trajectories
-also has the function that returns the errors (`errors_of`). The rows of any other figure are made where its values are
-computed. To show one more statistic of a figure, add its name to the line. To add a quantile, add its field to
+also names the function that returns the errors (`errors_of`). The rows of any other figure are made where its values
+are computed. To show one more statistic of a figure, add its name to the line. To add a quantile, add its field to
 `metrics.formulas.Statistics`. Any other statistic is computed in `metrics.formulas.statistics`, and `EXPANSION` of
 `metrics.judging.limited_value` states how the error of the truth affects it. Reports, comparisons, suites, searches,
 histories, limits, the topics of the monitor and the check of stored scores then include the figure or statistic. Scores
@@ -76,7 +76,7 @@ class FigureKind(NamedTuple):
     #: Errors of sub-trajectories, `(M,)` or vectors `(M, d)`, that the figure is about; None for any other figure.
     errors_of: Callable[[SubTrajectories], FloatArray] | None = None
     is_of_all_readings: bool = False  #: Whether these errors do not depend on the reading of the document.
-    is_without_height: bool = False  #: Whether only a ground truth without heights has the figure.
+    is_without_height: bool = False  #: Whether only scores against a ground truth without heights have the figure.
 
 
 def of_completeness(name: str, title: str, *, unit: str = "1", is_count: bool = False) -> FigureKind:
@@ -180,7 +180,9 @@ CATALOGUE = (
     FigureKind("fusion", Subject.TIMING, "", "s", "fusion time", (), OF_CALLS),
     FigureKind("period", Subject.TIMING, "", "s", "period of the pairs", is_one_number=True),
     FigureKind("within_period", Subject.TIMING, "", "1", "fraction of calls within the period", is_one_number=True),
-    FigureKind("processor_share", Subject.TIMING, "", "1", "mean time of a call over the period", is_one_number=True),
+    FigureKind(
+        "processor_share", Subject.TIMING, "", "1", "mean time of a call divided by the period", is_one_number=True
+    ),
     FigureKind("peak", Subject.MEMORY, "4.2.2", "bytes", "peak memory", ONE_NUMBER, ONE_NUMBER, is_one_number=True),
     FigureKind(
         "above_idle",
@@ -249,12 +251,14 @@ CATALOGUE = (
     FigureKind("agreement", Subject.EVIDENCE, "", "1", "p-value of the difference by the covariances"),
     FigureKind("revisited_path", Subject.EVIDENCE, "", "m", "path between two visits of a place"),
     FigureKind("misclosure", Subject.EVIDENCE, "", "m", "misclosure of the position at a revisited place"),
-    FigureKind("misclosure_of_path", Subject.EVIDENCE, "", "1", "misclosure over the path"),
+    FigureKind("misclosure_of_path", Subject.EVIDENCE, "", "1", "misclosure divided by the path"),
     FigureKind("misclosure_nees", Subject.EVIDENCE, "", "1", "normalised misclosure squared (NEES)"),
     FigureKind("overlap", Subject.EVIDENCE, "", "1", "overlap of two mapping pairs"),
     FigureKind("overlap_difference", Subject.EVIDENCE, "", "m", "range difference where two maps overlap (robust rms)"),
-    FigureKind("overlap_ratio", Subject.EVIDENCE, "", "1", "range difference over the expected difference"),
-    FigureKind("overlap_grey", Subject.EVIDENCE, "", "1", "grey level difference over that of shifted images"),
+    FigureKind("overlap_ratio", Subject.EVIDENCE, "", "1", "ratio of the range difference to the expected difference"),
+    FigureKind(
+        "overlap_grey", Subject.EVIDENCE, "", "1", "ratio of the grey level difference to that of shifted images"
+    ),
     FigureKind("predicted", Subject.EVIDENCE, "", "m", "position error by the covariance (rms)"),
     FigureKind("predicted_share", Subject.EVIDENCE, "", "1", "fraction of the mean square position error"),
     FigureKind("predicted_attitude", Subject.EVIDENCE, "", "deg", "attitude error by the covariance (rms)"),

@@ -28,9 +28,9 @@ def truth_caveats(about: TruthRecord) -> Iterator[str]:
     if not about.attitude:
         tilt = "" if about.tilt_deg is None else f", tilt {about.tilt_deg:.3g} deg"
         yield (
-            "the truth has only positions: attitude and heading errors are unknown; the estimate was aligned with the "
-            f"truth over the drive (yaw {about.yaw_deg or 0.0:.3g} deg{tilt}, and a translation), so attitude "
-            "errors from before a sub-trajectory count in its position error (chord errors need no alignment)"
+            "the truth has only positions: attitude and heading errors are unknown; the estimate was aligned with "
+            f"the truth over the drive (yaw {about.yaw_deg or 0.0:.3g} deg{tilt}, and a translation), so attitude "
+            "errors from before a sub-trajectory count in its position error (chord errors require no alignment)"
         )
     if not (about.height and about.tilt):
         names = [name for name, is_known in (("height", about.height), ("roll and pitch", about.tilt)) if not is_known]

@@ -92,7 +92,7 @@ class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
 def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     """Return the comparison of the other scores with the first; MetricsError if they have no figure in common."""
     if len(scores) < 2:
-        raise MetricsError(f"a comparison needs two scores or more, found {len(scores)}: give several score files")
+        raise MetricsError(f"a comparison requires at least two scores, found {len(scores)}: give several score files")
     others = list(zip(scores[1:], names[1:], strict=True))
     for score, name in others:
         check_same_data(scores[0], score, (names[0], name))

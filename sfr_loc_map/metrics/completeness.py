@@ -1,9 +1,9 @@
 """Completeness of a map, of the calls and of a live run, and the rows of the table of figures that state it.
 
-The source defines the expected items, never the item under test. The row `judged` of a scope has the number of expected
-items and the fraction that can be judged. The other rows count what is missing or wrong. `metrics.shortfall_kinds` has
-the table of these rows, `metrics.judging` decides by them whether a verdict is possible, and
-`metrics.drive_completeness` makes those of a drive. See docs/metrics.md, "Completeness".
+The source defines the expected items, never the item under test. The row `judged` of a scope contains the number of
+expected items and the fraction that can be judged. The other rows count what is missing or wrong.
+`metrics.shortfall_kinds` contains the table of these rows, `metrics.judging` decides by them whether a verdict is
+possible, and `metrics.drive_completeness` makes those of a drive. See docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def map_completeness(
 ) -> Iterator[Figure]:
     """Yield the rows of completeness of a cloud.
 
-    `points` is the number of finite points of the cloud. `point_pairs` has the pairs of the points. `bare` is the
+    `points` is the number of finite points of the cloud. `point_pairs` contains the pairs of the points. `bare` is the
     fraction of the true pixels of each pair in the scored range that have no point, None if the pair has no such pixel.
     `repeated` is the number of points whose pixel or position is that of an earlier point.
     """
@@ -89,10 +89,10 @@ def calls_completeness(
 ) -> Iterator[Figure]:
     """Yield the rows of completeness of the calls `(N,)` of one kind, relative to the expected pairs.
 
-    `values` has the times (`CALLS`) and the memory (`MEMORY`) of each call, NaN if not measured. `place` states where
-    the calls were measured. One call maps a set of pairs, at the stamp of its last pair. At least one such call, at a
-    stamp of the source, is therefore expected. A call belongs to the pair of the nearest stamp; further calls of
-    the pair are doubled.
+    `values` contains the times (`CALLS`) and the memory (`MEMORY`) of each call, NaN if not measured. `place` states
+    where the calls were measured. One call maps a set of pairs, at the stamp of its last pair. At least one such call,
+    at a stamp of the source, is therefore expected. A call belongs to the pair of the nearest stamp; further calls of
+    the pair count as duplicates.
     """
     for scope, measured in values.items():
         part = RowPart(scope, kind, place)
@@ -109,7 +109,7 @@ def calls_completeness(
 
 
 def judged_calls(kind: CallKind, given: IntArray, expected: IntArray) -> tuple[int, int]:
-    """Return the number of expected calls of a kind that were measured, and the number of expected calls."""
+    """Return how many expected calls of a kind were measured, and how many are expected."""
     has_call = has_own(expected, np.unique(given), nearness_ns(expected))
     judged, many = int(np.count_nonzero(has_call)), len(expected)
     if kind not in (CallKind.LOCALISATION, CallKind.MAPPING):

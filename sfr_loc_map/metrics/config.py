@@ -100,7 +100,7 @@ def worst_of(states: Iterable[VerdictState]) -> VerdictState | None:
 
 
 class ConditionKind(StrEnum):
-    """Quantity that is measured from the start of a sub-trajectory. The value is its name in settings."""
+    """Quantity that is measured from the start of a sub-trajectory. The value of a member is its name in settings."""
 
     DISTANCE = "distance"  #: Length of the path.
     TIME = "time"

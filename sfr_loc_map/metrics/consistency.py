@@ -41,7 +41,7 @@ Span = tuple[int, int]  #: First and last frame of a sub-trajectory.
 
 
 class StepSums(NamedTuple):
-    """The sums of steps up to a pose, propagated to the origin of DS. The module's docstring has the equation."""
+    """The sums of steps up to a pose, propagated to the origin of DS. The module's docstring gives the equation."""
 
     covariance: FloatArray  #: C `(6, 6)`.
     systematic: FloatArray  #: G `(6, 6)`, one column for each error that all steps share.

@@ -57,8 +57,9 @@ EXPLAINED = 0.25
 wrong axes or units leave about 1."""
 NEARLY_ALL = 0.9  #: Minimum fraction of explained sub-trajectories, and of the poses that an offset keeps. By hand.
 GAIN, GAIN_FITTED = 2.0, 3.0
-"""Minimum factors by which a mismatch without and with fitted numbers leaves less than the hypotheses that presume
-less. Chosen on random drives, none of which has a false diagnosis (`python -m campaigns honest-drives`)."""
+"""Minimum factors by which a mismatch, without and with fitted numbers, must reduce the median disagreement that
+simpler hypotheses leave. Chosen on random drives, none of which has a false diagnosis (`python -m campaigns
+honest-drives`)."""
 HONEST_SCALES = (0.8, 1.25)
 """Range of scales that are attributed to the method. Chosen by hand; units differ by a factor of ten or more."""
 MIN_LEVER_M = 0.05  #: Minimum fitted lever arm. Smaller lever arms are errors of extrinsics, and no other point.
@@ -125,7 +126,7 @@ class Hypothesis(Record, frozen=True, kw_only=True):
 class Diagnosis(Record, frozen=True, kw_only=True):
     """The result of a diagnosis."""
 
-    disagreement: float | None  #: Mean disagreement of the estimate as given; None without enough common stamps.
+    disagreement: float | None  #: Mean disagreement of the estimate as given; None if too few stamps are common.
     hypotheses: tuple[Hypothesis, ...]  #: Mismatches, in ascending order of the remaining disagreement.
     found: Hypothesis | None  #: Mismatch that explains the disagreement; None without a disagreement or an explanation.
 
@@ -217,7 +218,7 @@ def disagreements(truth: PoseArrays, estimate: PoseArrays) -> FloatArray:
 
 
 def _relative_errors(errors: formulas.SubTrajectoryErrors, lengths_m: FloatArray) -> FloatArray:
-    """Return position errors over path lengths `(M,)`, combined with the attitude errors."""
+    """Return position errors divided by path lengths `(M,)`, combined with the attitude errors."""
     of_path = np.linalg.norm(errors.position_m, axis=1) / lengths_m
     return np.asarray(np.hypot(of_path, np.radians(errors.attitude_deg)))
 

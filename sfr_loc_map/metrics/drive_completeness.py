@@ -277,7 +277,7 @@ def is_spanned(expected_ns: IntArray, true_ns: IntArray, max_gap_ns: int, tolera
     """Return which expected stamps the ground truth covers; both stamps are ascending.
 
     A true pose covers one median period of the truth before and after it, so that a truth that is sparser than the
-    images covers the images at both ends. A gap that is longer than `max_gap_ns` and than five median periods is not
+    images covers the images at both ends. A gap that is longer than both `max_gap_ns` and five median periods is not
     covered.
     """
     if not len(true_ns):
@@ -296,7 +296,7 @@ def is_spanned(expected_ns: IntArray, true_ns: IntArray, max_gap_ns: int, tolera
 def path_without_images(images_ns: IntArray, path: TruePath, max_gap_ns: int) -> float | None:
     """Return the fraction of the true path before the first image, after the last image, and in gaps between images.
 
-    A gap is longer than `max_gap_ns` and than five median periods. No estimate is expected there. None without a path.
+    A gap is longer than both `max_gap_ns` and five median periods. No estimate is expected there. None without a path.
     """
     true_ns = path.stamps_ns
     if not len(true_ns) or path.travelled_m[-1] <= 0.0:

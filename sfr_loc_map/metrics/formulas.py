@@ -1,9 +1,9 @@
 """The formulas of the specification in the order of its clauses, vectorised over the sub-trajectories.
 
 A sub-trajectory starts at frame N and ends at frame N+x. `starts` and `ends` are arrays `(M,)` of these frames, so that
-`true_position[ends]` has the true position at N+x of every sub-trajectory. Positions `(F, 3)` are those of the RB
-origin in DS, in metres. Quaternions `(F, 4)` are scalar last [3.1.1], have unit length, and rotate vectors from RB
-into DS (the conjugate of `att_q_DsToRb` [3.1.2]).
+`true_position[ends]` contains the true position at N+x of every sub-trajectory. Positions `(F, 3)` are those of the RB
+origin in DS, in metres. Quaternions `(F, 4)` are scalar last [3.1.1], have unit length, and rotate vectors from RB into
+DS (the conjugate of `att_q_DsToRb` [3.1.2]).
 
 The statistics at the end of the module are the columns of the table of figures. The function
 `metrics.trajectory_errors.select` selects the valid sub-trajectories and combines several conditions.

@@ -10,9 +10,9 @@ falls linearly to 0 over L starts:
 - The sample variance is too small by the factor (1 - 1/m) / (1 - 1/n). The norm of a mean vector is too large because
   of the scatter of the mean. The interval is centred on the figure after both corrections.
 - The scatter of the resampled figures is scaled by Student's t on a logarithmic scale, because the figure is positive.
-  The degrees of freedom are (m - 1) times the square root of the number of directions of the errors, and at least 1.5.
-  The interval is widened by 10 %, or by 25 % for unsigned errors, which are skewed. The degrees of freedom and the
-  widening were chosen by experiment.
+  The degrees of freedom are (m - 1) sqrt(k), and at least 1.5, where k = (sum v)^2 / sum v^2 is the effective number of
+  components of the errors with the variances v. The interval is widened by 10 %, or by 25 % for unsigned errors, which
+  are skewed. The degrees of freedom and the widening were chosen by experiment.
 
 test/campaigns/interval_coverage.py measures how often the interval contains the true value. SciPy's special functions
 are imported when the first figure requires them, because nodes must start quickly.

@@ -3,15 +3,15 @@
 The name of a limit states figure, statistic and unit. Limits are upper bounds, except `coverage_min`.
 `metrics.judging.limits_file` reads a limits file, and `metrics.judging.judge` makes the verdicts.
 
-`LIMITED_NUMBERS` has the number of each name. To add a limit:
+`LIMITED_NUMBERS` contains the number of each name. To add a limit:
 
 - on a figure of the trajectory, the map or calls: add the figure to `metrics.catalogue`. Its names follow.
 - on completeness: add the shortfall to `metrics.shortfall_kinds`. Its name `FIGURE_max_share` follows.
 - on any other number: add its name to `LIMITED_NUMBERS`. A lower bound has a name that ends in `_min`.
 
 The template of a limits file (`metrics.judging.limits_template`), the check of stored scores, and the reports then
-include the limit. A new section of the limits file also needs a member of `LimitSection`, its meaning in the template,
-and the scope that must be complete for a pass (`metrics.judging.limit_scope.needed_part`).
+include the limit. A new section of the limits file also requires a member of `LimitSection`, its meaning in the
+template, and the scope that must be complete for a pass (`metrics.judging.limit_scope.needed_part`).
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def fault_of_terms(given: Mapping[str, Any]) -> str | None:
         return f"'normal' is {given['normal']!r}: true or false is required"
     word = given.get("interpretation", Population.TEMPORAL)
     if word not in [str(kind) for kind in Population]:
-        return f"'interpretation' is {word!r}: {', '.join(Population)} are allowed"
+        return f"'interpretation' is {word!r}: one of {', '.join(Population)} is required"
     if "good" in given and word == Population.TEMPORAL:
         return "'good' is a fraction of drives: the interpretation ensemble or mixed is required"
     return None
@@ -181,7 +181,9 @@ class Limit(Record, frozen=True, kw_only=True):
         if self.condition is not None and Condition.parse(self.condition).setting != self.condition:
             raise ValueError(f"'{self.condition}' is not a condition as scores write it, such as distance=5")
         if (self.condition is not None) != (self.section is LimitSection.TRAJECTORY):
-            raise ValueError(f"'{self.name}': the limits of the section trajectory have a condition, others have none")
+            raise ValueError(
+                f"'{self.name}': limits of the section trajectory have a condition, and other limits do not"
+            )
         given = {name: value for name in Terms._fields if (value := getattr(self, name)) is not None}
         is_bound = self.limited.statistic == BOUND
         if is_bound != (self.terms is not None) or is_bound != bool(given):

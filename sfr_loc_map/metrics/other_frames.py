@@ -76,8 +76,9 @@ def unjudged_frames(
     parts = [f"{part[0]}-{part[-1]}" if len(part) > 1 else f"{part[0]}" for part in np.split(found, breaks)]
     more = " ..." if len(parts) > NAMED_FRAMES else ""
     yield (
-        f"{len(found)} of {len(placed.frames.stamps_ns)} frames are in no judged error over {label_of(condition)}, and "
-        f"their errors are far above the judged ones: frames {', '.join(parts[:NAMED_FRAMES])}{more}, counted from 0"
+        f"{len(found)} of {len(placed.frames.stamps_ns)} frames are neither the start nor the end of a judged "
+        f"sub-trajectory over {label_of(condition)}, and their errors are far above the judged errors: frames "
+        f"{', '.join(parts[:NAMED_FRAMES])}{more}, counted from 0"
     )
 
 

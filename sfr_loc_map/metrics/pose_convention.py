@@ -75,7 +75,7 @@ class PoseConvention:
     )
 
     def __post_init__(self) -> None:
-        """Check that either a frame or extrinsics are declared; ConfigError if not."""
+        """Raise ConfigError if both a frame and extrinsics are declared, or if the extrinsics are not seven numbers."""
         if self.extrinsics and (self.frame != RB or len(self.extrinsics) != 7):
             raise ConfigError(
                 f"convention: extrinsics require seven numbers x,y,z,qx,qy,qz,qw and no frame=NAME: found "
@@ -90,7 +90,7 @@ class PoseConvention:
         for text in texts:
             name, separator, value = text.partition("=")
             if not separator or name in values:
-                problem = "is given twice" if separator else "must have the form NAME=VALUE, such as frame=left_optical"
+                problem = "is given twice" if separator else "NAME=VALUE is required, such as frame=left_optical"
                 raise ConfigError(f"convention '{text}': {problem}")
             try:
                 content = value.split(",") if name == "extrinsics" else value
@@ -128,8 +128,8 @@ class PoseConvention:
             return Transform(rotations[self.frame], np.zeros(3))
         if rig is None or rig.T_rb_sb is None:
             raise ConfigError(
-                f"convention 'frame={self.frame}' needs the pose of the cameras in RB (T_rb_locsb), which the source "
-                "does not have: give a source with this pose, or extrinsics=x,y,z,qx,qy,qz,qw"
+                f"convention 'frame={self.frame}' requires the pose of the cameras in RB (T_rb_locsb), which the "
+                "source does not have: give a source with this pose, or extrinsics=x,y,z,qx,qy,qz,qw"
             )
         side = {"left": 0.5, "right": -0.5}.get(self.frame.removesuffix("_optical"), 0.0)
         rotation = OPTICAL_IN_BODY if self.frame.endswith("_optical") else np.eye(3)
@@ -179,7 +179,8 @@ def converted_estimates(
 
     With `world=first_pose` the first pose is aligned with the truth, or with the identity if there is no truth.
     Covariances are propagated, but removed if poses are inverted or mirrored. Steps (`step_cov`) are motions of RB and
-    are kept only if nothing but the world frame or the stamps differ. MetricsError if no pose has a true pose.
+    are kept only if the conventions differ in nothing but the world frame or the stamps. MetricsError if no pose has a
+    true pose.
     """
     poses = converted(estimates.trajectory, convention, T_rb_child)
     is_turned = convention.inverse or convention.inverse_motion or convention.mirrored

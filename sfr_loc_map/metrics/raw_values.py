@@ -73,7 +73,7 @@ def _required_beside(score: Score, figure: str, condition: str) -> Iterator[tupl
 
 
 def _required_details(score: Score) -> Iterator[str]:
-    """Yield for which limited figures of the map and of the calls the details are absent.
+    """Yield the limited figures of the map and of the calls for which the details are missing.
 
     The report of a run in progress names no inputs and has no details. Details are also absent for the times of a
     target, the answers of an external node, and points without pixels.

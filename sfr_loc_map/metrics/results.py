@@ -31,7 +31,7 @@ class TrajectoryResult(PartResult):
     truth: TruthRecord | None = None  #: None without estimates.
     alignment: Alignment | None = None  #: How APE and RPE were computed; None if they were not requested.
     contradiction: str | None = None  #: Convention mismatch of estimate and truth; None if there is none.
-    unjudged: tuple[str, ...] = ()  #: Warnings of frames that are in no judged error and whose errors are far larger.
+    unjudged: tuple[str, ...] = ()  #: Warnings of frames without a judged error whose errors are far larger.
     errors: tuple[ErrorRows, ...] = ()  #: All errors of the figures that limits require.
     details: TrajectoryDetails | None = None  #: Data of the plots; with the frames only if they are requested.
 

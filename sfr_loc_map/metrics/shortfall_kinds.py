@@ -1,6 +1,6 @@
 """The table of shortfalls: what is expected, what is counted as missing or wrong, and when a result is incomplete.
 
-`SHORTFALLS` has the figures of completeness that count missing, unjudged or wrong data. `EVIDENT` has the missing
+`SHORTFALLS` lists the figures of completeness that count missing, unjudged or wrong data. `EVIDENT` lists the missing
 results that the records of a score show without limits as well. `judging.incomplete` finds the shortfalls of a score by
 both tables. Limits on completeness and the check of stored scores (`raw_values`) follow from `SHORTFALLS`.
 

@@ -1,4 +1,4 @@
-"""Sub-trajectories over a time or a number of frames in which the rover is stationary, and the errors of the others."""
+"""Fraction of the sub-trajectories in which the rover is stationary, and the errors of those in which it moves."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ QUARTERS = (0.25, 0.5, 0.75, 1.0)
 
 
 def rows_of_moving(condition: str, judged: SubTrajectories, overlap: float, *, has_height: bool) -> Iterator[Figure]:
-    """Yield the fraction of sub-trajectories in which the rover is stationary, and the errors of the others.
+    """Yield the fraction of sub-trajectories of a stationary rover, and the errors of those in which it moves.
 
     The errors are omitted if the rover is stationary in all sub-trajectories or in none.
     """

@@ -158,7 +158,7 @@ def confidence_of(
 ) -> float | None:
     """Return the confidence that `norm(mean) + factor norm(sigma)` exceeds a fraction of normal errors.
 
-    `shape` has the sigmas of the errors. The result is the lower of the confidences for a mean of zero and for a
+    `shape` contains the sigmas of the errors. The result is the lower of the confidences for a mean of zero and for a
     dominant mean, or with `zero_mean` that for a mean of zero. None for fewer than two independent values.
     """
     if count < 2.0 or not any(shape):

@@ -196,9 +196,9 @@ def sub_trajectory_table(
 ) -> dict[str, NDArray[Any]]:
     """Return every sub-trajectory of each condition, as columns of equal length.
 
-    Each row has the errors by one reading of the specification (`ERROR_FUNCTIONS`). `start_frame` and `end_frame` are
-    indices of frames. The error vector is the estimated displacement, as this reading compares it, minus the
-    true displacement. Errors are raised as by `score_trajectory`.
+    Each row contains the errors by one reading of the specification (`ERROR_FUNCTIONS`). `start_frame` and `end_frame`
+    are indices of frames. The error vector is the estimated displacement, as this reading compares it, minus the true
+    displacement. Errors are raised as by `score_trajectory`.
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)

@@ -106,7 +106,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._mapping = config.mapping  # parameters of the next pair that the worker processes
         self._pairs: list[CountedPair] = []  # pairs of the map in progress
         self._mapped_rig: StereoRig | None = None  # rig of the worker's pairs; `rig` may be newer
-        self._mapper: Mapper | None = None  # has the parameters and the mapped rig; created on demand
+        self._mapper: Mapper | None = None  # with the parameters and the mapped rig; created on demand
         self._matching: PoseMatching[ReceivedPair] = PoseMatching(
             config.input.stamp_tolerance_ns, config.pose_wait_s, self._report_without_pose
         )

@@ -308,8 +308,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _on_configuration(self, task: Task, message: String) -> None:
         if len(message.data) > MAX_TEXT_BYTES:  # the configuration becomes part of every report
             raise InputError(
-                f"{configuration_topic(task)} has {len(message.data)} characters, at most {MAX_TEXT_BYTES} are "
-                "allowed: ignored"
+                f"{configuration_topic(task)} has {len(message.data)} characters: at most {MAX_TEXT_BYTES} are "
+                "allowed; the message is ignored"
             )
         try:
             found = parse_json(message.data)

@@ -64,7 +64,7 @@ class PairNodeConfig(NodeConfig):
             if not name or full.startswith("/") or full.split() != [full]:
                 raise ConfigError(f"'{full}' is not a frame name: give a name without blanks and without a leading /")
         if len(set(names)) < len(names):
-            raise ConfigError(f"the frames {', '.join(names)} must have different names")
+            raise ConfigError(f"the frames are {', '.join(names)}: different names are required")
 
     def queue(self) -> tuple[Overload, int]:
         """Return the overload policy and the queue size of the parameters."""

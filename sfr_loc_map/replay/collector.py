@@ -128,7 +128,7 @@ class ResultCollector:
     def _finish_map(self) -> None:
         """Let our mapper finish a map in progress, and wait for the maps of the pairs that it received.
 
-        The mapper answers after the pairs and fusions that it received before. The answer is a failure if no map is in
+        The mapper answers after the pairs and fusions that it received earlier. The answer is a failure if no map is in
         progress, so that only a missing map of left pairs is an error.
         """
         problem = f"{Task.MAPPING.node} did not finish its map"

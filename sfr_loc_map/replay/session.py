@@ -58,7 +58,7 @@ class Participants(NamedTuple):
 def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, progress: Progress, say: Say) -> bool:
     """Replay a source through the nodes, and add what they publish to `results`.
 
-    Returns whether a signal ended the replay early. After an error, `results` has what was received before.
+    Returns whether a signal ended the replay early. After an error, `results` contains what was received until then.
     `progress` is called with the rig of each played pair.
     """
     check_source(source, options.offset_s)

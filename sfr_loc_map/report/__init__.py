@@ -5,11 +5,11 @@ follows:
 
 - figures: `score_tables` selects the rows of each table (`VIEWS`), `tables` is the model of a table, and
   `table_formats` writes tables for the terminal and as HTML, Markdown and CSV.
-- verdicts: `verdict_view` has the displayed texts of a verdict for the table of verdicts, the results of the test
+- verdicts: `verdict_view` composes the displayed texts of a verdict for the table of verdicts, the results of the test
   report, `junit`, `control_document` and `limit_bars`.
 - details: `plotted_data` selects the plotted data. `score_plots` makes the plots of a page in the terms of `plots`, and
   `printed_plot` those of the test report.
-- records: `summary` has the banner, the header and the first items to look at, `notes` the notes of tables, and
+- records: `summary` makes the banner, the header and the first items to look at, `notes` the notes of tables, and
   `deviations` the deviations from the specification.
 
 `page` (`Page`) and `test_report` (`SignedReport`) compose these parts in the order of their templates. Several scores

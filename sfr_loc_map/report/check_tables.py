@@ -75,10 +75,11 @@ def agreement_table(figures: Sequence[Figure]) -> Table:
         Column("p"),
     )
     note = (
-        "At least one of the runs has at least the minimum error. NEES: squared difference normalised by the "
-        "covariances of both runs, over the independent sub-trajectories; 6 on average if the covariances are correct. "
-        "p: probability of a difference this large if the covariances are correct. Errors that both runs share are not "
-        "included: a wrong calibration is unobservable, and the noise of common images reduces the difference."
+        "One of the two runs has the minimum error or a larger error. NEES: squared difference normalised by the "
+        "covariances of both runs, over the independent sub-trajectories; 6 on average if the covariances are "
+        "correct. p: probability of a difference this large if the covariances are correct. Errors that both runs "
+        "share are not included: a wrong calibration is unobservable, and the noise of common images reduces the "
+        "difference."
     )
     return Table("check", "Runs that should agree", columns, tuple(rows), note)
 
@@ -245,7 +246,7 @@ def overlap_table(figures: Sequence[Figure]) -> Table:
         Column("overlap", PERCENT),
         Column("unit"),
         Column("range difference, rms"),
-        Column("ratio to the expected one"),
+        Column("ratio to the expected difference"),
         Column(f"grey difference over that {SHIFT_PX} px away"),
         Column("points"),
     )
@@ -271,7 +272,7 @@ class Item(NamedTuple):
         return self.rows[figure].statistic(name)
 
     def cell(self, figure: str, name: str = "value", unit: Unit = NONE) -> Cell:
-        """Return a number of a figure as a cell."""
+        """Return a statistic of a figure as a table cell."""
         return Cell.number(self.number(figure, name), f"figures.{self.indices[figure]}.{name}", unit)
 
 
@@ -284,7 +285,7 @@ def items_with(figure: str, figures: Sequence[Figure]) -> list[Item]:
     for index, row in enumerate(figures):
         item = items.setdefault((row.condition, row.part), Item(row.condition, row.part, {}, {}))
         if row.figure in item.rows:
-            raise InputError(f"two figures of the check have the name '{row.label}': each name must be unique")
+            raise InputError(f"two figures of the check have the name '{row.label}': unique names are required")
         item.rows[row.figure] = row
         item.indices[row.figure] = index
     return [item for item in items.values() if figure in item.rows]

@@ -1,6 +1,6 @@
 """Comparison of several scores of the same data: paired differences, runs side by side, and their summary.
 
-`methods_page` has the tables and plots of the compared methods.
+`methods_page` makes the tables and plots of the compared methods.
 """
 
 from __future__ import annotations

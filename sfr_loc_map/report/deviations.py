@@ -106,7 +106,7 @@ def _calls(score: Score) -> Iterator[str]:
 
 
 def _calls_of(item: Verdict, *, is_stated: bool) -> Iterator[str]:
-    """Yield a sentence if calls were not measured on the target, and if a limit is on a stage of a call."""
+    """Yield one sentence if calls were not measured on the target, and one if the limit applies to a stage."""
     is_on_calls = item.subject in (Subject.TIMING, Subject.MEMORY)
     if is_on_calls and not item.is_of_target:
         on_target = "the document requires the target [4.2.1, 4.3.1]"
@@ -170,7 +170,7 @@ def _unmatched_estimates(score: Score) -> Iterator[str]:
 
 
 def _images(score: Score) -> Iterator[str]:
-    """Yield a sentence if parts of the drive have no images, and if the images are unknown."""
+    """Yield one sentence if parts of the drive have no images, and another if the images are unknown."""
     if score.association is None:
         return
     without_images = score.number("path_without_images") or 0.0
@@ -243,7 +243,7 @@ def _truth_elsewhere(score: Score) -> Iterator[str]:
         yield f"The true poses are those of '{file.path}' (truth.source), not those of the recording."
     if (pair := other_recording([made])) is not None:
         drive, map_truth = (file.path for file in pair)
-        yield f"The drive and the map are of different recordings: '{drive}' and '{map_truth}'."
+        yield f"The drive and the map come from different recordings: '{drive}' and '{map_truth}'."
 
 
 def _converted_poses(score: Score) -> Iterator[str]:

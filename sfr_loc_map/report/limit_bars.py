@@ -47,7 +47,10 @@ def limit_bars(score: Score) -> list[LimitBar]:
 
 
 def _order(bar: LimitBar) -> tuple[bool, float, int]:
-    """Return the sort key of a bar; an unknown fraction is after all others."""
+    """Return the sort key of a bar: missed limits first, then by decreasing fraction of the limit.
+
+    Within both groups an unknown fraction is last.
+    """
     unused = math.inf if bar.share is None else -bar.share
     return bar.state != VerdictState.FAIL, unused, bar.place
 

@@ -88,7 +88,9 @@ def evidence_note(score: Score) -> str:
 
 def deadline_note(score: Score) -> str:
     """Return the explanation of the period."""
-    return "The period is the median difference of the stamps of the pairs. Times are of one call, wall-clock."
+    return (
+        "The period is the median difference of the stamps of the pairs. Each time is the wall-clock time of one call."
+    )
 
 
 def stages_note(score: Score) -> str:

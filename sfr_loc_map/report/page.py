@@ -1,6 +1,6 @@
 """The report page: a single HTML file made from the score, which requires no network and no other file.
 
-`Page` has the content of a page in the order of the page, which the template `page.html.j2` follows.
+`Page` contains the content of a page in the order in which the template `page.html.j2` shows it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """The plots of a score: the drive and the errors of its sub-trajectories, calls, the map.
 
-`score_plots` has the sections of a page. `_drive_plots`, `_timeline` and `_map_plots` have the plots of each section.
+`score_plots` returns the sections of a page. `_drive_plots`, `_timeline` and `_map_plots` return the plots of each
+section.
 """
 
 from __future__ import annotations

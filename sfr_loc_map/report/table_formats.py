@@ -1,7 +1,7 @@
 """The formats of a table: terminal, HTML, Markdown and CSV.
 
 All formats but CSV have the same texts. Markdown and HTML have an icon before a verdict. The terminal has the colour of
-the verdict instead. CSV has the exact values.
+the verdict instead. CSV contains the exact values.
 """
 
 from __future__ import annotations

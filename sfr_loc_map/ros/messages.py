@@ -139,8 +139,8 @@ def start_pose_of(message: PoseWithCovarianceStamped) -> StartPose:
     covariance = np.array(message.pose.covariance, np.float64).reshape(6, 6)
     if not is_plausible_covariance(covariance):
         raise InputError(
-            f"initialpose: invalid covariance: it must be symmetric and positive semi-definite, with variances from 0 "
-            f"to {MAX_VARIANCE:g}; zeros mean an exact pose"
+            "initialpose: invalid covariance: a symmetric and positive semi-definite matrix is required, with "
+            f"variances from 0 to {MAX_VARIANCE:g}; zeros mean an exact pose"
         )
     return StartPose(pose, covariance, stamp_of(message) or None)
 
@@ -213,8 +213,8 @@ def check_image(message: Image | CompressedImage, size: tuple[int, int]) -> None
             text = f"image of stamp {stamp_of(message)}: {unread_codec(message)}: publish raw images, PNG or JPEG"
             raise InputError(text)
         raise InputError(
-            f"image of stamp {stamp_of(message)} is {found[0]} x {found[1]}: its camera_info says "
-            f"{size[0]} x {size[1]}; publish the camera_info of these images"
+            f"image of stamp {stamp_of(message)} is {found[0]} x {found[1]}: its camera_info states {size[0]} x "
+            f"{size[1]}; publish the camera_info of these images"
         )
 
 
@@ -282,7 +282,7 @@ def elevation_from_msg(message: PointCloud2) -> FloatArray32:
     check_image_size(int(message.width), int(message.height), "the elevation grid")
     cells = floats_of(message, ELEVATION_FIELDS)
     if not np.isfinite(cells[..., :2]).all():
-        raise InputError("elevation has cells without a position: x and y must be finite")
+        raise InputError("elevation has cells without a position: finite x and y are required")
     return cells
 
 
@@ -315,7 +315,7 @@ MAX_TRACKS = 100_000
 def tracks_from_msg(message: PointCloud2) -> FloatArray32:
     """Return tracks `(N, 5)` in the order of `TRACK_FIELDS`."""
     if message.width * message.height > MAX_TRACKS:
-        raise InputError(f"{message.width * message.height} tracks: at most {MAX_TRACKS} are read")
+        raise InputError(f"{message.width * message.height} tracks: at most {MAX_TRACKS} are allowed")
     return floats_of(message, TRACK_FIELDS).reshape(-1, len(TRACK_FIELDS))
 
 

@@ -159,8 +159,10 @@ class _Table:
             rows = list(csv.DictReader(io.StringIO(read_table_text(path, advice), newline="")))
         if not rows or needed not in rows[0] or rows[0].keys().isdisjoint(("state", *COST_NAMES, COVARIANCE_NAMES[0])):
             found = ", ".join(list(rows[0])[:5]) if rows else "no row"
-            required = f"columns {needed} and state, processing_time_s or cov_00"
-            raise InputError(f"statistics '{path}' need at least one row, and {required}: found {found}")
+            required = (
+                f"at least one row is required, with the column {needed} and one of state, processing_time_s and cov_00"
+            )
+            raise InputError(f"statistics '{path}': found {found}: {required}")
         return cls(path, rows)
 
     def has(self, names: Sequence[str]) -> bool:
@@ -176,7 +178,7 @@ class _Table:
         states = self.texts("state")
         for number, state in enumerate(states, 2):
             if state and state not in STATES:
-                text = f"state is '{state}', must be one of {', '.join(STATES)} or empty"
+                text = f"state is '{state}': one of {', '.join(STATES)}, or an empty cell, is required"
                 raise InputError(f"statistics '{self.path}' line {number}: {text}")
         return states
 
@@ -192,7 +194,7 @@ class _Table:
             return None
         about = {field: first.get(column) or None for column, field in OF_METHOD.items()}
         if about["kind"] not in set(MethodKind):
-            text = f"method_kind is '{about['kind'] or ''}', must be one of {', '.join(MethodKind)}"
+            text = f"method_kind is '{about['kind'] or ''}': one of {', '.join(MethodKind)} is required"
             raise InputError(f"statistics '{self.path}': {text}")
         return msgspec.convert({"name": name, **about}, MethodRecord)
 
@@ -218,7 +220,7 @@ class _Table:
         if wrong.any():
             number = int(np.argmax(wrong))
             raise InputError(
-                f"statistics '{self.path}' line {number + 2}: {name} is {values[number]:g}, but must be "
-                f"{low:g} to {MAX_NUMBER:g}, or empty if not measured"
+                f"statistics '{self.path}' line {number + 2}: {name} is {values[number]:g}: {low:g} to "
+                f"{MAX_NUMBER:g}, or an empty cell if not measured, is required"
             )
         return values

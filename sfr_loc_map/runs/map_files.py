@@ -85,7 +85,7 @@ def check_dems(files: Sequence[Path]) -> None:
     """Raise ConfigError or MissingExtraError if elevation models with these names cannot be written."""
     for file in files:
         if file.suffix not in DEM_SUFFIXES:
-            raise ConfigError(f"'--dem {file}': the name must end in {', '.join(DEM_SUFFIXES)}")
+            raise ConfigError(f"'--dem {file}': a name that ends in {' or '.join(DEM_SUFFIXES)} is required")
     if any(file.suffix in geotiff.SUFFIXES for file in files):
         geotiff.load_rasterio()
 

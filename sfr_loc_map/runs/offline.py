@@ -6,8 +6,8 @@
     run_localiser ─► localiser_steps ─► localise, localise_with
     run_mapper    ────────────────────► map_pairs, map_pairs_with
 
-`localise` and `map_pairs` call our own code in this process, the functions `..._with` a method in its own process.
-`localiser_steps` yields the estimates of a drive one by one.
+`localise` and `map_pairs` call our own code in this process. `localise_with` and `map_pairs_with` call a method in its
+own process. `localiser_steps` yields the estimates of a drive one by one.
 """
 
 from __future__ import annotations
@@ -105,11 +105,11 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
     truth = sequence.ground_truth
     if truth is None or not len(truth):
         raise InputError(
-            "'--start truth' needs ground truth, which the source does not have: omit it to start at the identity"
+            "'--start truth' requires ground truth, which the source does not have: omit it to start at the identity"
         )
     if not truth.has_attitude:
         raise InputError(
-            "'--start truth' needs true attitudes, but the ground truth has only positions: use --start identity"
+            "'--start truth' requires true attitudes, but the ground truth has only positions: use --start identity"
         )
     stamps = truth.stamps_ns
     first_ns = int(sequence.stamps_ns[0] if len(sequence) else stamps[0])
@@ -362,5 +362,5 @@ def check_count(sequence: NavSequence) -> None:
     """Raise MappingError if the number of pairs is not valid for a map."""
     if not 1 <= len(sequence) <= MAX_PAIRS:
         raise MappingError(
-            f"a map requires 1 to {MAX_PAIRS} stereo pairs, the source has {len(sequence)}: split the source"
+            f"the source has {len(sequence)} stereo pairs: a source with 1 to {MAX_PAIRS} is required for a map"
         )

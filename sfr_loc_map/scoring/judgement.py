@@ -27,7 +27,7 @@ class Judgement:
         named, listed = config.sections.get("limits"), config.sections.get("conditions")
         if not isinstance(named, str | None) or not isinstance(listed, list | None):
             raise ConfigError(
-                f"{config.path}: 'limits' must be a file name and 'conditions' a list such as [distance=5]"
+                f"{config.path}: a file name is required for 'limits', and for 'conditions' a list such as [distance=5]"
             )
         if limits_file is None and config.path is not None and named:
             limits_file = config.path.parent / named

@@ -102,21 +102,21 @@ def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> No
 
 
 def check_one_method(stats: Sequence[CallStats], target: CallStats | None) -> None:
-    """Raise InputError if the calls of a run are of several methods, or of several configurations of a method.
+    """Raise InputError if the calls of a run come from several methods, or from several configurations of a method.
 
-    The calls on a target must be of the method of those on this host.
+    The calls on a target must come from the same method as the calls on this host.
     """
     here = {_identity(item.method) for item in stats if item.method is not None}
     names = ", ".join(f"{name} {version or ''}".strip() for name, version, _ in sorted(here, key=str))
     if len(here) > 1:
-        raise InputError(f"the calls (--stats) are of {len(here)} methods ({names}): give the calls of one method")
+        raise InputError(f"the calls (--stats) come from {len(here)} methods ({names}): give the calls of one method")
     for task in Task:
         methods = [item.method for item in stats if item.has_task(task) and item.method is not None]
         configurations = {method.config_sha256 for method in methods}
         if len(configurations) > 1:
             raise InputError(
-                f"the {task} calls (--stats) are of {len(configurations)} configurations of the method {names}: give "
-                "the calls of one configuration"
+                f"the {task} calls (--stats) come from {len(configurations)} configurations of the method {names}: "
+                "give the calls of one configuration"
             )
     if target is not None and target.method is not None and here and _identity(target.method) not in here:
         raise InputError(

@@ -232,7 +232,9 @@ class MonitorScore:
         """Add a true pose of the tracked body in DS, with variances `(6,)`. A zero quaternion means a position only."""
         _check(stamp_ns, position, quat_xyzw)
         if len(self._truth) and any(quat_xyzw) != self._truth.all()["quat"][0].any():
-            raise InputError(f"true pose of stamp {stamp_ns}: all poses of a truth must have an attitude, or none")
+            raise InputError(
+                f"true pose of stamp {stamp_ns}: an attitude is required for all poses of the truth, or for none"
+            )
         self._truth.add(stamp_ns, position, quat_xyzw, np.nan if variances is None else variances)
 
     def add_call(self, record: CallRecord) -> None:

@@ -1,7 +1,7 @@
 """The parts of a score from the trajectory, the map and the calls of a run, for files and live runs.
 
-`metrics.results` has the result of each part. The functions take values and are independent of the source of the run.
-`score_run` (a finished run) and `live_score.score_so_far` (a run in progress) compute the parts, and
+`metrics.results` defines the result of each part. The functions take values and are independent of the source of the
+run. `score_run` (a finished run) and `live_score.score_so_far` (a run in progress) compute the parts, and
 `assembly.score_of_parts` combines them.
 """
 

@@ -38,7 +38,7 @@ def score_settings(conditions: Sequence[str] | None, **settings: Unpack[ScoreSet
         values["map.scored_from_m"], values["map.scored_to_m"] = settings["scored_range"]
     frames = settings.get("frames", "truth")
     if frames not in ("truth", "images"):
-        raise ConfigError(f"frames is '{frames}': must be truth or images")
+        raise ConfigError(f"frames is '{frames}': truth or images is required")
     if frames == "images":
         if settings.get("associate") == "match":
             raise ConfigError(

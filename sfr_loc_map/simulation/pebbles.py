@@ -1,6 +1,6 @@
 """The effect of pebbles on the shading; pebbles are too small and too many to be meshed.
 
-Lengths are in metres, positions in DS. The page docs/simulation.md has the source of each number.
+Lengths are in metres, positions in DS. The page docs/simulation.md states the source of each number.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ class Plan:
         """Return the plan of a configuration; ConfigError if nothing is enabled or the path is invalid."""
         pans, tilts = len(config.panorama.pan_deg), len(config.panorama.tilt_deg)
         if pans != tilts:
-            raise ConfigError(f"panorama has {pans} pans and {tilts} tilts: both need the same number of values")
+            raise ConfigError(f"panorama has {pans} pans and {tilts} tilts: equal numbers are required")
         if not (config.drive.enabled or config.panorama.enabled):
             raise ConfigError("neither drive nor panorama is enabled: enable at least one")
         if not config.drive.segments:

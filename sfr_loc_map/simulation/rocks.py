@@ -1,6 +1,6 @@
 """Size distribution, shapes and positions of rocks.
 
-Lengths are in metres, positions in DS. The page docs/simulation.md has the source of each number.
+Lengths are in metres, positions in DS. The page docs/simulation.md states the source of each number.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ RANGE_PER_DIAMETER = 180.0
 """Rocks are placed up to this many diameters from the path; farther rocks would be smaller than about 4 px."""
 FARTHEST_M = 350.0  #: Largest distance of a rock from the path, m; the ground extends 512 m from its centre.
 SHAPES = 24  #: Number of rock shapes per level of detail; all rocks are scaled and rotated copies.
-LEVEL_PIXELS = (14.0, 48.0, 200.0)  #: Apparent sizes, px with `LENS_PX`, at which the next finer shape begins.
+LEVEL_PIXELS = (14.0, 48.0, 200.0)
+"""Apparent sizes at which the next finer shape begins, px at a focal length of `LENS_PX`."""
 ICOSAHEDRON = (
     (0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6),
     (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11),

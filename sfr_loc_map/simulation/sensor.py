@@ -1,4 +1,4 @@
-"""Sensor model of lens, exposure, noise and converter; docs/simulation.md has the source of each number."""
+"""Sensor model of lens, exposure, noise and converter; docs/simulation.md states the source of each number."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Texture and illumination of the ground, the pebbles and the rocks that rays hit.
 
 Lengths are in metres, positions in DS. A footprint is the size of a pixel on the ground. Arrays are `(N,)`. Loops that
-should be vectorised have no branches and only inlined calls. The page docs/simulation.md has the source of each number.
+should be vectorised have no branches and only inlined calls. The page docs/simulation.md states the source of each
+number.
 """
 
 from __future__ import annotations

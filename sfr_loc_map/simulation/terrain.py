@@ -1,4 +1,4 @@
-"""Height and material of the ground as functions of position; docs/simulation.md has the source of each number."""
+"""Height and material of the ground as functions of position; docs/simulation.md states the source of each number."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def pixel_rays(rig: StereoRig, T_ds_cam: Transform, u: FloatArray | IntArray, v:
 def sample_offsets(samples: int) -> FloatArray:
     """Return sample offsets `(S, 3)` in a pixel and its exposure: column, row, time, about -0.5 to 0.5, mean 0.
 
-    The two-dimensional additive recurrence of the plastic number covers the pixel evenly even with few samples.
+    The two-dimensional additive recurrence of the plastic number covers the pixel uniformly, even with few samples.
     """
     k = np.arange(samples)
     root = 1.32471795724474602596
@@ -89,7 +89,7 @@ def require_tracer() -> None:
         import_module("embreex.rtcore_scene")
     except ImportError as error:
         raise MissingExtraError(
-            "simulation needs the ray tracer embreex, which is not installed: pip install 'sfr_loc_map[sim]'"
+            "simulation requires the ray tracer embreex, which is not installed: pip install 'sfr_loc_map[sim]'"
         ) from error
 
 

@@ -127,17 +127,17 @@ def test_objects_are_shown_in_one_line_and_as_html_and_a_score_is_written(
 def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> None:
     calls: list[tuple[Callable[[], object], str]] = [
         (lambda: suite.open(folder / "nothing"), "there is no"),
-        (lambda: suite.localise(folder, "somewhere"), "must be identity, truth or a pose"),
+        (lambda: suite.localise(folder, "somewhere"), "identity, truth or a pose of RB in DS is required"),
         (lambda: suite.localise(folder, config={"max_featurs": 3}), "unknown key 'max_featurs'"),
         (lambda: suite.score(folder, folder, spacin=3), "no setting 'spacin'"),  # type: ignore[call-arg]
-        (lambda: suite.score(folder, folder, frames="odd"), "must be truth or images"),
+        (lambda: suite.score(folder, folder, frames="odd"), "truth or images is required"),
         (lambda: suite.score(cloud, folder, apply_diagnosis=True), "omit them for a cloud"),
         (lambda: suite.score(cloud, folder, [5]), "conditions has 5: strings are required"),  # type: ignore[list-item]
         (lambda: suite.score(cloud, folder, 5), "conditions has 5: strings are required"),  # type: ignore[arg-type]
-        (lambda: suite.score(3, folder), "estimate is of type int: a path or a Trajectory or PointCloud"),  # type: ignore[arg-type]
-        (lambda: suite.score(cloud, [1]), "truth is of type list"),  # type: ignore[arg-type]
-        (lambda: suite.score(cloud, folder, limits=[1]), "limits is of type list"),  # type: ignore[arg-type]
-        (lambda: suite.open(None), "source is of type NoneType"),  # type: ignore[arg-type]
+        (lambda: suite.score(3, folder), "estimate has the type int: a path or a Trajectory or PointCloud"),  # type: ignore[arg-type]
+        (lambda: suite.score(cloud, [1]), "truth has the type list"),  # type: ignore[arg-type]
+        (lambda: suite.score(cloud, folder, limits=[1]), "limits has the type list"),  # type: ignore[arg-type]
+        (lambda: suite.open(None), "source has the type NoneType"),  # type: ignore[arg-type]
     ]
     for call, words in calls:
         with pytest.raises((ConfigError, InputError), match=words):
@@ -174,7 +174,7 @@ def test_scores_are_tables_of_pandas(estimate: suite.Trajectory, cloud: suite.Po
     of_map = suite.score(cloud, folder)
     assert of_map.to_pandas().set_index("figure").loc["points", "value"] == of_map.number("points") > 0
     assert len(of_map.to_pandas("sub_trajectories")) == 0
-    with pytest.raises(ConfigError, match="must be figures or sub_trajectories"):
+    with pytest.raises(ConfigError, match="figures or sub_trajectories is required"):
         scored.to_pandas("all")
 
 

@@ -87,7 +87,7 @@ CASES = (
     python("returns NaN", "nan", "not finite"),
     python("returns a matrix of 3 x 3", "shape", "invalid result"),
     python("answers for another pair", "stamp", "wrong stamp"),
-    Case("returns the true pose of the pair before", "class", "poses before", (), COPIED, (0, 3), 40, "are offset"),
+    Case("returns the true pose of the previous pair", "class", "poses before", (), COPIED, (0, 3), 40, "are offset"),
     Case("returns the inverse pose", "class", "poses inverse", (), CONVENTION, (0, 3), 40, "inverted"),
     python("writes lines of its own to the pipe", "garbage", "invalid result", daily=True),
     python("writes 30 MB to the pipe", "floods", "invalid result"),

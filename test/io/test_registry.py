@@ -26,8 +26,8 @@ BROKEN = [
     ("folder", "loc/rig.json", BASELINE, f'{BASELINE}, "baseline": 1', "unknown field `baseline`"),
     ("folder", "loc/rig.json", "20.1,", "", r"length 9 - at `\$.k`"),
     ("folder", "loc/rig.json", "7.9", "1e300", "principal point"),
-    ("folder", "loc/pairs.csv", ",right/000003.png", "", "line 5: 2 columns"),
-    ("folder", "loc/pairs.csv", "1700000000000000001", "1700000000999999999", "must be in order"),
+    ("folder", "loc/pairs.csv", ",right/000003.png", "", "line 5 has 2 columns"),
+    ("folder", "loc/pairs.csv", "1700000000000000001", "1700000000999999999", "in increasing order"),
     ("folder", "loc/pairs.csv", "\n17", "\n1_7", "line 2: stamp"),
     ("folder", "nav/pairs.csv", "-0.035", "1e308", "line 3: "),
     ("folder", "nav/pairs.csv", ALL, "stamp_ns,left,right\n1,left/000000.png,right/000000.png\n", "no poses in LM"),
@@ -39,7 +39,7 @@ BROKEN = [
     ("euroc", CAM1, "0.16", "-0.16", "swapped"),
     ("euroc", CAM1, "0.16, 0.0, 1.0, 0.0, -0.02", "0.05, 0.0, 1.0, 0.0, 0.2", "one above the other"),
     ("euroc", CAM0, ALL, "#x\n12,a.png\n", "stamps within"),
-    ("euroc", CAM0, ALL, "#x\n12,a.png\n12,b.png\n", "must be in order"),
+    ("euroc", CAM0, ALL, "#x\n12,a.png\n12,b.png\n", "in increasing order"),
 ]
 
 

@@ -113,5 +113,5 @@ def test_broken_grids_are_refused() -> None:
         cells = np.zeros((24, 24, 8), np.float32)
         cells[:, :12, 0], cells[:, 12:, 0] = -last, last
         message.data = byte_array(cells)
-        with pytest.raises(InputError, match="must grow"):
+        with pytest.raises(InputError, match="are required"):
             MapFeed(LiveState(), lambda: True).add_elevation(sent(message), 0.0)

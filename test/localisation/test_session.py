@@ -171,7 +171,7 @@ def test_a_kept_pose_of_another_rig_is_told_and_not_resumed_from(
     session = new_session(tmp_path, warnings)
     session.set_rig(rig)
     assert start_of(session, 2 * S, extrinsics)[0] == 0.0
-    assert "of another rig or calibration" in warnings[0]
+    assert "saved with another rig or calibration" in warnings[0]
 
 
 def test_a_pose_comes_back_to_the_last_digit_while_it_is_young(tmp_path: Path) -> None:

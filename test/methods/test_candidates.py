@@ -152,9 +152,10 @@ def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Pat
         "",
         "",
         "",
-        "invalid result: a pose is a PoseEstimate, a Transform or a matrix (4, 4): got ndarray of shape (3, 3)",
+        "invalid result: the pose is ndarray of shape (3, 3): a PoseEstimate, a Transform or a matrix (4, 4) is "
+        "required",
         "raised: RuntimeError: no idea",
-        "not finite: the pose has a number that is not finite",
+        "not finite: the pose contains a non-finite number",
         "invalid result: the covariance is not symmetric and positive semi-definite",
         "",
     ]
@@ -253,7 +254,7 @@ def test_the_example_in_c_localises_and_maps(example: Path) -> None:
     assert not any(call.finding for _, call in made)
     error = np.linalg.norm(made[-1][0].T_ds_rb.translation - true_pose(11).translation)
     assert error < 0.1  # of 0.28 m, by some 30 corners of a small image
-    with pytest.raises(MethodError, match="max_disparity is 2: must be 4 to 1023"):
+    with pytest.raises(MethodError, match="max_disparity is 2: 4 to 1023 is required"):
         calls(f"lib:{example}", "max_disparity: 2", 0)
     items = [nav_pair(0), nav_pair(1)]
     with IsolatedMapper(find_method(f"lib:{example}", Task.MAPPING), NAV_RIG, hidden=()) as mapper:
@@ -276,7 +277,7 @@ def test_a_class_may_map_a_set_in_one_call_and_ours_gives_the_bits_of_its_stages
         (
             "disparity",
             "invalid result: the mapper must return for a set a PointCloud, or an object with a PointCloud as 'cloud': "
-            "got ndarray of shape (120, 160)",
+            "returned ndarray of shape (120, 160)",
         ),
         ("pair", "invalid result: a point names pair 2: there are 2, counted from 0"),
     ):

@@ -49,12 +49,12 @@ FIRST = str(PAIRS[0].stamp_ns)[:-3]
             "ok nan stamp quaternion covariance beyond status fail ok",
             [
                 "",
-                "not finite: the pose has a number that is not finite",
+                "not finite: the pose contains a non-finite number",
                 f"wrong stamp: answered for stamp {FIRST}792, asked for {FIRST}791",
-                "invalid result: the quaternion has length 3: must be 1",
+                "invalid result: the quaternion has the length 3: 1 is required",
                 "invalid result: the covariance is not symmetric and positive semi-definite",
                 "invalid result: wrote beyond the pose or the covariance",
-                "invalid result: status is 9: must be 0 to 3",
+                "invalid result: status is 9: 0 to 3 is required",
                 "invalid result: sfr_candidate_process returned 7",
                 "",
             ],
@@ -110,7 +110,7 @@ def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: P
     (tmp_path / "text.so").write_text("no library")
     for library, words in (
         (faulty, "sfr_candidate_create: this rig is not to my taste"),
-        (other, r"libother.so .* built for version 3 of sfr_candidate.h, this suite has 2"),
+        (other, r"libother.so .* built for version 3 of sfr_candidate.h: 1 to 2 is required"),
         (tmp_path / "text.so", "cannot load the library"),
         (tmp_path / "none.so", "there is no library"),
     ):
@@ -158,7 +158,7 @@ def mapper_library(build: Build, *options: str) -> Path:
         ("beyond", "invalid result: the candidate wrote beyond the end of the buffer of 38400 points"),
         ("pixel", "invalid result: a point names a pixel outside 160 x 120"),
         ("pair", "invalid result: a point names pair 2: the set has 2, counted from 0"),
-        ("fused", "invalid result: fused is 5: must be 0 or 1"),
+        ("fused", "invalid result: fused is 5: 0 or 1 is required"),
         ("nan", "not finite: a point or its sigma is not finite"),
         ("negative", "invalid result: the sigma of a point is negative: -0.1 m"),
         ("fail", "invalid result: sfr_candidate_map_pairs returned 7"),

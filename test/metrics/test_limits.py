@@ -166,7 +166,7 @@ def test_what_a_limit_says_of_itself_counts_before_what_its_block_says() -> None
     [
         ({"trajectry": []}, "did you mean 'trajectory'"),
         ({"trajectory": [{"condition": "distance=5", "position_mean_mm": 5}]}, "position_mean_m"),
-        ({"trajectory": [{"position_mean_m": 5}]}, "needs 'condition'"),
+        ({"trajectory": [{"position_mean_m": 5}]}, "'condition', such as"),
         ({"map": {"coverage_min": float("nan")}}, "a number >= 0"),
         ({"map": {"point_error_p95_m": float("inf")}}, "a number >= 0"),
         ({"completeness": {"missing_max_share": 5}}, "a fraction from 0 to 1"),

@@ -260,7 +260,7 @@ def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Captu
         huge = Image(header=header_msg(START_NS - PERIOD_NS, ""), height=2**31, width=2**31, step=2**31)
         for side in SIDES:
             peer.publish(Image, f"loc/{side}/image_rect", huge)
-        peer.refused("its camera_info says")
+        peer.refused("its camera_info states")
         nowhere = PoseWithCovarianceStamped(header=header_msg(0, "ds"))
         nowhere.pose.pose.position.x = math.nan
         peer.publish(PoseWithCovarianceStamped, "initialpose", nowhere)
@@ -427,7 +427,7 @@ def test_compressed_images_that_cannot_be_decoded_are_reported_once_and_the_next
         stamps = iter(range(START_NS - 100 * PERIOD_NS, START_NS, PERIOD_NS))
         for kind, topic, message in malformed_messages.compressed_images("loc", loc_pair(0), lambda: next(stamps)):
             peer.publish(kind, topic, message)
-        peer.refused("its camera_info says")
+        peer.refused("its camera_info states")
         node.node.report_periodically()
         assert "Waiting for" not in node.text, "images are received: their own reason was reported"
         pair = loc_pair(0)
@@ -451,9 +451,9 @@ def test_raw_images_are_taken_alone_where_both_transports_are_offered(ros: None,
     [
         ("T_rb_locsb.quat_xyzw:=[0.0, 0.0, 0.0, 2.0]", "a unit quaternion is required"),
         ("frame_prefix:=/rover1/", "'/rover1/ds' is not a frame name"),
-        ("rb_frame:=ds", "must have different names"),
+        ("rb_frame:=ds", "different names are required"),
         ("localisation.max_feature:=3", "unknown key 'localisation.max_feature'"),
-        ("input.image_transport:=theora", "must be one of raw, compressed, auto"),
+        ("input.image_transport:=theora", "one of raw, compressed, auto is required"),
         ("use_sim_time:=1", "'use_sim_time' is 1: true or false is required"),  # ROS would ignore it
     ],
 )

@@ -174,7 +174,10 @@ def test_images_of_any_encoding_become_grey() -> None:
         (image("mono8", GREY, step=3), "corrupt"),
         # sizes are compared before anything is decoded or allocated
         (image("mono8", GREY, height=2**31, width=2**31, step=2**31), "2147483648 x 2147483648: its camera_info"),
-        (compressed(PNG[:16] + (60000).to_bytes(4, "big") * 2 + PNG[24:]), "60000 x 60000: its camera_info says 6 x 4"),
+        (
+            compressed(PNG[:16] + (60000).to_bytes(4, "big") * 2 + PNG[24:]),
+            "60000 x 60000: its camera_info states 6 x 4",
+        ),
         (compressed(b""), "it has no data"),
         (compressed(b"BM" + bytes(100)), "it is BMP"),
         (compressed(PNG[:-20]), "corrupt|truncated"),

@@ -75,7 +75,7 @@ def test_the_true_start_pose_is_that_of_its_stamp(
     np.testing.assert_allclose(start.T_ds_rb.translation, [expected_s, 0.0, 0.0], atol=1e-12)
     assert not start.covariance.any()
     assert start_pose(OnePair(truth_s), "identity").stamp_ns is None  # it holds at the first pair
-    with pytest.raises(InputError, match="needs ground truth"):
+    with pytest.raises(InputError, match="requires ground truth"):
         start_pose(OnePair(()), "truth")
 
 

@@ -166,6 +166,6 @@ def test_images_that_are_not_expected_any_more_change_the_provenance(tmp_path: P
         found.append(load_score(tmp_path / f"{number}.json"))
     inputs = [score.provenance.inputs for score in found if score.provenance is not None]
     assert [len({item[role].sha256 for item in inputs}) for role in ("truth", "images")] == [1, 3]
-    assert difference_of(found) == "the scores are of several sets of images, which only a suite judges together"
+    assert difference_of(found) == "the scores come from several sets of images, which only a suite judges together"
     sfr("report", tmp_path / "0.json", "--test-report", page)
     assert inputs[0]["images"].sha256 in page.read_text()

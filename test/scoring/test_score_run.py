@@ -95,9 +95,9 @@ def test_calls_that_cannot_be_are_refused_and_those_of_another_drive_told(
 ) -> None:
     path = tmp_path / "stats.csv"
     for row, words in (
-        ("0,-1.0,tracking,1000", "line 2: processing_time_s is -1, but must be 0 to"),
-        ("0,inf,tracking,1000", "line 2: processing_time_s is inf, but must be 0 to"),
-        ("0,0.1,LOST,1000", "line 2: state is 'LOST', must be one of initialising, tracking"),
+        ("0,-1.0,tracking,1000", "line 2: processing_time_s is -1: 0 to"),
+        ("0,inf,tracking,1000", "line 2: processing_time_s is inf: 0 to"),
+        ("0,0.1,LOST,1000", "line 2: state is 'LOST': one of initialising, tracking"),
     ):
         path.write_text(f"stamp_ns,processing_time_s,state,peak_rss_bytes\n{row}\n")
         with pytest.raises(InputError, match=words):

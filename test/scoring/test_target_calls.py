@@ -87,7 +87,7 @@ def test_a_score_has_the_calls_of_one_method(tmp_path: Path, files: tuple[Path, 
         mapping.write_text(f"{header}\n0,0.1,mapped_set,{name},1,python\n")
         done = sfr("score", *files, "--limits", rules, "--stats", stats, "--stats", mapping)
         assert done.code == code, done.err
-    assert "are of 2 methods (mine 1, other 1): give the calls of one method" in done.err
+    assert "come from 2 methods (mine 1, other 1): give the calls of one method" in done.err
 
 
 def test_a_score_has_the_calls_of_one_configuration(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
@@ -99,5 +99,5 @@ def test_a_score_has_the_calls_of_one_configuration(tmp_path: Path, files: tuple
         paths[-1].write_text(f"{header}\n{number},0.1,{state},mine,1,python,{configuration * 64}\n")
     done = sfr("score", *files, "--stats", paths[0], "--stats", paths[1])
     assert done.code == 2
-    assert "the localisation calls (--stats) are of 2 configurations of the method mine 1: give" in done.err
+    assert "the localisation calls (--stats) come from 2 configurations of the method mine 1: give" in done.err
     assert sfr("score", *files, "--stats", paths[0], "--stats", paths[2]).code != 2, "the mapper has its own settings"

@@ -62,7 +62,7 @@ def test_wrong_frames_between_the_starts_are_no_pass(tmp_path: Path, sfr: Sfr, e
     code, text, score = judged_frames(with_wrong(wrong), tmp_path, sfr)
     assert code == 3, text
     assert score["verdict"] == "incomplete"
-    assert "of the frames are in no judged error, because starts are 10 frames apart" in text
+    assert "sub-trajectory, because starts are 10 frames apart" in text
     named = {1: "frames 1-9, 11-19, 21-29", 5: "frames 1, 6, 12, 17", 9: "frames 1, 11, 21"}[every]
     assert named in text
     assert "... --partial" not in text, "a part of the frames was judged already"
@@ -137,7 +137,9 @@ def test_a_rover_that_stands_meets_no_limit_for_one_that_moves(
         if code or content is entry:
             assert done.code == code, done.err
         told = done.out + done.err
-        assert ("of the sub-trajectories over 5 s; of the others" in told) == (code == 3), told
+        assert ("of the sub-trajectories over 5 s; of the sub-trajectories in which it moves" in told) == (code == 3), (
+            told
+        )
     if code == 3:
         assert sfr("score", *paths, "--limits", rules, "--partial").code == 3
         states = {item["name"]: item["verdict"] for item in json.loads(score.read_text())["verdicts"]}

@@ -12,7 +12,7 @@ STORAGE_SUFFIXES = (".mcap", ".db3")
 ROS1_MAGIC = b"#ROSBAG"
 ROS1_SUFFIXES = (".bag", ".active")  #: Endings of finished files, and of the files of a recorder that was killed.
 MCAP_MAGIC = b"\x89MCAP0\r\n"
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  #: Beginning of a frame of Zstandard (RFC 8878, 3.1.1).
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  #: Magic number of a Zstandard frame (RFC 8878, 3.1.1).
 
 
 def is_bag(path: Path) -> bool:

@@ -99,7 +99,7 @@ def chain_above(frames: Mapping[str, Frame], name: str, end: str = "") -> list[s
         chain.append(name)
         if others := frames[name].other_parents:
             parents = " and ".join(sorted((frames[name].parent, *others)))
-            raise ValueError(f"frame '{name}' has the parents {parents}, but one parent is required")
+            raise ValueError(f"frame '{name}' has the parents {parents}: one parent is required")
         name = frames[name].parent
     return chain
 

@@ -287,7 +287,7 @@ def _scanned(file: BinaryIO, start: int, end: int, *, is_cut_off: bool) -> _Cont
         if opcode == MESSAGE:
             if size < MESSAGE_HEAD.size:
                 raise ReaderError(
-                    f"the message at byte {offset} has {size} bytes, at least {MESSAGE_HEAD.size} are required"
+                    f"the message at byte {offset} has {size} bytes: at least {MESSAGE_HEAD.size} are required"
                 )
             channel, _, time_ns, _ = MESSAGE_HEAD.unpack(_exactly(file, MESSAGE_HEAD.size))
             contents.count(channel, time_ns)
@@ -428,8 +428,8 @@ def _check_overlaps(chunks: Collection[Chunk]) -> None:
         at_once += size
         if at_once > limit:
             raise InputError(
-                f"chunks that overlap in time need more than {limit} bytes of memory: sort the messages of the bag by "
-                "time, or record with smaller chunks"
+                f"chunks that overlap in time require more than {limit} bytes of memory: sort the messages of the bag "
+                "by time, or record with smaller chunks"
             )
 
 

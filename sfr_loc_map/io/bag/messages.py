@@ -25,7 +25,7 @@ _T = TYPESTORE.types
 def header(stamp_ns: int, frame: str) -> Any:  # noqa: ANN401 - rosbags creates the types at run time
     """Return a std_msgs/Header."""
     if not 0 <= stamp_ns < 2**31 * NS_PER_S:
-        raise OutputError(f"stamp {stamp_ns} ns does not fit a ROS message: 0 to 2^31 seconds are allowed")
+        raise OutputError(f"stamp {stamp_ns} ns does not fit a ROS message: 0 to 2^31 seconds is required")
     time = _T["builtin_interfaces/msg/Time"](*divmod(stamp_ns, NS_PER_S))
     return _T["std_msgs/msg/Header"](time, frame)
 

@@ -22,7 +22,9 @@ def unpack(data: bytes, new: Callable[[], Any], size: int | None = None) -> byte
     """Decompress frames. `new` creates a decompressor for one frame; `size` is the declared size, bytes, if any."""
     most = expansion_limit(len(data))
     if size is not None and size > most:  # before memory is allocated
-        raise ValueError(f"compressed data of {len(data)} bytes declares {size} bytes of content: limit {most}")
+        raise ValueError(
+            f"compressed data of {len(data)} bytes declares {size} bytes of content: at most {most} are allowed"
+        )
     limit = most if size is None else size
     parts: list[bytes] = []
     total = 0

@@ -37,7 +37,8 @@ class CalibrationError(InputError):
 def read_calibration(path: Path, size: tuple[int, int] | None = None) -> StereoCalibration:
     """Read a calibration from a file or a folder; `size`: width and height of the images, if known.
 
-    CalibrationError if it is not a calibration, is corrupt, is not of a side-by-side pair, or is of another image size.
+    CalibrationError if it is not a calibration, is corrupt, does not describe a side-by-side pair, or has another image
+    size.
     """
     try:
         return _calibration(path, size)

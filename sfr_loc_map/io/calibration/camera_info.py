@@ -71,10 +71,10 @@ def rig_from_projections(
         hint = "are left and right swapped?"
         if p_left[3]:
             found = f"P[3] of the {names[0]} camera is {p_left[3]:g}, of the {names[1]} camera {p_right[3]:g}"
-            hint = f"P[3] of the {names[0]} camera must be 0 unless both P refer to a third camera"
+            hint = f"P[3] = 0 is required for the {names[0]} camera unless both P refer to a third camera"
         raise InputError(
-            f"{where}: {found}, so the baseline is {-shift / (fx or 1.0) + 0.0:g} m: P[3] of the {names[1]} camera "
-            f"must be -fx * baseline < 0; {hint}"
+            f"{where}: {found}, so the baseline is {-shift / (fx or 1.0) + 0.0:g} m: P[3] = -fx * baseline < 0 is "
+            f"required for the {names[1]} camera; {hint}"
         )
     with refusing(where, "correct the calibration"):
         return StereoRig(*size, fx, fy, cx, cy, baseline_from_projection(fx, shift) if fx else 0.0)
@@ -86,7 +86,7 @@ def rig_of_one_projection(left: RectifiedCamera, right: RectifiedCamera, name: s
         _check_rectified(f"{name}/{side}", camera)
     if left.size != right.size:
         sizes = " and ".join(f"{width} x {height}" for width, height in (left.size, right.size))
-        raise InputError(f"camera_info of {name}/left and {name}/right are {sizes}: both images must have one size")
+        raise InputError(f"camera_info of {name}/left and {name}/right are {sizes}: equal sizes are required")
     return rig_from_projections(left.p, right.p, left.size, f"camera_info of {name}")
 
 

@@ -119,5 +119,5 @@ def size_of(content: Mapping[str, Any]) -> tuple[int, int]:
     names = ("image_size", "image_width", "width", "image_height", "height", "given")
     found = [number for name in names if plain_name(name) in content for number in numbers_of(content, name)]
     if len(found) < 2:
-        raise ValueError("it has no image_width and image_height")
+        raise ValueError("the image size is missing: image_size, or image_width and image_height, are required")
     return int(found[0]), int(found[1])

@@ -54,7 +54,7 @@ class Reader(NamedTuple):
 
     shown: str  #: Program, and names of its files for messages.
     read: Callable[[OpenedFile], CameraPair]
-    recognises: Callable[[OpenedFile], bool]  #: Whether a file is of this program.
+    recognises: Callable[[OpenedFile], bool]  #: Whether a file belongs to this program.
 
 
 def _side_by_side(name: str, cameras: list[PosedCamera], names: list[str]) -> CameraPair:
@@ -94,7 +94,7 @@ def _pinhole_lens(
 
 def _four(intrinsics: Sequence[float]) -> tuple[float, float, float, float]:
     if len(intrinsics) != 4:
-        raise ValueError(f"{len(intrinsics)} intrinsics found where fx, fy, cx, cy are required")
+        raise ValueError(f"it has {len(intrinsics)} intrinsics: fx, fy, cx, cy are required")
     fx, fy, cx, cy = intrinsics
     return fx, fy, cx, cy
 
@@ -153,7 +153,7 @@ def _kalibr(opened: OpenedFile) -> CameraPair:
     content, where = opened.content, f"calibration '{opened.file}'"
     if "cam1" not in content:
         names = ", ".join(name for name in opened.shown_names if name.startswith("cam"))
-        raise ValueError(f"it has only {names}: a stereo pair needs cam0 and cam1")
+        raise ValueError(f"it has only {names}: cam0 and cam1 are required")
     one, other = (msgspec.convert(content.get(name), _KalibrCamera, strict=False) for name in ("cam0", "cam1"))
     if further := [name for name in opened.shown_names if re.fullmatch(r"cam(?:[2-9]|[1-9][0-9]+)", name)]:
         _log.warning(f"{where}: cam0 and cam1 are used, not {', '.join(further)}")

@@ -75,7 +75,7 @@ class RectifiableCamera:
         is_complete = (len(self.k), len(self.r), len(self.p)) == (9, 9, 12)
         is_finite = np.isfinite([*d, *self.k, *self.r, *self.p]).all()
         if not (is_complete and is_finite) or self.k[0] <= 0.0 or self.k[4] <= 0.0 or self.p[0] <= 0.0:
-            raise InputError(f"{name} has no k or p, or numbers that are not finite: calibrate the camera")
+            raise InputError(f"{name} has no k or p, or contains a non-finite number: calibrate the camera")
         r = self.r if any(self.r) else tuple(np.eye(3).reshape(-1).tolist())
         rotation = np.reshape(r, (3, 3))
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > MAX_ROTATION_DEFECT:
@@ -117,7 +117,7 @@ def check_coefficients(model: str, coefficients: Sequence[float], name: str) -> 
     """Raise InputError if a distortion model does not have this number of coefficients."""
     if len(coefficients) not in COEFFICIENTS[model]:
         wanted = " or ".join(map(str, COEFFICIENTS[model]))
-        raise InputError(f"{name} has {len(coefficients)} coefficients d: model {model} needs {wanted}")
+        raise InputError(f"{name} has {len(coefficients)} coefficients d: model {model} requires {wanted}")
 
 
 def _largest_difference(numbers: ArrayLike, others: ArrayLike) -> float:

@@ -42,7 +42,7 @@ def parse_npy(data: bytes, fields: Collection[str] = ()) -> NDArray[Any]:
     if any(part.kind not in "biuf" or part.itemsize > 8 for part in parts):
         raise ValueError(f"its elements are {str(dtype)[:40]}: real numbers are required")
     if not all(type(n) is int and n >= 0 for n in shape):
-        raise ValueError("its header is corrupt: the shape must consist of integers")
+        raise ValueError("its header is corrupt: a shape of integers is required")
     count, begin = math.prod(shape), stream.tell()
     if len(data) - begin < count * dtype.itemsize:
         raise ValueError(f"it declares {shape} numbers of {dtype}, but contains {len(data) - begin} bytes")

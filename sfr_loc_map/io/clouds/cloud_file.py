@@ -83,7 +83,7 @@ def load_cloud(path: Path) -> LoadedCloud:
     not_finite = 0 if grid is not None else int(np.count_nonzero(~finite))  # normal in organised clouds
     farthest = float(np.abs(xyz[finite]).max(initial=0.0))
     if farthest > MAX_POSITION_M:
-        raise InputError(f"cloud '{path}' has a coordinate of {farthest:g} m: up to {MAX_POSITION_M:g} m are allowed")
+        raise InputError(f"cloud '{path}' has a coordinate of {farthest:g} m: at most {MAX_POSITION_M:g} m is allowed")
     cloud = None
     if all(name in columns for name in PIXEL_FIELDS):
         cloud = PointCloud.from_structured(_records(columns, finite, path), fused, pair_stamps_ns)
@@ -105,7 +105,7 @@ def _records(columns: Columns, kept: Mask, path: Path) -> NDArray[np.void]:
         if name in PIXEL_FIELDS and len(values):
             limit = np.iinfo(np.dtype(kind)).max
             if not (np.all(values >= 0) and np.all(values <= limit) and np.all(values == np.floor(values))):
-                raise InputError(f"cloud '{path}': field {name} must contain integers from 0 to {limit}")
+                raise InputError(f"cloud '{path}': integers from 0 to {limit} are required in the field {name}")
         with np.errstate(invalid="ignore", over="ignore"):  # values that exceed the type become infinite
             points[name] = values
     return points
@@ -115,7 +115,7 @@ def save_cloud(path: Path, cloud: PointCloud) -> None:
     """Write a cloud; the format is given by the ending of the name (`SUFFIXES`)."""
     cloud_format = FORMATS.get(path.suffix.lower())
     if cloud_format is None:
-        raise OutputError(f"cannot write cloud '{path}': its name must end in one of {', '.join(SUFFIXES)}")
+        raise OutputError(f"cannot write cloud '{path}': a name that ends in {' or '.join(SUFFIXES)} is required")
     content = cloud_format.to_bytes(cloud)
     with atomic_path(path) as temporary:
         temporary.write_bytes(content)

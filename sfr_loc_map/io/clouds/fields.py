@@ -51,7 +51,7 @@ def stated_in(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | N
             raise ValueError(f"its comments 'sfr {name}' contradict each other")
     fused, stamps = stated.get(FUSED), stated.get(PAIR_STAMPS)
     if fused not in (None, "true", "false"):
-        raise ValueError(f"'sfr {FUSED} {fused[:40]}' must end in true or false")
+        raise ValueError(f"'sfr {FUSED}' is '{fused[:40]}': true or false is required")
     words = (stamps or "").split()
     if len(words) > MAX_PAIR_STAMPS:
         raise ValueError(f"'sfr {PAIR_STAMPS}' lists {len(words)} stamps: at most {MAX_PAIR_STAMPS} are allowed")
@@ -80,7 +80,7 @@ def number_table(lines: Sequence[bytes], width: int) -> FloatArray:
     text = PLAIN_NAN.sub(b"nan", b"\n".join(lines))
     table = np.loadtxt(io.BytesIO(text), np.float64, ndmin=2)
     if table.shape != (len(lines), width):
-        raise ValueError(f"{table.shape} numbers found where {(len(lines), width)} are required")
+        raise ValueError(f"its data has {table.shape} numbers: {(len(lines), width)} are required")
     return table
 
 

@@ -63,5 +63,5 @@ def load_rasterio() -> Any:  # noqa: ANN401 - a module without types
         import rasterio.crs  # type: ignore[import-untyped]
         import rasterio.io  # type: ignore[import-untyped]
     except ImportError as error:
-        raise MissingExtraError(f"GeoTIFF needs rasterio ({error}): pip install 'sfr_loc_map[dem]'") from error
+        raise MissingExtraError(f"GeoTIFF requires rasterio ({error}): pip install 'sfr_loc_map[dem]'") from error
     return rasterio

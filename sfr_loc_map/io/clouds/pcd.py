@@ -59,7 +59,7 @@ def read_pcd(data: bytes) -> CloudFields:
     elif storage == "binary_compressed":
         columns, notes = _uncompressed(body, dtype, width * height), ()
     else:
-        raise ValueError(f"its data is '{storage}' where ascii, binary or binary_compressed is required")
+        raise ValueError(f"its data is '{storage}': ascii, binary or binary_compressed is required")
     viewpoint = [number_or_nan(word) for word in head.get("VIEWPOINT", ())]
     if viewpoint not in ([], NO_VIEWPOINT):
         notes += (f"its VIEWPOINT {' '.join(head['VIEWPOINT'])[:60]} is ignored: points are not moved",)
@@ -72,7 +72,7 @@ def _pcd_size(head: Mapping[str, Sequence[str]]) -> tuple[int, int]:
     height = counts.get("HEIGHT", 1)
     width = counts.get("WIDTH", counts.get("POINTS", 0))
     if counts.get("POINTS", width * height) != width * height:
-        raise ValueError(f"it has POINTS {head['POINTS'][0]} where WIDTH and HEIGHT give {width * height}")
+        raise ValueError(f"POINTS is {head['POINTS'][0]}, but WIDTH and HEIGHT give {width * height}")
     return width, height
 
 
@@ -119,7 +119,9 @@ def _uncompressed(body: bytes, dtype: np.dtype[Any], count: int) -> Columns:
     """Return the scalar fields of binary_compressed data: sizes, then LZF of all values field by field."""
     size, full_size = (int(number) for number in np.frombuffer(body[:8].ljust(8, b"\0"), "<u4"))
     if size > len(body) - 8 or full_size != count * dtype.itemsize or full_size > expansion_limit(size):
-        raise ValueError(f"{len(body)} compressed bytes found for {count} points of {dtype.itemsize} bytes")
+        raise ValueError(
+            f"its data has {len(body)} compressed bytes: {count} points of {dtype.itemsize} bytes are required"
+        )
     from sfr_loc_map.io.clouds.lzf import decompress_lzf  # compiled code is loaded only for such files
 
     raw = np.zeros(full_size, np.uint8)
@@ -138,7 +140,7 @@ def _uncompressed(body: bytes, dtype: np.dtype[Any], count: int) -> Columns:
 def _binary_columns(body: bytes, dtype: np.dtype[Any], count: int) -> tuple[Columns, tuple[str, ...]]:
     """Return the scalar fields of `count` records, and a note on the data after them."""
     if len(body) < count * dtype.itemsize:
-        raise ValueError(f"{len(body)} bytes found where {count} points of {dtype.itemsize} bytes are required")
+        raise ValueError(f"its data has {len(body)} bytes: {count} points of {dtype.itemsize} bytes are required")
     records = np.frombuffer(body, dtype, count)
     columns = {name: records[name] for name in dtype.names or () if dtype[name].shape == ()}
     return columns, ignored_after(body[count * dtype.itemsize :])
@@ -149,10 +151,12 @@ def _text_columns(body: bytes, dtype: np.dtype[Any], count: int) -> tuple[Column
     names = dtype.names or ()
     widths = [int(np.prod(dtype[name].shape)) for name in names]
     if len(body) + 1 < 2 * count * sum(widths):  # each number has a digit and a separator
-        raise ValueError(f"{len(body)} bytes of text found where {count} points of {sum(widths)} numbers are required")
+        raise ValueError(
+            f"its data has {len(body)} bytes of text: {count} points of {sum(widths)} numbers are required"
+        )
     lines = text_lines(body)
     if len(lines) < count:
-        raise ValueError(f"{len(lines)} lines found where {count} are required")
+        raise ValueError(f"its data has {len(lines)} lines: {count} are required")
     table = number_table(lines[:count], sum(widths))
     starts = np.cumsum([0, *widths])
     columns = {name: table[:, starts[i]] for i, name in enumerate(names) if widths[i] == 1}

@@ -124,10 +124,10 @@ def _ply_records(data: bytes, position: int, count: int, properties: list[_Prope
             return {name: records[name] for name in scalars}, end
     elif not lists:
         found = len(data) - position
-        raise ValueError(f"{found} bytes found where {count} points of {dtype.itemsize} bytes are required")
+        raise ValueError(f"its data has {found} bytes: {count} points of {dtype.itemsize} bytes are required")
     smallest = sum(np.dtype(item.length_kind or item.kind).itemsize for item in properties)
     if count * smallest > len(data) - position:
-        raise ValueError(f"{len(data) - position} bytes found where {count} records of {smallest} bytes are required")
+        raise ValueError(f"its data has {len(data) - position} bytes: {count} records of {smallest} bytes are required")
     return _ply_uneven(data, position, count, properties)
 
 
@@ -172,13 +172,13 @@ def _ply_uneven(data: bytes, position: int, count: int, properties: list[_Proper
 def _ply_text(data: bytes, position: int, count: int, properties: list[_Property]) -> tuple[Columns, int]:
     """Return the scalar properties of an element in text, with one line per record, and the offset of its end."""
     if count * 2 > len(data) - position + 1:
-        raise ValueError(f"{len(data) - position} bytes of text found where {count} lines are required")
+        raise ValueError(f"its data has {len(data) - position} bytes of text: {count} lines are required")
     rows: list[bytes] = []
     while len(rows) < count:
         end = data.find(b"\n", position)
         end = len(data) if end < 0 else end
         if position >= len(data):
-            raise ValueError(f"{len(rows)} lines found where {count} are required")
+            raise ValueError(f"its data has {len(rows)} lines: {count} are required")
         if line := data[position:end].strip():
             rows.append(line)
         position = end + 1

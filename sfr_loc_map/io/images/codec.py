@@ -127,7 +127,7 @@ def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr", bits: int =
     if image.dtype == np.uint16:
         image = cv2.convertScaleAbs(image, alpha=255 / (2**bits - 1))
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
-        raise InputError(f"image of {image.dtype} {image.shape} found: 8 or 16 bit grey or colour is required")
+        raise InputError(f"the image is {image.dtype} {image.shape}: 8 or 16 bit grey or colour is required")
     if image.ndim == 3:
         code = cv2.COLOR_BGR2GRAY if order == "bgr" else cv2.COLOR_RGB2GRAY
         image = cv2.cvtColor(np.ascontiguousarray(image[:, :, :3]), code)
@@ -154,7 +154,7 @@ def decoded(raw: bytes) -> Samples:
     size = claimed_size(raw)
     if size is None:
         codec = codec_of(raw)
-        found = f"it is {codec}, which is not supported" if codec else "its data is corrupt or of another format"
+        found = f"it is {codec}, which is not supported" if codec else "its data is corrupt or has another format"
         raise InputError(f"{found}; {FORMATS} is required: restore or convert it")
     try:
         check_image_size(*size, "it")
@@ -162,7 +162,7 @@ def decoded(raw: bytes) -> Samples:
         raise InputError(str(error)) from error
     if size[0] * size[1] * _decoded_pixel_bytes(raw) > MAX_DECODED_BYTES:
         raise InputError(
-            f"it is {size[0]} x {size[1]} in colour or 16 bits: up to {MAX_DECODED_BYTES} decoded bytes are allowed"
+            f"it is {size[0]} x {size[1]} in colour or 16 bits: at most {MAX_DECODED_BYTES} decoded bytes are allowed"
         )
     if raw.startswith(JPEG_MAGIC):
         with refusing("its JPEG data is corrupt", "restore the original"):

@@ -52,7 +52,7 @@ def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:
     """Check that an image has the rig's size."""
     if image.shape != (rig.height, rig.width):
         found = f"{image.shape[1]} x {image.shape[0]}"
-        raise InputError(f"{name} is {found}: both images need the rig's size, {rig.width} x {rig.height}")
+        raise InputError(f"{name} is {found}: the rig's size, {rig.width} x {rig.height}, is required")
 
 
 def read_pair(entry: ImagePair, rig: StereoRig, depth: SampleDepth) -> StereoPair:

@@ -41,7 +41,7 @@ from sfr_loc_map.io.truth.recorded import RecordedTruth
 CAMERAS = ("cam0", "cam1")
 TRUTH = "state_groundtruth_estimate0"
 TRUTHS = (TRUTH, "mocap0", "vicon0", "gt0", "leica0")
-"""Folders of the truth in the order of preference: mocap0 is of TUM-VI, vicon0 and leica0 are of EuRoC."""
+"""Folders of the truth in the order of preference: mocap0 occurs in TUM-VI, vicon0 and leica0 in EuRoC."""
 LIST_HEADER = "#timestamp [ns],filename"
 _log = logging.getLogger(__name__)
 

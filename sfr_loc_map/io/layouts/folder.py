@@ -102,17 +102,17 @@ def open_folder(path: Path, config: SourceConfig) -> Source:
 
 
 def _read_part(folder: Path) -> _Part:
-    table, advice = folder / "pairs.csv", "a data set folder needs its pairs.csv"
+    table, advice = folder / "pairs.csv", "a data set folder requires its pairs.csv"
     text = read_table_text(table, advice)
     rig = read_rig(folder / "rig.json")
     header, *rows = [[word.strip() for word in line.split(",")] for line in split_lines(text)] or [[""]]
     if tuple(header) not in HEADERS:
         headers = " or ".join(f"'{','.join(names)}'" for names in HEADERS)
-        raise InputError(f"'{table}' line 1 is '{','.join(header)}': the header must be one of {headers}")
+        raise InputError(f"'{table}' line 1 is '{','.join(header)}': one of the headers {headers} is required")
     pairs = []
     for number, row in enumerate(rows, start=2):
         if len(row) != len(header):
-            raise InputError(f"'{table}' line {number}: {len(row)} columns found where {len(header)} are required")
+            raise InputError(f"'{table}' line {number} has {len(row)} columns: {len(header)} are required")
         pairs.append(_parse_pair(table, number, dict(zip(header, row, strict=True))))
     if not pairs:
         raise InputError(f"'{table}' lists no pair: at least one is required")
@@ -121,7 +121,7 @@ def _read_part(folder: Path) -> _Part:
 
 
 def _parse_pair(table: Path, number: int, row: Mapping[str, str]) -> ImagePair:
-    """Return the pair in a line of pairs.csv; `row` has the cells by column name."""
+    """Return the pair in a line of pairs.csv; `row` contains the cells by column name."""
     T_lm_navsb = None
     with refusing(f"'{table}' line {number}", "correct or remove the pair"):
         stamp_ns = parse_stamp_ns(row["stamp_ns"])

@@ -65,7 +65,7 @@ def open_kitti(path: Path, config: SourceConfig) -> Source:
                 cameras[int(name[1])] = np.array([parse_number(word) for word in rest.split()]).reshape(12)
     if left not in cameras or right not in cameras:
         found = sorted(f"P{i}" for i in cameras)
-        raise InputError(f"'{calibration}' has {found}: P{left} and P{right} are required")
+        raise InputError(f"'{calibration}' has {', '.join(found) or 'no P'}: P{left} and P{right} are required")
     size, where, names = (width, height), f"'{calibration}'", (f"P{left}", f"P{right}")
     rig = rig_from_projections(cameras[left], cameras[right], size, where, names)
     rig = replace(rig, T_rb_sb=Transform.identity())

@@ -206,7 +206,7 @@ def _are_units(units: Sequence[str]) -> bool:
 
 
 def _of_header(cells: Sequence[str], found: Mapping[str, int], below: Sequence[str], head: TableHead) -> PoseColumns:
-    """Return the columns of a header; `below` has the units in the line below the header, or is empty."""
+    """Return the columns of a header; `below` contains the units in the line below the header, or is empty."""
     index_of = dict(found)
     units = {key: split_unit(cells[index])[1] for key, index in index_of.items()}
     if below:

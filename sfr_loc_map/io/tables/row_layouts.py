@@ -58,7 +58,7 @@ LAYOUTS = (
     Layout("t and 4 x 4 matrix", (STAMP, *MATRIX), "", (17,)),
     Layout("t x y z", (STAMP, *POSITION), "", (4,)),
 )
-"""All supported layouts without a header; docs/formats.md has the same table."""
+"""All supported layouts without a header; docs/formats.md contains the same table."""
 MAX_FRAME = 1e7  #: Integers below are frame numbers; larger integers are stamps.
 FIT = 0.9  #: Minimum fraction of rows that must fit a layout; the others are invalid rows.
 HALF_FIT = 0.5  #: Minimum fraction if no layout reaches `FIT`, so that error messages can name the invalid rows.

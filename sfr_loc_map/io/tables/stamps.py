@@ -191,5 +191,6 @@ def check_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:
         first = int(np.argmax(wrong))
         word = "is not later than" if strict else "is earlier than"
         raise InputError(
-            f"{name}: stamp {stamps[first + 1]} (entry {first + 2}) {word} {stamps[first]}: stamps must be in order"
+            f"{name}: stamp {stamps[first + 1]} (entry {first + 2}) {word} {stamps[first]}: stamps in increasing "
+            "order are required"
         )

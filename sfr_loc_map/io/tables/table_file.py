@@ -27,6 +27,6 @@ def save_table(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
             import pyarrow.parquet
         except ImportError as error:
             raise MissingExtraError(
-                f"'{path}' needs pyarrow: pip install 'sfr_loc_map[suite]', or choose a name ending in .csv"
+                f"'{path}' requires pyarrow: pip install 'sfr_loc_map[suite]', or choose a name ending in .csv"
             ) from error
         pyarrow.parquet.write_table(pyarrow.table(dict(columns)), temporary)

@@ -29,7 +29,7 @@ MAX_BROKEN = 0.1  #: Largest fraction of invalid lines that are skipped.
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file that are neither empty nor begin with `#`."""
+    """Return the lines of a text file without blank lines and without comments (`#`)."""
     lines = split_lines(read_table_text(path))
     return [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
 
@@ -47,7 +47,7 @@ class Table:
     skipped_lines: tuple[int, ...] = ()  #: Line numbers, ascending, of the rows that the reader skipped.
 
     def without(self, good: Mask, problems: Sequence[str]) -> Table:
-        """Return the good rows; `problems` has the error in each of the other rows."""
+        """Return the good rows; `problems` contains the error in each of the other rows."""
         stamps_ns = self.stamps_ns[good] if len(self.stamps_ns) else self.stamps_ns
         kept = replace(self, lines=self.lines[good], stamps_ns=stamps_ns, values=self.values[good])
         return replace(kept, broken=(*self.broken, *problems))
@@ -182,7 +182,7 @@ class _RowReader:
         cells = split_cells(row.decode("utf-8", "replace"), self.separator)
         width = max(self.columns) + 1
         if len(cells) < width or (len(cells) > width and not self.more):
-            return f"line {line}: {len(cells)} columns found where {width} ({self.form}) are required"
+            return f"line {line} has {len(cells)} columns: {width} ({self.form}) are required"
         texts = [cells[column] for column in self.columns]
         words = [text.lower().lstrip("+-").partition("(")[0] for text in texts]
         if self.tolerant and any(word in NO_VALUE for word in words):

@@ -289,7 +289,7 @@ def _loaded(
         if np.isnan(quats[row]).any():
             problem = "the matrix is not a pose: an orthonormal rotation is required"
         if not near[row]:
-            problem = f"the position is implausible: up to {MAX_POSITION_M:g} m are allowed"
+            problem = f"the position is implausible: at most {MAX_POSITION_M:g} m is allowed"
         problems.append(f"line {table.lines[row]}: {problem}")
     kept = table.without(good, problems).checked()
     if not len(kept.lines):

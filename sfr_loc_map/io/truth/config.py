@@ -43,14 +43,16 @@ class TrackedBodyConfig:
     )
     unknown: str = param(
         "auto",
-        doc="Unknown components of the truth: none, the height, roll and pitch (tilt), or both (planar). auto: "
-        "components that its variances mark as unknown, or that never change along its path.",
+        doc=(
+            "Unknown components of the truth: none, the height, roll and pitch (tilt), or all three (planar). auto: "
+            "components that its variances mark as unknown, or that never change along its path."
+        ),
         choices=("auto", "none", "height", "tilt", "planar"),
     )
 
     def __post_init__(self) -> None:
         if len(self.lever_arm_m) != 3 or len(self.lever_quat_xyzw) != 4:
-            raise ConfigError("truth.lever_arm_m needs [x, y, z] and truth.lever_quat_xyzw needs [x, y, z, w]")
+            raise ConfigError("truth.lever_arm_m requires [x, y, z] and truth.lever_quat_xyzw requires [x, y, z, w]")
         if abs(float(np.linalg.norm(self.lever_quat_xyzw)) - 1.0) > 1e-2:
             raise ConfigError(f"truth.lever_quat_xyzw is {self.lever_quat_xyzw}: a unit quaternion is required")
 

@@ -1,7 +1,7 @@
 """Checks of true paths: which poses are possible beside the others, and which components are known.
 
 The checks apply to every file and topic. An impossible pose has a stray stamp or an unreachable position; it is ignored
-and counted. Whether a single pose is valid is decided before, in `geometry.plausibility`. An attitude that never
+and counted. `geometry.plausibility` has already decided whether each single pose is valid. An attitude that never
 changes along a path that turns is the placeholder of a position tracker (GNSS, prism); only the positions are then
 kept. A height that never changes, or zero roll and pitch, along such a path are placeholders of a planar source.
 """

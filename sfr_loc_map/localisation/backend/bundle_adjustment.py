@@ -421,7 +421,7 @@ class Adjustment(NamedTuple):
 
 def adjust(problem: BundleProblem, prior: Prior, iterations: int) -> Adjustment:
     """Adjust keyframes and landmarks by Gauss-Newton with robust weights; `iterations` (>= 1) is the maximum number."""
-    assert iterations >= 1, "an adjustment has at least one iteration"
+    assert iterations >= 1, "at least one iteration is required for an adjustment"
     for _ in range(iterations):
         keyframes = problem.keyframes
         system, system_rhs, blocks, to_motions = linearise(problem)

@@ -6,7 +6,7 @@ A rotation of a few hundredths of a degree is the most common error of a rig aft
 - Yaw changes all depths and therefore scales the path. The bundle adjustment estimates the yaw from the disagreement of
   depths from stereo with depths from motion. The adjustment assumes a constant yaw within a window.
 - Drift is a rotation of the right camera within a window. It shifts right images relative to the landmarks of earlier
-  keyframes. Each pair shows the shift to a hundredth of a pixel, and the drift is followed from pair to pair.
+  keyframes. Each pair shows the shift to a hundredth of a pixel, and the drift is corrected from pair to pair.
 
 The calibration is immutable: each update returns a new object.
 """
@@ -34,25 +34,25 @@ linear."""
 DRIFT_SIGMAS: Final = 5.0
 """Detection threshold of a drift, in standard errors of the shift. Chosen by hand: noise exceeds 5 standard errors in
 0.25 % of the fits with six degrees of freedom. With a larger threshold, a drift biases the depths for longer; with a
-smaller one, noise is followed and accumulates."""
+smaller one, the correction follows noise, which accumulates."""
 DRIFT_FLOOR_PX: Final = 0.015
 """Shift, px, that is added to the detection threshold of a drift. Chosen by hand near the common error of all
 disparities (`ErrorSources.disparity_px`, 0.01 px). With a larger value, slow drifts are left to the yaw of the windows;
-with a smaller one, errors of the landmarks are followed."""
+with a smaller one, errors of the landmarks are taken for drift."""
 AFTER_DRIFT_PAIRS: Final = 20
 """Number of pairs after the last correction for which the right camera is still reported as drifting. Chosen by hand,
 above the number of pairs that detect a drift (`MAX_SHIFTS`). With fewer pairs, the state alternates during a drift;
 with more, good pairs stay degraded."""
 FOLLOWED_ERROR_RATIO: Final = 0.1
-"""Ratio of the standard deviation of a followed drift to the drift. Chosen by hand, equal to
+"""Ratio of the standard deviation of a drift correction to the correction. Chosen by hand, equal to
 `ErrorSources.followed_attitude_ratio`. With a larger ratio, windows correct the yaw more after a drift, and covariances
-are larger; with a smaller one, an error of the followed drift remains."""
+are larger; with a smaller one, an error of the drift correction remains."""
 FIRST_SIGMA_PX: Final = 0.3
 """Prior standard deviation of the yaw, px. At a focal length of 600 px it is 0.03 deg, as after a shock or a change of
 temperature."""
 YAW_WALK_PX: Final = 0.002
 """Process noise of the yaw per keyframe, px. Chosen by hand: over a hundred keyframes it adds 0.02 px. With a larger
-value, the yaw variance stays large; with a smaller one, a later change of temperature is followed too slowly."""
+value, the yaw variance stays large; with a smaller one, a later change of temperature is tracked too slowly."""
 DETECTION_SIGMAS: Final = 4.0
 """Minimum significance of a yaw that is corrected, in standard deviations. With normal errors, a correct calibration is
 changed by chance in one of 16 000 cases. With a larger value, a real yaw scales the path for longer."""
@@ -78,7 +78,7 @@ VERTICAL_ITERATIONS: Final = 5
 weight; with more, a keyframe takes longer."""
 RETENTION: Final = 0.98
 """Factor of the earlier information on pitch and roll at each keyframe. About fifty keyframes contribute. Chosen by
-hand. With a larger factor, a change of temperature is followed more slowly; with a smaller one, noise of the matches
+hand. With a larger factor, a change of temperature is tracked more slowly; with a smaller one, noise of the matches
 remains in the correction."""
 VERTICAL_PRIOR: Final = (1e-3, 5e-3)
 """Prior information of zero pitch and of zero roll, relative to that of one keyframe. Chosen by hand far below 1, so
@@ -155,9 +155,9 @@ class OnlineCalibration:
     | `yaw.target_px` | this estimate if it is significant, otherwise 0 |
     | `corrected_px` | corrected part of the constant yaw, which approaches `yaw.target_px` in small steps |
     | `remaining_px` | part that is still to be corrected: `yaw.target_px - corrected_px` |
-    | `drift_px` | followed drift, which is corrected completely |
+    | `drift_px` | estimated drift, which is corrected completely |
     | `offset.u` | correction of the right observations: `corrected_px + drift_px` |
-    | `followed_px` | sum of the absolute drifts, for the uncertainty of the attitude |
+    | `followed_px` | sum of the absolute drift corrections, for the uncertainty of the attitude |
     """
 
     camera: StereoCamera

@@ -22,7 +22,7 @@ class Case(Enum):
     #: The main motion is that of texture fixed to the camera. The motion of the other landmarks is the ground's.
     OWN_BODY = auto()
     UNTRUSTED = auto()  #: No motion is trusted. The main tracks are used, and the pose is refused.
-    PARTIAL_TRANSFER = auto()  #: Parts of the images are of different exposures. The main motion is used.
+    PARTIAL_TRANSFER = auto()  #: Parts of the images come from different exposures. The main motion is used.
     DOUBLE_EXPOSURE = auto()  #: Two exposures are blended. The motion of the dominant exposure is used.
     AMBIGUOUS = auto()  #: Either of two motions may be the ground's. The one with the larger weight is used.
     TWO_MOTIONS = auto()  #: The one of two motions with the larger weight is clearly the ground's.

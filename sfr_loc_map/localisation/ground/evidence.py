@@ -20,8 +20,8 @@ from sfr_loc_map.localisation.ground.motion_tools import CONVINCING, ComparedPai
 
 MAX_CONTRADICTING_UNKNOWN = 0.05
 """Maximum fraction of cells that contradict a motion while the ground is unknown. Chosen by hand, above the 1 % of
-cells that change by noise alone (`cell_change.NOISE_CORRELATION`). If larger, a fixed reflection is followed for
-longer. If smaller, good poses are refused because of moving shadows."""
+cells that change by noise alone (`cell_change.NOISE_CORRELATION`). If larger, a fixed reflection is tracked for longer.
+If smaller, good poses are refused because of moving shadows."""
 MAX_CONTRADICTING_KNOWN = 0.4
 """Maximum fraction of cells that contradict the motion of a known ground. Chosen by hand below one half, because an
 object may fill much of the view of a rover at rest. If larger, a pose that most of the image contradicts is accepted.

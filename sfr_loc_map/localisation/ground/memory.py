@@ -9,10 +9,10 @@ The ground is identified by its motion. A moving pair has a trusted pose and an 
 | `KNOWN` | one motion has explained several moving pairs | `LEARNING` with a new window |
 | `IN_DOUBT` | the image contradicted the motion, or two motions competed | `LEARNING` after several pairs that agree |
 
-A case with `leaves_doubt` (`cases.EFFECTS`) leads from each phase to `IN_DOUBT`. A moving pair agrees if few
-cells are excluded as dynamic, and if landmarks also follow the motion in the cells that were unexplained before. An
-unusual moving pair that does not agree prolongs the doubt. `GroundMemory.after` updates the memory with a pair. The
-terms are defined in `selection`.
+A case with `leaves_doubt` (`cases.EFFECTS`) leads from each phase to `IN_DOUBT`. A moving pair agrees if few cells are
+excluded as dynamic, and if landmarks also follow the motion in the cells that were unexplained earlier. An unusual
+moving pair that does not agree prolongs the doubt. `GroundMemory.after` updates the memory with a pair. The terms are
+defined in `selection`.
 
 Three values record faults of earlier pairs. They are separate because they answer different questions and because all
 combinations occur: a recovery follows a double exposure while the ground is known, and a doubt while it is learnt.
@@ -245,7 +245,7 @@ class GroundMemory:
         """Return the confidence after a pair in which the main motion is the only one.
 
         The pair agrees if few cells are excluded as dynamic, and if inliers cover the cells that were unexplained
-        before. A stationary image changes nothing.
+        earlier. A stationary image changes nothing.
         """
         confidence = self.confidence
         if confidence.phase is Phase.KNOWN or not main.moves_image:

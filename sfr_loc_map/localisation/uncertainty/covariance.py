@@ -91,7 +91,7 @@ def pose_covariance(
       the present position (`PathErrors.directed_covariance`).
     - blur: standard deviation blur_px / f, rad, about each axis, and this angle times Z in position (`blur_of`).
     - attitude: (bent_attitude_ratio hypot(yaw_sigma_px, yaw.target_px))^2 + (followed_attitude_ratio followed_px)^2,
-      divided by f^2. `followed_px` is the sum of the absolute drifts of the right camera that were followed.
+      divided by f^2. `followed_px` is the sum of the absolute drift corrections of the right camera, px.
     - unobserved (`PathErrors.unobserved`): `unobserved` of two motions. The motion to the last accepted pose counts as
       unobserved if the findings of that pose require this (`findings.RULES`). The motion since that pose is unobserved
       while the pose is kept.
@@ -310,8 +310,7 @@ def pose_noise(
         noise = white_ratio max(variance_factor, min_variance_factor) max(shear_chi2, 1) given_keyframes
                 + exposure_rad^2 (attitude)
 
-    `shear_chi2` is the squared shear of the rows
-    of the image over its variance, per degree of freedom.
+    `shear_chi2` is the squared shear of the rows of the image divided by its variance, per degree of freedom.
     """
     sources = model.sources
     factor = 1.0 if variance_factor is None else max(variance_factor, sources.min_variance_factor)

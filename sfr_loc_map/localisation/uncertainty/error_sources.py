@@ -45,7 +45,7 @@ class ErrorSources:
     bent_attitude_ratio: float = 0.25
     """Pose. Attitude error as a ratio to the yaw, because an uncorrected yaw bends the path."""
     followed_attitude_ratio: float = 0.1
-    """Pose. Attitude error as a ratio to the followed drift of the right camera."""
+    """Pose. Attitude error as a ratio to the drift corrections of the right camera."""
     adjustment_inflation: float = 2.0
     """Pose, step. Factor on the covariance of the bundle adjustment, because errors of neighbouring landmarks are
     correlated."""

@@ -32,7 +32,7 @@ MIN_EXPOSURE_PIXELS = 100  #: Minimum number of pixels for an exposure: ten are 
 class Exposure(NamedTuple):
     """Linear relation `right = gain left + offset` of the grey levels of two images."""
 
-    gain: float  #: Contrast of the right image over that of the left image.
+    gain: float  #: Ratio of the contrast of the right image to that of the left image.
     offset_grey: float  #: Grey level of the right image where the left image is 0.
 
 

@@ -6,7 +6,7 @@ which invalid pixels have a larger weight than valid ones. A pixel is filled if 
 order of their evaluation:
 
 1. Its neighbourhood is not completely saturated (`fill_holes`).
-2. A measured pixel is within `REACH`, or in later passes a pixel that was filled in the pass before. Hypotheses of
+2. A measured pixel is within `REACH`, or in later passes a pixel that was filled in the previous pass. Hypotheses of
    other pixels have not changed (`fill_holes`).
 3. A hypothesis is possible: the corresponding pixel is inside the right image and belongs to no other surface
    (`_is_contradicted`). The possible hypothesis with the lowest cost is chosen (`_best_hypothesis`).

@@ -91,7 +91,7 @@ def noise_variance(
     variance.
 
     `grey` is the mean of the left image in each cell, and `order` sorts its sampled cells. The residual `(H, W)` is NaN
-    where unknown and has the brightness offset `(H/2, W/2)`.
+    where unknown and includes the brightness offset `(H/2, W/2)`.
     """
     deviation = np.abs(residual[SAMPLED_PIXELS] - offset[SAMPLED_CELLS]).ravel()
     order = order[np.isfinite(deviation)[order]]

@@ -88,7 +88,7 @@ def measure_right_rotation(disparity_map: DisparityMap, rig: StereoRig) -> Camer
 def without_roll(disparity_map: DisparityMap, rotation: CameraRotation, rig: StereoRig) -> DisparityMap:
     """Return the map without the error `-roll fx y` that a roll of the right camera causes in the disparities.
 
-    The result has the disparities of a right camera without roll, which no longer fit the right image. A roll that
+    The result contains the disparities of a right camera without roll, which no longer fit the right image. A roll that
     shifts the rows by less than `MIN_ROTATION_PX` at the image edge is not compensated.
     """
     if abs(rotation.roll_rad) * 0.5 * rig.width * (rig.fy / rig.fx) < MIN_ROTATION_PX:

@@ -81,7 +81,7 @@ class RefinedDisparity:
     cells_px: FloatImage  #: `(h, w)` float32, pixels, the field on the cells of the padded image.
     information: FloatImage  #: `(h, w)` float32, 1 / px^2, of each cell of the refined field.
     weights: SmoothnessWeights  #: Weights of the second differences, from the field one step before `cells_px`.
-    #: `(H, W)` float32, residual over its standard deviation; NaN outside the right image.
+    #: `(H, W)` float32, residual divided by its standard deviation; NaN outside the right image.
     normalised_residual: FloatImage
     noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
 

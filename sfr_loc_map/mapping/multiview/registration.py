@@ -27,8 +27,8 @@ ENOUGH_POINTS = 10_000
 enough for six parameters."""
 BLURS_PX = (12.0, 5.0, 2.0, 0.7)
 """Standard deviations of the Gaussians that blur the compared images, pixels. A rotation of 1 deg moves content by 14
-pixels at a focal length of 800 pixels. Each blur is less than half of the blur before, so that the estimate at one blur
-is within the range of convergence of the next."""
+pixels at a focal length of 800 pixels. Each blur is less than half of the previous blur, so that the estimate at one
+blur is within the range of convergence of the next."""
 MAX_STEPS_PER_BLUR = 6
 """Maximum number of Gauss-Newton steps at each blur; the next blur continues from an estimate that has not converged.
 Chosen by hand."""
@@ -50,8 +50,8 @@ POSE_HALF_WEIGHT_SIGMAS = 3.0
 """Residuals of this many standard deviations have half the weight (`cauchy_weight`). The value exceeds 2.385, which has
 an efficiency of 95 %, because the residuals of a wrong pose are large."""
 MIN_RESIDUAL_SIGMA = 1e-6
-"""Added to the standard deviation of residuals, which is a divisor: about 1 for range differences over their sigma, and
-a few grey levels for grey level differences."""
+"""Added to the standard deviation of residuals, which is a divisor: about 1 for range differences divided by their
+sigma, and a few grey levels for grey level differences."""
 MIN_COVERAGE = F(1e-3)  #: Lower bound of the fraction of a window with points, which is a divisor and must not be 0.
 
 
@@ -172,7 +172,7 @@ def _gauss_newton_step(
     """
 
     def residuals(parameters: FloatArray) -> FloatArray:
-        """Return range differences over their sigma, and grey level differences `(2, N)`; NaN where unobserved."""
+        """Return the normalised range differences and the grey level differences `(2, N)`; NaN where unobserved."""
         observed = project_into_view(points.xyz, pose @ _motion(parameters), images, rig)
         indices = observed.indices
         out = np.full((2, points.size), np.nan)

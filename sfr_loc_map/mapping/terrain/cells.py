@@ -50,7 +50,7 @@ class CellGrid:
         coordinate is not finite, or there would be too many cells.
         """
         if not cell_m > 0.0:
-            raise MappingError(f"the cell size is {cell_m} m: it must be positive")
+            raise MappingError(f"the cell size is {cell_m} m: a positive number is required")
         if len(xyz) == 0:
             raise MappingError("the cloud has no points: an elevation model requires at least one")
         low = np.array([float(xyz[:, axis].min()) for axis in (0, 1)])
@@ -71,8 +71,9 @@ class CellGrid:
         if rows * columns > MAX_CELLS:
             x, y = high - low
             raise MappingError(
-                f"{x:.4g} x {y:.4g} m have {rows * columns / 1e6:.3g} million cells of {cell_m} m: the limit is "
-                f"{MAX_CELLS / 1e6} million; use larger cells or a smaller range (terrain.cell_m, terrain.range_m)"
+                f"the grid of {x:.4g} x {y:.4g} m has {rows * columns / 1e6:.3g} million cells of {cell_m} m: at most "
+                f"{MAX_CELLS / 1e6} million are allowed; use larger cells or a smaller range (terrain.cell_m, "
+                "terrain.range_m)"
             )
         return cls(int(first[0]), int(first[1]), int(rows), int(columns), cell_m)
 

@@ -60,7 +60,10 @@ class Library:
             raise SystemExit(f"cannot load the library: {error}") from error
         self.abi = self.function("abi", ctypes.c_uint32)()
         if not 1 <= self.abi <= ABI:
-            raise SystemExit(f"built for version {self.abi} of sfr_candidate.h, this suite has {ABI}: rebuild it")
+            raise SystemExit(
+                f"the library was built for version {self.abi} of sfr_candidate.h: 1 to {ABI} is required; rebuild "
+                "the library"
+            )
         stated = self.function("version", ctypes.c_char_p)()
         self.version = "not stated" if stated is None else stated.decode("utf-8", "replace")
         self.function("destroy", None, Pointer)  # required but never called, because the process exits
@@ -112,14 +115,14 @@ class LibraryLocaliser(Library):
         if any((mark != MARK).any() for mark in marks):
             raise ValueError("wrote beyond the pose or the covariance")
         if not 0 <= status < len(STATES):
-            raise ValueError(f"status is {status}: must be 0 to {len(STATES) - 1}")
+            raise ValueError(f"status is {status}: 0 to {len(STATES) - 1} is required")
         state, stamp_ns = STATES[status], int(pose["stamp_ns"])
         if state is TrackingState.LOST:
             return {"stamp_ns": stamp_ns, "state": state.value, "T_ds_rb": None}
         quat = pose["quat_xyzw"]
         length = float(np.linalg.norm(quat))
         if np.isfinite(length) and abs(length - 1.0) >= 1e-2:
-            raise ValueError(f"the quaternion has length {length:g}: must be 1")
+            raise ValueError(f"the quaternion has the length {length:g}: 1 is required")
         T_start_rb = np.eye(4)
         T_start_rb[:3, :3] = matrix_from_quat(quat) if np.isfinite(length) else np.nan
         T_start_rb[:3, 3] = pose["position_m"]
@@ -181,7 +184,7 @@ class LibraryMapper(Library):
         if len(points) and not pair.max() < pairs:
             raise ValueError(f"a point names pair {pair.max()}: the set has {pairs}, counted from 0")
         if fused not in (0, 1):
-            raise ValueError(f"fused is {fused}: must be 0 or 1")
+            raise ValueError(f"fused is {fused}: 0 or 1 is required")
         cloud = np.zeros(len(points), PointCloud.dtype())
         for name in POINT.names or ():
             cloud[name] = points[name]

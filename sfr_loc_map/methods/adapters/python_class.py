@@ -93,7 +93,9 @@ class PythonLocaliser(PythonClass):
             answer = answer.T_ds_rb
         matrix = answer.matrix if isinstance(answer, Transform) else np.asarray(answer, np.float64)
         if matrix.shape != (4, 4):
-            raise TypeError(f"a pose is a PoseEstimate, a Transform or a matrix (4, 4): got {_described(answer)}")
+            raise TypeError(
+                f"the pose is {_described(answer)}: a PoseEstimate, a Transform or a matrix (4, 4) is required"
+            )
         matrix = matrix if self._T_ds_start is None else self._T_ds_start @ matrix
         report["T_ds_rb"] = matrix.ravel().tolist()
         return report
@@ -135,8 +137,8 @@ class PythonMapper(PythonClass):
         if order["call"] != "pair" and not isinstance(cloud, PointCloud):
             subject = "for a set" if order["call"] == "set" else "from 'fuse'"
             raise TypeError(
-                f"the mapper must return {subject} a PointCloud, or an object with a PointCloud as 'cloud': got "
-                f"{_described(answer)}"
+                f"the mapper returned {_described(answer)}: a PointCloud, or an object with a PointCloud as 'cloud', "
+                f"is required {subject}"
             )
         if disparity is not None:
             np.save(order["output"] + ".disparity.npy", np.asarray(disparity, np.float32))
@@ -144,8 +146,8 @@ class PythonMapper(PythonClass):
             np.save(order["output"] + ".cloud.npy", cloud.to_structured())
         elif disparity is None:
             raise TypeError(
-                "the mapper must return a PointCloud, a disparity image, or an object with a PointCloud as 'cloud' or "
-                f"a disparity image as 'disparity_px': got {_described(answer)}"
+                f"the mapper returned {_described(answer)}: a PointCloud, a disparity image, or an object with a "
+                "PointCloud as 'cloud' or a disparity image as 'disparity_px' is required"
             )
         return {
             "stamp_ns": getattr(answer, "stamp_ns", order["pairs"][-1]["stamp_ns"]),

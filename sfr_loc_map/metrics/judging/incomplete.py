@@ -268,13 +268,13 @@ EVIDENT_TEXTS: dict[str, Callable[[Score], str | None]] = {
 
 
 def standing_text(limit: Limit, share: Figure, moving: Figure, value: float | None) -> str:
-    """Return the text of the fraction of sub-trajectories with a stationary rover, and of the errors of the others."""
+    """Return the text about the sub-trajectories with a stationary rover, and about the errors of the moving rover."""
     figure, over = limit.limited.figure, label_of(limit.condition or "")
     number = "unknown" if value is None else f"{value:.4g} {KINDS[figure].unit}"
     return (
         f"the rover is stationary in {100.0 * (share.value or 0.0):.4g} % of the sub-trajectories over {over}; of the "
-        f"others {moving.independent or 0.0:.3g} are independent, and {statistic_title(statistic_of(limit))} of their "
-        f"{title_of(figure)} is {number}"
+        f"sub-trajectories in which it moves, {moving.independent or 0.0:.3g} are independent, and "
+        f"{statistic_title(statistic_of(limit))} of their {title_of(figure)} is {number}"
     )
 
 
@@ -290,15 +290,15 @@ def statistic_of(limit: Limit) -> str:
 
 
 def beyond_text(score: Score, limit: Limit, share: float, value: float) -> str:
-    """Return the text of the fraction of frames with far larger errors than the judged ones, and of these errors."""
+    """Return the text about the frames whose errors far exceed the judged errors, and about these errors."""
     limited = limit.limited
     spacing = 1 if score.association is None else score.association.spacing_frames
     unit = KINDS[limited.figure].unit
     return (
-        f"{100.0 * share:.4g} % of the frames are in no judged error, because starts are {spacing} frames apart, and "
-        f"have errors far above the judged errors: {statistic_title(statistic_of(limit))} of the "
-        f"{title_of(limited.figure)} over {label_of(limit.condition or '')} is {value:.4g} {unit} for the frames "
-        f"without a judged error"
+        f"{100.0 * share:.4g} % of the frames are neither the start nor the end of a judged sub-trajectory, because "
+        f"starts are {spacing} frames apart, and have errors far above the judged errors: "
+        f"{statistic_title(statistic_of(limit))} of the {title_of(limited.figure)} over "
+        f"{label_of(limit.condition or '')} is {value:.4g} {unit} for these frames"
     )
 
 

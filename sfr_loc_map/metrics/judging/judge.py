@@ -157,7 +157,7 @@ def verdict_on(limit: Limit, figure: LimitedValue, limits: Limits) -> Verdict:
 
 
 def is_certain(limit: Limit, value: float, interval: Interval | None) -> bool | None:
-    """Return whether the complete interval is on the side of the limit on which the value is; None without one.
+    """Return whether the whole interval is on the same side of the limit as the value; None if there is no interval.
 
     Only upper limits have an interval. The center of the interval is corrected for bias, so the value itself can
     be outside the interval.

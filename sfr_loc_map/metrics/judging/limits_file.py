@@ -52,12 +52,16 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
         raise ConfigError(f"{origin}: 'minimum_independent' is {independent!r}: a number of at least 1 is required")
     entries = content.get("trajectory", [])
     if not isinstance(entries, list):
-        raise ConfigError(f"{origin}: 'trajectory' must be a list, one entry per condition ('- condition: ...')")
+        raise ConfigError(
+            f"{origin}: a list is required for 'trajectory', one entry per condition ('- condition: ...')"
+        )
     limits: list[Limit] = []
     for number, entry in enumerate(entries, 1):
         entry_origin = f"{origin}: trajectory entry {number}"
         if not isinstance(entry, Mapping) or not isinstance(entry.get("condition"), str):
-            raise ConfigError(f"{entry_origin}: needs 'condition', such as distance=5, and limits in the same entry")
+            raise ConfigError(
+                f"{entry_origin}: 'condition', such as distance=5, and limits are required in the same entry"
+            )
         try:
             condition = Condition.parse(entry["condition"]).setting
         except MetricsError as error:

@@ -39,7 +39,7 @@ LIMITS_MEANINGS = {
 
 
 def active_limits(*, has_attitude: bool, has_height: bool, has_tilt: bool) -> tuple[str, ...]:
-    """Return the limits that a truth with these components can judge."""
+    """Return the limits that can be judged by a ground truth with these components."""
     if not has_attitude:
         return POSITIONS if has_height else HORIZONTAL
     position, attitude, heading = POSES

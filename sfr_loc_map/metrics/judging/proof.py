@@ -49,7 +49,10 @@ def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None
 
 
 def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]]) -> Proof:
-    """Return whether the errors of drives prove that a limit is met. `drives` has the runs of each drive by name."""
+    """Return whether the errors of drives prove that a limit is met.
+
+    `drives` contains the runs of each drive by name.
+    """
     runs = {name: [sample for sample in samples if len(sample.errors)] for name, samples in drives.items()}
     runs = {name: samples for name, samples in runs.items() if samples}
     if not all(np.isfinite(sample.errors).all() for samples in runs.values() for sample in samples):
@@ -144,4 +147,4 @@ def words_of(record: ProofRecord, state: VerdictState) -> str:
         return share
     what = "sub-trajectories" if record.interpretation == Population.TEMPORAL else "drives"
     more = f"no number of {what} like these suffices" if record.more is None else f"{record.more} more {what}"
-    return f"{share}; needed: {more}"
+    return f"{share}; required: {more}"

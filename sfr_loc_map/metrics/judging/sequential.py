@@ -80,7 +80,7 @@ class SequentialTest(NamedTuple):
                 return FixedPlan(drives, allowed)
             allowed += 1
         shares = f"distinguish a failure fraction of {100.0 * self.good:g} % ('good') from {100.0 * self.bad:g} %"
-        raise ConfigError(f"more than {MOST_DRIVES} drives are needed to {shares}: give a smaller 'good'")
+        raise ConfigError(f"more than {MOST_DRIVES} drives are required to {shares}: give a smaller 'good'")
 
     def course(self, share: float) -> Course:
         """Return the exact probabilities of the outcomes for a true fraction of failures."""

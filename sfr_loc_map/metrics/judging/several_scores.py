@@ -30,10 +30,10 @@ SETTINGS_OF = {Scope.DRIVE: ("trajectory", "localisation"), Scope.MAP: ("map", "
 
 
 def common_verdict(scores: Sequence[Score]) -> Common:
-    """Return the verdict over scores: the worst verdict, which can be a pass only if all scores are of one run.
+    """Return the verdict over scores: the worst verdict, which can be a pass only if all scores come from one run.
 
-    Scores are of one run if all have the same item under test, version, configuration, images and ground truth, and if
-    a drive and a map are of one recording. Several drives have a common verdict only in a suite, which counts the
+    Scores come from one run if all have the same item under test, version, configuration, images and ground truth, and
+    if a drive and a map come from one recording. Several drives have a common verdict only in a suite, which counts the
     planned drives.
     """
     states = [score.verdict for score in scores]
@@ -49,7 +49,7 @@ def common_verdict(scores: Sequence[Score]) -> Common:
     if None in items:
         return Common(None, "There is no common verdict: not every score names its item under test.")
     if len(items) > 1:
-        return Common(None, f"There is no common verdict: the scores are of {len(items)} items under test.")
+        return Common(None, f"There is no common verdict: the scores come from {len(items)} items under test.")
     if len(configurations) > len({part for part, _ in configurations}):
         return Common(None, "There is no common verdict: the item under test had several configurations.")
     if (difference := difference_of(scores)) is not None:
@@ -82,7 +82,7 @@ def is_closed(verdict: Verdict, score: Score, common: Common) -> bool:
 
 
 def difference_of(scores: Sequence[Score]) -> str | None:
-    """Return how scores of one item under test differ; None if they are of one run."""
+    """Return how scores of one item under test differ; None if they come from one run."""
     made = [score.provenance for score in scores if score.provenance is not None]
     if len(made) < len(scores):
         return "not every score states its inputs and version"
@@ -92,9 +92,9 @@ def difference_of(scores: Sequence[Score]) -> str | None:
     for role, several in of_source.items():
         files = [item.inputs[role] for item in made if role in item.inputs]
         if len({file.data_sha256 or file.sha256 for file in files}) > 1:
-            return f"the scores are of several {several}, which only a suite judges together"
+            return f"the scores come from several {several}, which only a suite judges together"
     if other_recording(made) is not None:
-        return "the drive and the map are of different recordings, which only a suite judges together"
+        return "the drive and the map come from different recordings, which only a suite judges together"
     for part, words in SETTINGS_OF.items():
         settings = [
             {name: value for name, value in item.configuration.items() if name.partition(".")[0] in words}
@@ -103,14 +103,14 @@ def difference_of(scores: Sequence[Score]) -> str | None:
         ]
         names = sorted({name for mine in settings for name, value in mine.items()})
         if odd := [name for name in names if any(mine.get(name) != settings[0].get(name) for mine in settings)]:
-            return f"the scores are of several configurations ({', '.join(odd)})"
+            return f"the scores come from several configurations ({', '.join(odd)})"
     return None
 
 
 def other_recording(made: Sequence[Provenance]) -> tuple[InputFile, InputFile] | None:
-    """Return a ground truth of a drive and one of a map that are of different recordings; None without such a pair.
+    """Return a ground truth of a drive and one of a map that come from different recordings; None without such a pair.
 
-    The same file, or a file and the folder that contains it, are of one recording.
+    The same file, or a file and the folder that contains it, come from one recording.
     """
     drives, maps = ([item.inputs[role] for item in made if role in item.inputs] for role in ("truth", "map_truth"))
     different = ((drive, map_truth) for drive in drives for map_truth in maps if not _is_one_place(drive, map_truth))

@@ -428,7 +428,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         if AUTOSTART in held:
             return SetParametersResult(successful=False, reason=f"'{AUTOSTART}' is read-only: it is read at the start")
         if held and self.state != NodeState.UNCONFIGURED:
-            reason = f"'{held[0]}' is read-only while the node is {self.state}: deactivate and clean it up first"
+            reason = f"'{held[0]}' is read-only while the node is {self.state}: deactivate and clean up the node first"
             return SetParametersResult(successful=False, reason=reason)
         try:
             self.check_config(self._with(changes))

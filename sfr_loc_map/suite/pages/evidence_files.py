@@ -162,7 +162,7 @@ def read_file(path: Path) -> CheckFile | BudgetFile | SearchFile:
         kinds = {kind.schema: kind for kind in KINDS}
         kind = kinds.get(content.get("schema", ""))
         if kind is None:
-            raise ValueError(f"its schema is {content.get('schema')!r}, one of {', '.join(kinds)} is required")
+            raise ValueError(f"its schema is {content.get('schema')!r}: one of {', '.join(kinds)} is required")
         return msgspec.convert(content, kind)
     except (OSError, ValueError) as error:
         problem = error.strerror if isinstance(error, OSError) else error

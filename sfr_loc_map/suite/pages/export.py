@@ -66,7 +66,7 @@ def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
     try:
         import mlflow
     except ImportError as absent:
-        raise MissingExtraError(f"'--mlflow' needs MLflow ({absent}): pip install 'sfr_loc_map[mlflow]'") from absent
+        raise MissingExtraError(f"'--mlflow' requires MLflow ({absent}): pip install 'sfr_loc_map[mlflow]'") from absent
     values = {name: float(value) for name, value in to_plain(summary.counts).items()}
     means: dict[str, list[float]] = {}
     for result in summary.results:

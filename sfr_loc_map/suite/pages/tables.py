@@ -198,7 +198,7 @@ def suite_tables(summary: Summary) -> list[Table]:
     maps.sort(key=lambda result: -map_error_of(result.score))
     counts = {**asdict(summary.counts), "sources refused": len(summary.refusals)}
     of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; at least five drives are required."
-    of_workers = "Workers with different code were set aside and got no jobs."
+    of_workers = "Workers with different code were excluded and received no jobs."
     of_drives = "Errors over the sub-trajectories of the first condition."
     tables = (
         verdict_table(summary),
@@ -285,7 +285,7 @@ def result_table(
 
 
 def shown_unit(unit: str) -> Unit:
-    """Return the unit of a column of errors."""
+    """Return the unit in which errors are displayed: mm for errors in m, otherwise the given unit."""
     return MILLIMETRE if unit == "m" else Unit(unit)
 
 
@@ -297,7 +297,7 @@ def comparison_tables(result: SuiteComparison) -> list[Table]:
         f"Corrected for {len(result.figures)} comparisons (Holm). Not in both: {result.left_out[0]} and "
         f"{result.left_out[1]}."
     )
-    title = f"{result.names[1]} over {result.names[0]}, {result.common} results in both"
+    title = f"{result.names[1]} relative to {result.names[0]}, {result.common} results in both"
     return [_table("comparison", title, COMPARISON, rows, note)]
 
 
@@ -323,7 +323,7 @@ def drive_count_table(counts: Sequence[DriveCount]) -> Table:
     columns += [Column("sequential, expected"), Column("sequential, no failure")]
     has_suite = any(count.drives is not None for count in counts)
     if has_suite:
-        columns += [Column("drives"), Column("failed"), Column("at the rate seen"), Column("if normal")]
+        columns += [Column("drives"), Column("failed"), Column("at the observed rate"), Column("if normal")]
         columns += [Column("sequential test", words=True)]
     rows = []
     for place, count in enumerate(counts):

@@ -30,7 +30,9 @@ def read_configurations(value: object, path: Path) -> dict[str, dict[str, object
     if value is None:
         return {"default": {}}
     if not isinstance(value, Mapping) or not value:
-        raise ConfigError(f"{path}: 'configurations' must map names to parameters, such as {{default: {{}}}}")
+        raise ConfigError(
+            f"{path}: 'configurations' requires a mapping of names to parameters, such as {{default: {{}}}}"
+        )
     return {
         str(name): _parameters(content, f"{path}: configuration '{name}'", path.parent)
         for name, content in value.items()

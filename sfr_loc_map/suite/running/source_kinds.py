@@ -166,7 +166,7 @@ def read_sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource
     kind = next((kind for kind in SOURCE_KINDS.values() if kind.accepts(entry)), None)
     if kind is None:
         raise ConfigError(
-            f"{origin}: needs a path or URL, 'simulate: SCENARIO', or 'estimate: EST' with 'truth: TRUTH'"
+            f"{origin}: a path, a URL, 'simulate: SCENARIO', or 'estimate: EST' with 'truth: TRUTH' is required"
         )
     yield from kind.sources(entry, folder, origin)
 
@@ -181,7 +181,7 @@ def inspect_file(path: Path) -> SourceFacts:
 
 
 def scenario_settings(scenario: Path) -> dict[str, object]:
-    """Return all settings of a scenario by dotted name. The seed is 0, because each drive has its own seed."""
+    """Return all settings of a scenario by dotted name. `simulated_source` replaces the seed, which is 0 here."""
     return flatten(build(SimulationConfig, load_yaml(scenario) | {"seed": 0}, origin=str(scenario)))
 
 

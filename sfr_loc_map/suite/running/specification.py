@@ -184,5 +184,5 @@ def _stated_limits(value: object, path: Path) -> Mapping[str, Any]:
         return {}
     content = load_yaml(path.parent / value) if isinstance(value, str) else value
     if not isinstance(content, Mapping):
-        raise ConfigError(f"{path}: 'limits' must be a file or a mapping")
+        raise ConfigError(f"{path}: a file or a mapping is required for 'limits'")
     return dict(content)

@@ -226,7 +226,7 @@ def _left_over(source: str, path: Path) -> Refusal:
     where = f"{path.parent.name}/{path.name}"
     return Refusal(
         source,
-        f"'{source}' was run ({where}) but is not in the suite any more: add it to the suite, or delete this file",
+        f"'{source}' was run ({where}) but is no longer part of the suite: add it to the suite, or delete this file",
     )
 
 

@@ -85,7 +85,7 @@ def parse_budget(content: object, origin: str) -> tuple[ErrorSource, ...]:
     """Return the sources of error in the key `budget` of a suite's file; raise ConfigError if it is invalid."""
     if not isinstance(content, Mapping) or len(content) < 2:
         raise ConfigError(
-            f"{origin}: 'budget' must map the names of at least two sources of error to 'fault: KIND' or "
+            f"{origin}: 'budget' requires a mapping of the names of at least two sources of error to 'fault: KIND' or "
             "'without: {SETTING: VALUE}'"
         )
     return tuple(_error_source(str(name), value, f"{origin}: budget: '{name}'") for name, value in content.items())
@@ -107,7 +107,7 @@ def _error_source(name: str, value: object, origin: str) -> ErrorSource:
     is_positive = isinstance(sigma, int | float) and not isinstance(sigma, bool) and 0.0 < sigma < np.inf
     if not is_positive or not (info.is_signed or info.neutral):
         raise ConfigError(
-            f"{origin}: 'sigma' must be a positive number, and is allowed only for faults whose amount is a "
+            f"{origin}: a positive number is required for 'sigma', which applies only to faults whose amount is a "
             "factor or can be negative"
         )
     return ErrorSource(name, fault=text, sigma=float(sigma))
@@ -117,8 +117,8 @@ def _settings(value: object, origin: str) -> dict[str, object]:
     known = flatten(SimulationConfig())
     if not isinstance(value, Mapping) or not value or not set(value) <= set(known):
         raise ConfigError(
-            f"{origin}: 'without' must map settings of a scenario, such as sensor.blur_px, to their values without the "
-            f"error; found '{value}'"
+            f"{origin}: 'without' requires a mapping of settings of a scenario, such as sensor.blur_px, to their "
+            f"values without the error; found '{value}'"
         )
     build(SimulationConfig, {**known, **value}, origin=origin)
     return dict(value)

@@ -140,12 +140,15 @@ def load_search(path: Path) -> SearchSpecification:
     if settings.figure not in KINDS:
         raise ConfigError(f"{path}: 'figure: {settings.figure}' is unknown; one of {', '.join(KINDS)} is required")
     if not isinstance(scenario_name, str):
-        raise ConfigError(f"{path}: 'scenario' must name the file of a scenario")
+        raise ConfigError(f"{path}: the file of a scenario is required for 'scenario'")
     is_list = isinstance(seeds, list) and all(type(seed) is int for seed in seeds)
     if not is_list or not seeds:
-        raise ConfigError(f"{path}: 'seeds' must be a list of whole numbers")
+        raise ConfigError(f"{path}: a list of whole numbers is required for 'seeds'")
     if not isinstance(ranges, Mapping) or not ranges or not isinstance(changes, Mapping):
-        raise ConfigError(f"{path}: 'ranges' must map parameters to [LOW, HIGH], and 'set' must map settings to values")
+        raise ConfigError(
+            f"{path}: 'ranges' requires a mapping of parameters to [LOW, HIGH], and 'set' a mapping of settings to "
+            "values"
+        )
     scenario = path.absolute().parent / scenario_name
     given = scenario_settings(scenario)
     base = flatten(build(SimulationConfig, {**given, **changes}, origin=f"{path}: 'set'"))
@@ -178,7 +181,9 @@ def _parameter(name: str, value: object, base: Mapping[str, object], origin: str
     low, high = _bounds(value, origin)
     usual = base.get(name)
     if isinstance(usual, bool) or not isinstance(usual, int | float):
-        raise ConfigError(f"{origin} is not a number of the scenario; give a setting such as light.sun_elevation_deg")
+        raise ConfigError(
+            f"{origin} is not a numeric setting of the scenario; give a setting such as light.sun_elevation_deg"
+        )
     for bound in (low, high):
         whole = isinstance(usual, int)
         build(SimulationConfig, {**base, name: int(bound) if whole else bound}, origin=origin)
@@ -189,5 +194,5 @@ def _bounds(value: object, origin: str) -> tuple[float, float]:
     is_pair = isinstance(value, list) and len(value) == 2
     numbers = [float(item) for item in value if type(item) in (int, float)] if isinstance(value, list) else []
     if not is_pair or len(numbers) != 2 or not numbers[0] < numbers[1]:
-        raise ConfigError(f"{origin}: the range must be [LOW, HIGH] with LOW below HIGH; found {value}")
+        raise ConfigError(f"{origin} is {value}: a range [LOW, HIGH] with LOW below HIGH is required")
     return numbers[0], numbers[1]

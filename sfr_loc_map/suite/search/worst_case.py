@@ -68,7 +68,9 @@ class TreeChooser:
         try:
             import optuna
         except ImportError as error:
-            raise MissingExtraError(f"the search needs optuna ({error}): pip install 'sfr_loc_map[search]'") from error
+            raise MissingExtraError(
+                f"the search requires optuna ({error}): pip install 'sfr_loc_map[search]'"
+            ) from error
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         self._uniform = RandomChooser(parameters, seed)
         self._parameters = parameters
@@ -225,7 +227,7 @@ class Coverage:
 
 
 def coverage_of(parameters: Sequence[Parameter], points: Sequence[Point]) -> list[Coverage]:
-    """Return the coverage of each combination of one parameter from each of up to three groups."""
+    """Return the coverage of each combination of parameters, one from each of the first three groups."""
     groups: dict[str, list[int]] = {}
     for index, parameter in enumerate(parameters):
         groups.setdefault(parameter.group, []).append(index)

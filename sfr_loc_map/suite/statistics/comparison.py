@@ -75,7 +75,7 @@ class SuiteComparison:
 
 
 def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> SuiteComparison:
-    """Compare the second suite with the first, the reference; raise a MetricsError without a common drive."""
+    """Compare the second suite with the first, the reference; raise MetricsError if no drive is common to both."""
     first_results, other_results = _by_pair_key(first, other)
     common = [(result, other_results[key]) for key, result in first_results.items() if key in other_results]
     if not common:

@@ -59,7 +59,7 @@ def count_without_runs(terms: Terms) -> DriveCount:
 
 
 def drive_counts(results: Sequence[ScoredJob], limits: Limits | None) -> Iterator[DriveCount]:
-    """Yield the number of drives for each group and limit with `prob`; raise a ConfigError without such a limit."""
+    """Yield the number of drives for each group and limit with `prob`; raise ConfigError if no limit has `prob`."""
     chosen = [] if limits is None else [item for item in limits.limits if item.terms is not None]
     if not chosen:
         raise ConfigError("the suite has no limit with 'prob', such as position_bound_m: {limit: 0.1, prob: 0.95}")

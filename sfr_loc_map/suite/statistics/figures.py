@@ -53,7 +53,7 @@ def figures_of(score: Score) -> dict[FigureName, float]:
                 name = FigureName(ComparedKind.ACCURACY, title)
                 found[name] = score.number(kind.name, statistic, condition=condition)
         nees = score.figure("nees", condition=condition, part="pose")
-        expected = FigureName(ComparedKind.NEES, f"NEES over {over}, over that expected")
+        expected = FigureName(ComparedKind.NEES, f"NEES over {over}, relative to the expected NEES")
         found[expected] = None if nees is None or nees.mean is None or not nees.value else nees.mean / nees.value
     for kind in MAP_ERRORS:
         for statistic in kind.compared:

@@ -129,9 +129,9 @@ def independent_of_drives(limit: Limit, results: Sequence[DriveScore]) -> float:
 
 
 def samples_by_drive(limit: Limit, results: Sequence[DriveScore]) -> tuple[dict[str, list[Sample]], set[str]]:
-    """Return by drive the errors of each result to which a limit applies, and the drives that lack some errors.
+    """Return, for each drive, the errors to which a limit applies. Also return the drives for which errors are missing.
 
-    A drive lacks errors if a result has no sub-trajectory, an unknown error, or only a part of the errors.
+    Errors are missing if a result has no sub-trajectory, an unknown error, or only a part of the errors.
     """
     samples: dict[str, list[Sample]] = {}
     without_errors: set[str] = set()

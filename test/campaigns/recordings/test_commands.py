@@ -101,7 +101,7 @@ def test_extrinsics_in_each_form_are_taken_by_doctor_and_commands(
             "unknown section 'extrinsic' \\(did you mean 'extrinsics'",
         ),
         ("sync: {stamp_tolerance: 0.1}", "sync: unknown key 'stamp_tolerance'.*stamp_tolerance_s"),
-        ("topics: {loc/left/image_rect: 3}", "must be the name of a topic"),
+        ("topics: {loc/left/image_rect: 3}", "the name of a topic"),
         ("calibration: {file: gone.yaml}", "gone.yaml"),
         ("truth: {source: gone.csv}", "neither a file nor a topic"),
         ("sync: [1]", "sync"),

@@ -73,7 +73,7 @@ def test_a_repeated_and_a_late_image_are_ignored_and_counted(
     assert "image_rect': 1 of 13 messages ignored" in caplog.text
     twice = open_source(write_messages(tmp_path / "twice", entries + [(t, s + 10**10, m) for t, s, m in entries]))
     assert twice.loc is not None
-    with pytest.raises(InputError, match="stamps must be in order"):
+    with pytest.raises(InputError, match="stamps in increasing order are required"):
         len(twice.loc)
 
 

@@ -259,7 +259,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
             lambda folder, _: kalibr(folder, Pair("equidistant")),
             ("distortion_coeffs:\n", "distortion_coeffs:\n  - 0\n"),
         ),
-        "model equidistant needs 4",
+        "model equidistant requires 4",
     ),
     "cameras at one position": (lambda folder: kalibr(folder, moved(0.0, 0, 0)), "the right camera is at (0, "),
     "fewer numbers than rows and columns": (
@@ -378,7 +378,7 @@ def test_the_p_of_the_right_camera_may_have_another_principal_point(tmp_path: Pa
 
 def test_without_a_size_it_must_be_in_the_file(tmp_path: Path) -> None:
     file = opencv("json")(tmp_path, Pair())
-    with pytest.raises(InputError, match="it has no image_width and image_height"):
+    with pytest.raises(InputError, match="the image size is missing"):
         read_calibration(file)
     content = json.loads(file.read_text()) | {"imageSize": [*SIZE]}
     file.write_text(json.dumps(content, indent="\t"))

@@ -155,7 +155,7 @@ SETTINGS = {
 MONOCULAR = {
     "distorted": (SETTINGS["camera.bf"] + "Camera.k1: 0.26\n", "Camera has a distortion but there is no Camera2"),
     "fisheye": ('Camera.type: "KannalaBrandt8"\n' + SETTINGS["camera.bf"], "there is no Camera2"),
-    "Kalibr": (kalibr("TUM-VI", ""), "it has only cam0: a stereo pair needs cam0 and cam1"),
+    "Kalibr": (kalibr("TUM-VI", ""), "it has only cam0: cam0 and cam1 are required"),
 }
 
 

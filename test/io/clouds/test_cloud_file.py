@@ -97,15 +97,15 @@ PLY = f"ply\nformat ascii 1.0\ncomment sfr pair_stamps_ns 5\nelement vertex 1\n{
 @pytest.mark.parametrize(
     ("whole", "old", "new", "words"),
     [
-        (PCD, "1\nHEIGHT 1\nPOINTS 1", "900000000000\nHEIGHT 1\nPOINTS 900000000000", "bytes of text found"),
+        (PCD, "1\nHEIGHT 1\nPOINTS 1", "900000000000\nHEIGHT 1\nPOINTS 900000000000", "bytes of text: "),
         (PCD, "POINTS 1", "POINTS 7", "WIDTH and HEIGHT give 1"),
         (PCD, "COUNT 1 1 1", "COUNT 1 1 999999999", "which is not supported"),
-        (PCD, "DATA ascii\n1 2 3", "DATA binary\n1234", "bytes found where 1 points"),
+        (PCD, "DATA ascii\n1 2 3", "DATA binary\n1234", "bytes: 1 points"),
         (PLY, "vertex 1", "vertex -1", "'-1' is not a count"),
-        (PLY, "1 2 3\n", "1\n", "found where"),
+        (PLY, "1 2 3\n", "1\n", "are required"),
         (PLY, "float z", "list uchar int z", "no field z"),
         (PLY, "stamps_ns 5", "stamps_ns 5.5", "is not an integer number of nanoseconds"),
-        (PLY, "pair_stamps_ns 5", "fused maybe", "must end in true or false"),
+        (PLY, "pair_stamps_ns 5", "fused maybe", "true or false is required"),
     ],
 )
 def test_broken_files(tmp_path: Path, whole: str, old: str, new: str, words: str) -> None:

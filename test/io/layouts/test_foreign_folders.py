@@ -185,11 +185,11 @@ def test_a_pointer_of_git_lfs_is_named(tmp_path: Path, sfr: Sfr, name: str) -> N
         place.write_text(POINTER)
     done = sfr(*words)
     assert done.code in (1, 2)
-    assert "run git lfs pull" in " ".join((done.out + done.err).split())
+    assert "git lfs pull replaces" in " ".join((done.out + done.err).split())
 
 
 @pytest.mark.parametrize("ending", [".ply", ".pcd", ".npz"])
 def test_a_pointer_to_a_cloud_is_named(tmp_path: Path, ending: str) -> None:
     (tmp_path / f"x{ending}").write_text(POINTER)
-    with pytest.raises(InputError, match="run git lfs pull"):
+    with pytest.raises(InputError, match="git lfs pull replaces"):
         load_cloud(tmp_path / f"x{ending}")

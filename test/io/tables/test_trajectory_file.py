@@ -88,9 +88,9 @@ KITTI = "1 0 0 0 0 1 0 0 0 0 1"
         ("t.txt", f"{GOOD}\n9999999999.0 1 2 3 0 0 0 1\n", "line 2: stamp"),
         ("t.txt", f"{GOOD}\n2.0 1e308 2 3 0 0 0 1\n", "line 2: the position is implausible"),
         ("t.txt", "9" * 100_000, "a line of more than 64000 bytes"),
-        ("t.kitti", f"{KITTI} 0\n{KITTI}\n", "line 2: 11 columns found where 12"),
+        ("t.kitti", f"{KITTI} 0\n{KITTI}\n", "line 2 has 11 columns: 12"),
         ("t.kitti", f"9{KITTI[1:]} 0", "12 columns and no header, and fits no layout of"),
-        ("t.euroc.csv", f"{EUROC_HEADER}\n1,0,0,0,1,0,0,0\n5,0,0,0,1,0\n", "line 3: 6 columns found where 8"),
+        ("t.euroc.csv", f"{EUROC_HEADER}\n1,0,0,0,1,0,0,0\n5,0,0,0,1,0\n", "line 3 has 6 columns: 8"),
         ("t.euroc.csv", f"{EUROC_HEADER}\n5,0,0,0,1,1,1,1\n", "line 2: the quaternion .* is not a rotation"),
     ],
 )

@@ -46,7 +46,7 @@ def test_grids_of_one_cell_size_share_their_cells_within_reach() -> None:
 @pytest.mark.parametrize(
     ("xy", "cell", "within", "message"),
     [
-        ([(0.0, 0.0), (9.0, 9.0)], 0.0, None, "must be positive"),
+        ([(0.0, 0.0), (9.0, 9.0)], 0.0, None, "a positive number is required"),
         ([], 0.1, None, "no points"),
         ([(0.0, 0.0), (np.inf, 0.0)], 0.1, Square(0.0, 0.0, 2.0), "not finite"),
         ([(90.0, 0.0)], 0.1, Square(0.0, 0.0, 2.0), r"no points within 2\.0 m of \(0, 0\) .* \(terrain\.range_m\)"),
@@ -62,7 +62,7 @@ def test_cells_that_cannot_be_are_refused(
 @pytest.mark.parametrize(("x", "y"), [(537.0, 270.0), (9.0, 1e9), (1e7, 0.0), (4e5, 3e37)])
 def test_a_grid_of_too_many_cells_is_refused(x: float, y: float) -> None:
     """Of 537 x 270 m, as by a flipped bit, a grid of 0.1 m would take 1.5 GB."""
-    with pytest.raises(MappingError, match=r"the limit is \S+ million; use larger cells .* \(terrain\.cell_m"):
+    with pytest.raises(MappingError, match=r"at most \S+ million are allowed; use larger cells .* \(terrain\.cell_m"):
         CellGrid.over(points((0.05, 0.0), (x, y)), 0.1)
 
 

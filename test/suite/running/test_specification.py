@@ -58,7 +58,7 @@ def test_every_key_means_something(tmp_path: Path) -> None:
     [
         ({"sources": []}, "no 'sources'"),
         ({"sources": "a"}, "a list is required"),
-        ({"sources": [3]}, "needs a path"),
+        ({"sources": [3]}, "a path, a URL"),
         ({"sources": ["*.bag"]}, "no match in"),
         ({"sources": [{"simulate": "s", "seeds": ["x"]}]}, "list of whole numbers"),
         ({"sources": [{"estimate": "e"}]}, "truth"),
