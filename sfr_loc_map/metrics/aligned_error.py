@@ -29,7 +29,7 @@ from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionK
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.records import Alignment
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.metrics.truth_error import known_of
+from sfr_loc_map.metrics.truth_error import as_truth
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
 
@@ -65,7 +65,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
 
     MetricsError if no stamps are within `max_difference_s`, or if the alignment is undetermined.
     """
-    known = known_of(truth)
+    known = as_truth(truth)
     if not known.has_height:
         raise MetricsError("APE and RPE require true heights, which the truth does not have: omit the option align")
     poses = aligned_poses(estimate, truth, config)

@@ -25,7 +25,7 @@ from sfr_loc_map.metrics.association import Estimates, Frames, associate
 from sfr_loc_map.metrics.config import AssociationConfig, Condition, ConditionKind, Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses, SubTrajectoryErrors
 from sfr_loc_map.metrics.records import Association
-from sfr_loc_map.metrics.truth_error import known_of
+from sfr_loc_map.metrics.truth_error import as_truth
 
 ERROR_FUNCTIONS: dict[Reading, ErrorFunction] = {
     Reading.POSE: formulas.pose_reading,
@@ -66,13 +66,13 @@ def placed_frames(
     images_ns: IntArray | None = None,
 ) -> PlacedFrames:
     """Return the frames of an estimate and a truth; the estimate is aligned with a truth that has no attitudes."""
-    known = known_of(truth)
+    known = as_truth(truth)
     if truth.has_attitude:
         reading, placement = Reading(config.rebase), None
         frames, association = associate(estimates.trajectory, truth, config.association, images_ns)
         if not known.has_tilt:
             frames = with_estimated_tilt(frames)
-        errors_of = of_known(known, ERROR_FUNCTIONS[reading])
+        errors_of = without_unknown_attitudes(known, ERROR_FUNCTIONS[reading])
     else:
         estimates, frames, association, placement = associate_positions(
             estimates, truth, conditions, config.association, images_ns
@@ -97,7 +97,7 @@ def placed_frames(
     return PlacedFrames(frames, association, estimates, errors_of, placement, poses, length_m)
 
 
-def of_known(truth: Truth, errors_of: ErrorFunction) -> ErrorFunction:
+def without_unknown_attitudes(truth: Truth, errors_of: ErrorFunction) -> ErrorFunction:
     """Return a function whose attitude errors are unknown (NaN) if roll and pitch of the truth are unknown."""
     if truth.has_tilt:
         return errors_of
@@ -144,7 +144,7 @@ def associate_positions(
     if len(frames.stamps_ns):
         middle, true_middle = frames.position.mean(axis=0), frames.true_position.mean(axis=0)
         estimated, true = frames.position - middle, frames.true_position - true_middle
-        turn, tilt_deg = fitted_rotation(frames, estimated, true, has_height=known_of(truth).has_height)
+        turn, tilt_deg = fitted_rotation(frames, estimated, true, has_height=as_truth(truth).has_height)
         translation = true_middle - turn @ middle
         attitude = quat_multiply(quat_from_matrix(turn), frames.attitude)
         frames = frames._replace(position=frames.position @ turn.T + translation, attitude=attitude)

@@ -15,11 +15,11 @@ from sfr_loc_map.metrics.catalogue import KINDS, FigureKind
 from sfr_loc_map.metrics.config import Condition, ConditionKind
 from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses
 from sfr_loc_map.metrics.intervals import interval95
-from sfr_loc_map.metrics.placement import ERROR_FUNCTIONS, PlacedFrames, of_known
+from sfr_loc_map.metrics.placement import ERROR_FUNCTIONS, PlacedFrames, without_unknown_attitudes
 from sfr_loc_map.metrics.row_part import distance_part
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.metrics.truth_error import known_of
+from sfr_loc_map.metrics.truth_error import as_truth
 
 DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 """Path lengths for the error as a function of the distance travelled."""
@@ -99,27 +99,29 @@ def error_rows(
     condition: str, sub_trajectories: SubTrajectories, overlap: float, placed: PlacedFrames, truth: Trajectory
 ) -> Iterator[Figure]:
     """Yield the errors of one condition by the judged reading, by direction, and by the others."""
-    known, rebase = known_of(truth), placed.association.rebase
+    known = as_truth(truth)
+    judged = placed.association.rebase
     kinds = error_figures(has_height=known.has_height)
     for kind in kinds:
         if not kind.is_without_height:
-            yield error_row(kind, condition, str(rebase), sub_trajectories, overlap)
-    for direction, errors in sub_trajectories.by_direction().items():
-        yield figure_row("position", condition, direction, statistics=formulas.statistics(errors))
+            yield error_row(kind, condition, str(judged), sub_trajectories, overlap)
+    for direction, values in sub_trajectories.by_direction().items():
+        yield figure_row("position", condition, direction, statistics=formulas.statistics(values))
     for kind in kinds:
         if kind.is_without_height:
-            yield error_row(kind, condition, str(rebase), sub_trajectories, overlap)
-    for name, reading in ERROR_FUNCTIONS.items() if truth.has_attitude else ():
-        if name is rebase:
+            yield error_row(kind, condition, str(judged), sub_trajectories, overlap)
+    for reading, function in ERROR_FUNCTIONS.items() if truth.has_attitude else ():
+        if reading is judged:
             continue
-        errors_by_reading = of_known(known, reading)(placed.poses, sub_trajectories.starts, sub_trajectories.ends)
-        other = sub_trajectories._replace(errors=errors_by_reading)
+        errors_of = without_unknown_attitudes(known, function)
+        errors = errors_of(placed.poses, sub_trajectories.starts, sub_trajectories.ends)
+        other = sub_trajectories._replace(errors=errors)
         for kind in kinds:
             if not kind.is_of_all_readings:
-                yield error_row(kind, condition, str(name), other)
+                yield error_row(kind, condition, str(reading), other)
 
 
-def growth_rows(poses: Poses, length_m: Lengths, spacing: int, reading: ErrorFunction) -> Iterator[Figure]:
+def growth_rows(poses: Poses, length_m: Lengths, spacing: int, errors_of: ErrorFunction) -> Iterator[Figure]:
     """Yield the rows of the error as a function of the length of the sub-trajectory."""
     count = len(length_m)
     for metres in DISTANCES_M:
@@ -129,7 +131,7 @@ def growth_rows(poses: Poses, length_m: Lengths, spacing: int, reading: ErrorFun
         is_short = (ends < count) & (ends - starts <= DISTANCES_MAX_STARTS * apart)
         starts, ends = starts[is_short], ends[is_short]
         if len(starts):
-            sub_trajectories = SubTrajectories(starts, ends, poses, reading(poses, starts, ends))
+            sub_trajectories = SubTrajectories(starts, ends, poses, errors_of(poses, starts, ends))
             for kind in error_figures(has_height=True):
                 if not kind.is_of_all_readings:
                     yield error_row(kind, None, distance_part(metres), sub_trajectories)

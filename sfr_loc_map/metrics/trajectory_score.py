@@ -24,7 +24,13 @@ from sfr_loc_map.metrics.copies import copy_rows, judged_of_truth
 from sfr_loc_map.metrics.details import ErrorRows, SubTrajectoryRows, TrajectoryDetails, column
 from sfr_loc_map.metrics.drive_completeness import drive_completeness
 from sfr_loc_map.metrics.other_frames import largest_fraction_beyond, rows_of_other_frames, unjudged_frames
-from sfr_loc_map.metrics.placement import ERROR_FUNCTIONS, PlacedFrames, Placement, of_known, placed_frames
+from sfr_loc_map.metrics.placement import (
+    ERROR_FUNCTIONS,
+    PlacedFrames,
+    Placement,
+    placed_frames,
+    without_unknown_attitudes,
+)
 from sfr_loc_map.metrics.plot_columns import path_rows, sub_trajectory_rows
 from sfr_loc_map.metrics.records import TruthRecord
 from sfr_loc_map.metrics.results import TrajectoryResult
@@ -33,7 +39,7 @@ from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.three_sigma import evidence_rows
 from sfr_loc_map.metrics.trajectory_errors import error_figures, error_rows, errors_of, growth_rows, overlap_of, select
-from sfr_loc_map.metrics.truth_error import known_of, truth_error_rows, turn_rows
+from sfr_loc_map.metrics.truth_error import as_truth, truth_error_rows, turn_rows
 
 
 def score_trajectory(
@@ -72,7 +78,7 @@ def score_trajectory(
     rows: list[SubTrajectoryRows] = []
     errors: list[ErrorRows] = []
     unjudged: list[str] = []
-    has_height = known_of(truth).has_height
+    has_height = as_truth(truth).has_height
     for condition, (starts, ends) in zip(conditions, chosen, strict=True):
         sub_trajectories = SubTrajectories(starts, ends, placed.poses, placed.errors_of(placed.poses, starts, ends))
         overlap = overlap_of(starts, ends, config.spacing)
@@ -135,7 +141,7 @@ def evidence_of(
     sums: Mapping[int, StepSums],
 ) -> Iterator[Figure]:
     """Yield the figures of evidence and consistency of one condition: error of the truth, tolerance, covariance."""
-    known = known_of(truth)
+    known = as_truth(truth)
     if placed.association.rebase is Reading.POSE:
         yield from turn_rows(condition, known.sigma_deg, sub_trajectories.true_displacement())
     if known.has_height:
@@ -170,7 +176,7 @@ def step_sums(estimates: Estimates, frames: Frames, chosen: Sequence[tuple[IntAr
 
 def truth_record(truth: Trajectory, frames: Frames, placement: Placement | None) -> TruthRecord:
     """Return the properties of the ground truth."""
-    known = known_of(truth)
+    known = as_truth(truth)
     steps = np.linalg.norm(np.diff(frames.true_position, axis=0), axis=1)
     step = float(np.median(steps)) if len(steps) else 0.0
     return TruthRecord(
@@ -203,21 +209,21 @@ def sub_trajectory_table(
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)
     frames = placed.frames
-    judged = placed.association.rebase
     poses = placed.poses
     length_m = placed.length_m
-    readings = {judged: placed.errors_of}
+    functions = {placed.association.rebase: placed.errors_of}
     if truth.has_attitude:
-        readings |= {name: of_known(known_of(truth), reading) for name, reading in ERROR_FUNCTIONS.items()}
+        known = as_truth(truth)
+        functions |= {reading: without_unknown_attitudes(known, each) for reading, each in ERROR_FUNCTIONS.items()}
     parts: list[dict[str, NDArray[Any]]] = []
     for condition in conditions:
         starts, ends = select(condition, config.spacing, frames.truth, length_m)
         true_move = formulas.displacement(poses.true_position, starts, ends)
-        for name, reading in readings.items():
-            errors = reading(poses, starts, ends)
+        for reading, function in functions.items():
+            errors = function(poses, starts, ends)
             part: dict[str, NDArray[Any]] = {
                 "condition": np.full(len(starts), condition.setting, object),
-                "reading": np.full(len(starts), str(name), object),
+                "reading": np.full(len(starts), str(reading), object),
                 "start_frame": starts,
                 "end_frame": ends,
                 "start_stamp_ns": frames.stamps_ns[starts],

@@ -20,7 +20,7 @@ ATTITUDE = "attitude"  #: Part of the row of the attitude error.
 TURN = "attitude at the start"  #: Part of the rows of the displacement of N+x by an attitude error at N.
 
 
-def known_of(truth: Trajectory) -> Truth:
+def as_truth(truth: Trajectory) -> Truth:
     """Return a trajectory as a truth; a trajectory that is not a `Truth` is assumed to be complete and exact."""
     return truth if isinstance(truth, Truth) else Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw)
 
@@ -30,7 +30,7 @@ def truth_error_rows(truth: Trajectory, frames_ns: IntArray) -> Iterator[Figure]
 
     The rows have standard deviations in m and deg. All are 0 for a truth that is assumed to be exact at every frame.
     """
-    known = known_of(truth)
+    known = as_truth(truth)
     errors_m = interpolation_errors(truth, frames_ns)
     parts = {
         "interpolation": float(np.sqrt(np.mean(np.square(errors_m)))) if len(errors_m) else 0.0,

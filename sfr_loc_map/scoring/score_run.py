@@ -11,7 +11,7 @@ from sfr_loc_map.hashes import hash_arrays
 from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.truth_error import known_of
+from sfr_loc_map.metrics.truth_error import as_truth
 from sfr_loc_map.scoring.assembly import all_kept, score_of_parts, with_conditions
 from sfr_loc_map.scoring.conversion import convention_mismatch, fitted_unit
 from sfr_loc_map.scoring.inputs import Run, ScoreInputs
@@ -65,6 +65,6 @@ def score_run(
 
 def hash_of_truth(truth: Trajectory) -> str:
     """Return the SHA-256 of the poses of a ground truth, of their sigmas and of the lever arm."""
-    known = known_of(truth)
+    known = as_truth(truth)
     stated = np.array((known.sigma_m, known.sigma_deg, *known.lever_arm_m))
     return hash_arrays((truth.stamps_ns, truth.positions, truth.quats_xyzw, stated))
