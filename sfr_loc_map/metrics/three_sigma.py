@@ -12,7 +12,7 @@ from sfr_loc_map.metrics.tolerance import THREE_SIGMA, Sample, confidence_of, mo
 SHARES = (THREE_SIGMA, 0.95)  #: Fractions of the errors for which a report states the confidence of mean + 3 sigma.
 
 
-def evidence_rows(condition: str, errors: FloatArray, overlap: float) -> Iterator[Figure]:
+def confidence_rows(condition: str, errors: FloatArray, overlap: float) -> Iterator[Figure]:
     """Yield the confidence of mean + 3 sigma of position errors, and the shape and normality of their distribution."""
     sample = Sample(errors, len(errors) / max(overlap, 1.0))
     known = moments(sample)

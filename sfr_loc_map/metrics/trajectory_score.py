@@ -37,7 +37,7 @@ from sfr_loc_map.metrics.results import TrajectoryResult
 from sfr_loc_map.metrics.standing import largest_standing_fraction, rows_of_moving
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.table import Figure
-from sfr_loc_map.metrics.three_sigma import evidence_rows
+from sfr_loc_map.metrics.three_sigma import confidence_rows
 from sfr_loc_map.metrics.trajectory_errors import error_figures, error_rows, errors_of, growth_rows, overlap_of, select
 from sfr_loc_map.metrics.truth_error import as_truth, truth_error_rows, turn_rows
 
@@ -83,7 +83,7 @@ def score_trajectory(
         sub_trajectories = SubTrajectories(starts, ends, placed.poses, placed.errors_of(placed.poses, starts, ends))
         overlap = overlap_of(starts, ends, config.spacing)
         figures += error_rows(condition.setting, sub_trajectories, overlap, placed, truth)
-        figures += evidence_of(condition.setting, sub_trajectories, overlap, placed, truth, sums)
+        figures += consistency_rows(condition.setting, sub_trajectories, overlap, placed, truth, sums)
         of_other_frames = list(rows_of_other_frames(condition.setting, sub_trajectories, placed, has_height=has_height))
         figures += of_other_frames
         if condition.is_of_time:
@@ -132,7 +132,7 @@ def with_unknown_states(rows: Sequence[Figure], placed: PlacedFrames) -> list[Fi
     return [msgspec.structs.replace(row, value=None) if row.figure in unknown else row for row in rows]
 
 
-def evidence_of(
+def consistency_rows(
     condition: str,
     sub_trajectories: SubTrajectories,
     overlap: float,
@@ -140,12 +140,12 @@ def evidence_of(
     truth: Trajectory,
     sums: Mapping[int, StepSums],
 ) -> Iterator[Figure]:
-    """Yield the figures of evidence and consistency of one condition: error of the truth, tolerance, covariance."""
+    """Yield the rows of one condition that relate the errors to their distribution, the truth and the covariances."""
     known = as_truth(truth)
     if placed.association.rebase is Reading.POSE:
         yield from turn_rows(condition, known.sigma_deg, sub_trajectories.true_displacement())
     if known.has_height:
-        yield from evidence_rows(condition, sub_trajectories.errors.position_m, overlap)
+        yield from confidence_rows(condition, sub_trajectories.errors.position_m, overlap)
     if known.has_height and known.has_tilt:
         noise = (known.sigma_m, known.sigma_deg)
         yield from nees_rows(
