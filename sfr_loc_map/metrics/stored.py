@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from sfr_loc_map.metrics.formulas import mean_plus_3sigma
-from sfr_loc_map.metrics.judging.judge import judged_again
+from sfr_loc_map.metrics.judging.judge import with_verdicts
 from sfr_loc_map.metrics.raw_values import raw_contradiction
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
@@ -31,7 +31,7 @@ def stored_contradiction(score: Score) -> str | None:
             )
     if (problem := raw_contradiction(score)) is not None:
         return problem
-    again = judged_again(score)
+    again = with_verdicts(score)
     if not _are_near(again.figures, score.figures):
         return "its tolerance bounds do not follow from its sub-trajectories"
     if len(again.verdicts) != len(score.verdicts):

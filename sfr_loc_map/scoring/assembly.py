@@ -12,7 +12,7 @@ from sfr_loc_map.metrics.caveats import reading_caveats
 from sfr_loc_map.metrics.config import Condition, ScoreConfig
 from sfr_loc_map.metrics.details import CallPlots, Details, MapDetails, TrajectoryDetails
 from sfr_loc_map.metrics.judging.incomplete import evident_shortfalls, text_of
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import ConventionRecord, MethodKind, MethodRecord, Provenance
 from sfr_loc_map.metrics.results import CallsResult, MapResult, TrajectoryResult
@@ -66,7 +66,7 @@ def score_of_parts(
         errors=trajectory.errors,
         details=_details(trajectory.details, surface.details, calls.plots),
     )
-    score = judged(score, limits, partial=config.trajectory.partial)
+    score = judged_by(score, limits, partial=config.trajectory.partial)
     warnings = [*_convention_warnings(run.convention), *trajectory.warnings, *surface.warnings, *calls.warnings]
     caveats = (*trajectory.caveats, *surface.caveats, *calls.caveats, *_unbound_calls(run))
     warnings += caveats

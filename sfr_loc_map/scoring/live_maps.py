@@ -7,7 +7,7 @@ from dataclasses import replace
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limit_scope import task_of
 from sfr_loc_map.metrics.limits import Limits, LimitSection
 from sfr_loc_map.metrics.results import MapResult
@@ -38,7 +38,7 @@ class LiveMaps:
 
     def add(self, made: MapResult) -> None:
         """Judge a map, and keep it if it is worse than the previous maps."""
-        score = judged(Score(figures=made.figures, cloud=made.cloud), self._limits, partial=self._partial)
+        score = judged_by(Score(figures=made.figures, cloud=made.cloud), self._limits, partial=self._partial)
         missed = {verdict.name for verdict in score.missed}
         severity = (score.verdict or VerdictState.PASS).severity
         error_m = score.number("point_error", "mean_plus_3sigma", part=None)

@@ -15,7 +15,7 @@ from sfr_loc_map.errors import ExitCode, FailedVerdictError
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.records import FindingKind, FindingRecord
 from sfr_loc_map.metrics.score import Score
 
@@ -185,7 +185,7 @@ def winding_drive(lag_s: float) -> Trajectory:
 
 def test_the_error_of_a_failed_method_states_a_contradiction_too() -> None:
     crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")
-    score = judged(Score(contradiction="its quaternions are conjugated", findings=(crash,)), None)
+    score = judged_by(Score(contradiction="its quaternions are conjugated", findings=(crash,)), None)
     with pytest.raises(FailedVerdictError, match="the method failed: crashed; not judged: its quaternions are conj"):
         conclude(score, (), lenient=False)
 

@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.calls import Calls, score_calls
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import Details
-from sfr_loc_map.metrics.judging.judge import judged, judged_again
+from sfr_loc_map.metrics.judging.judge import judged_by, with_verdicts
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.records import InputFile, Provenance
 from sfr_loc_map.metrics.score import Score
@@ -107,7 +107,7 @@ def whole_score(frames: int = 300, side: int = 96, pairs: int = 2) -> Score:
         calls=called.records,
         details=Details(trajectory=driven.details, map=mapped.details, calls=dict(called.plots)),
     )
-    return judged(score, parse_limits(LIMITS, "test"))
+    return judged_by(score, parse_limits(LIMITS, "test"))
 
 
 def half(score: Score) -> Score:
@@ -117,7 +117,7 @@ def half(score: Score) -> Score:
         values = {("missing", None): 0.5, ("missing", "count"): 0.5 * (row.n or 0), ("judged", "drive"): 0.5}
         place = (row.figure, row.part)
         rows.append(replace(row, value=values[place]) if place in values else row)
-    return judged_again(replace(score, figures=tuple(rows)))
+    return with_verdicts(replace(score, figures=tuple(rows)))
 
 
 def of_map(score: Score) -> Score:

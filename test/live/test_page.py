@@ -22,7 +22,7 @@ from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import Action, ImageProblem, PoseSample, PublishedScore, Status
 from sfr_loc_map.message_types import Level, StatusKind
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
 
@@ -159,7 +159,7 @@ async def check_hostile_names(browser: Browser, state: LiveState) -> None:
     """Names that are scripts stay texts."""
     long = HOSTILE + "x" * 5000
     limits = parse_limits({"memory": {"localisation_peak_bytes": {"limit": 2e9, "id": HOSTILE, "text": HOSTILE}}}, "")
-    hostile = judged(structs.replace(whole_score(100, 48, 2), warnings=(long,)), limits)
+    hostile = judged_by(structs.replace(whole_score(100, 48, 2), warnings=(long,)), limits)
     state.put(PublishedScore(to_json(hostile), time.time()))
     state.put(
         Status(

@@ -17,7 +17,7 @@ from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
 from sfr_loc_map.live.updates import Call, GraphNodes, ImageStamp, PoseSample, PublishedScore, Status, Track, Update
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.metrics.config import Condition, ConditionKind, ScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.runs.calls import CallRecord
@@ -48,10 +48,10 @@ def test_state_is_the_report_with_additions_and_the_strings_of_its_tables() -> N
 
 def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> None:
     """The page shows the verdict of the report as it is; the end of a run can only add what has no pose."""
-    whole = judged(whole_score(100, 48, 2), None)
+    whole = judged_by(whole_score(100, 48, 2), None)
     part = replace(whole, association=replace(whole.association, incomplete="half of it"))
     for partial, verdict in ((False, "incomplete"), (True, "no verdict")):
-        report, state = PublishedScore(to_json(judged(part, None, partial=partial)), 1.0), LiveState()
+        report, state = PublishedScore(to_json(judged_by(part, None, partial=partial)), 1.0), LiveState()
         state.put(report)
         under_way = state.to_plain(1.0)
         assert under_way["live"]["overall"]["state"] == verdict
@@ -64,7 +64,7 @@ def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> N
             state.put(report)  # a last one that comes late
     for partial in (False, True):  # known by the images of the source
         state = LiveState()
-        state.put(PublishedScore(to_json(judged(whole, None, partial=partial)), 1.0))
+        state.put(PublishedScore(to_json(judged_by(whole, None, partial=partial)), 1.0))
         state.end(RunEnd(missing="an image has no pose"), 1.0)
         assert state.to_plain(1.0).get("incomplete") == (None if partial else "an image has no pose")
 

@@ -9,7 +9,7 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.timeline import MAX_EVENTS, EventKind, Timeline
 from sfr_loc_map.live.updates import GraphNodes, PoseSample, PublishedScore
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
 
@@ -46,7 +46,7 @@ def test_what_happened_is_told_with_its_times() -> None:
     drive(state, range(70, 80), offset_s=4.0)
     state.put(health("mapping_node", 12.0, Level.ERROR, "out of memory"))
     limits = parse_limits(LIMITS | {"minimum_independent": 1}, "test")  # the drive is short
-    state.put(PublishedScore(to_json(judged(whole_score(100, 48, 2), limits)), 12.0))
+    state.put(PublishedScore(to_json(judged_by(whole_score(100, 48, 2), limits)), 12.0))
     state.end(RunEnd(aborted="monitor_node was killed by SIGKILL"), 13.0)
     told = [
         (event["kind"], round(event["from"], 1), event["to"])
@@ -149,6 +149,6 @@ def test_two_limits_on_one_number_have_events_of_their_own() -> None:
     missed, met = ({"condition": "distance=5", "position_mean_plus_3sigma_m": bound} for bound in (1e-6, 1e3))
     limits = parse_limits({"trajectory": [missed, met], "minimum_independent": 1}, "test")
     for at_s in (1.0, 2.0, 3.0):
-        state.put(PublishedScore(to_json(judged(whole_score(100, 48, 2), limits)), at_s))
+        state.put(PublishedScore(to_json(judged_by(whole_score(100, 48, 2), limits)), at_s))
     events = [(event["from"], event["to"]) for event in state.events_to_plain() if event["kind"] == EventKind.LIMIT]
     assert events == [(1.0, None)]

@@ -15,7 +15,7 @@ from sfr_loc_map.metrics.completeness import calls_completeness, live_completene
 from sfr_loc_map.metrics.config import AssociationConfig, CallKind, TrajectoryScoreConfig
 from sfr_loc_map.metrics.copies import spline_positions
 from sfr_loc_map.metrics.drive_completeness import settled, single_run_stamps, true_path
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.row_part import Scope
 from sfr_loc_map.metrics.score import Score
@@ -289,11 +289,11 @@ def test_a_gap_that_is_evident_without_limits_is_one_with_limits() -> None:
     allowed = parse_limits({"trajectory": limits, "completeness": {"missing_max_share": 0.1}}, "limits")
     assert score.number("missing") == 0.0
     assert score.number("longest_gap", part="time") == pytest.approx(1.6)
-    texts = [judged(score, each).incomplete for each in rules]
+    texts = [judged_by(score, each).incomplete for each in rules]
     assert texts[0] is not None
     assert texts[0] == texts[1]
-    assert "pass" not in [item.state for item in judged(score, rules[1]).verdicts]
-    assert [judged(score, allowed).incomplete, judged(score, rules[1], partial=True).incomplete] == [None, None]
+    assert "pass" not in [item.state for item in judged_by(score, rules[1]).verdicts]
+    assert [judged_by(score, allowed).incomplete, judged_by(score, rules[1], partial=True).incomplete] == [None, None]
 
 
 def test_stamps_that_a_file_has_rounded_cover_their_images() -> None:

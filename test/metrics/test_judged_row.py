@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from helpers.made_scores import whole_score
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import Reading
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.row_part import POOLED
 from sfr_loc_map.metrics.score import Score
@@ -27,7 +27,7 @@ def test_verdicts_are_of_the_reading_that_is_judged_whatever_the_order_of_rows(r
     assert score.association is not None
     score = replace(score, association=replace(score.association, rebase=reading))
     limits = parse_limits(LIMITS, "test")
-    score = judged(score, limits)
+    score = judged_by(score, limits)
     expected = [(item.name, item.part, item.value) for item in score.verdicts]
     assert {part for name, part, _ in expected if name.startswith(("position", "attitude"))} == {str(reading)}
     assert {part for name, part, _ in expected if name.startswith(("point", "coverage", "localisation"))} == {None}
@@ -35,7 +35,7 @@ def test_verdicts_are_of_the_reading_that_is_judged_whatever_the_order_of_rows(r
     for _ in range(20):
         figures = list(score.figures)
         rng.shuffle(figures)  # type: ignore[arg-type]
-        shuffled = judged(replace(score, figures=tuple(figures)), limits)
+        shuffled = judged_by(replace(score, figures=tuple(figures)), limits)
         assert [(item.name, item.part, item.value) for item in shuffled.verdicts] == expected
         assert shuffled.figure("position", condition="distance=5") == score.judged_row("position")
 
@@ -67,7 +67,7 @@ def test_a_figure_of_a_part_that_is_not_complete_does_not_pass(absent: float, st
         figure_row("judged", part="map", n=2, value=1.0 - absent),
         figure_row("pairs_without_cloud", n=2, value=absent),
     )
-    score = judged(Score(figures=rows), parse_limits({"map": {"point_error_p95_m": 1.0}}, "test"))
+    score = judged_by(Score(figures=rows), parse_limits({"map": {"point_error_p95_m": 1.0}}, "test"))
     assert [item.state for item in score.verdicts if item.name == "point_error_p95_m"] == [state]
     assert score.verdict == state
 
@@ -89,7 +89,7 @@ def test_a_share_of_a_map_may_be_absent(figure: str, share: float, state: str) -
         figure_row(figure, n=100, value=share),
     )
     limits = parse_limits({"map": {"point_error_p95_m": 1.0}}, "test")
-    assert judged(Score(figures=rows), limits).verdict == state
+    assert judged_by(Score(figures=rows), limits).verdict == state
 
 
 def test_a_limit_without_a_figure_keeps_the_others_from_a_pass() -> None:
@@ -98,7 +98,7 @@ def test_a_limit_without_a_figure_keeps_the_others_from_a_pass() -> None:
         figure_row("judged", part="map", n=2, value=1.0),
     )
     limits = parse_limits({"map": {"point_error_p95_m": 1.0, "point_error_p99_m": 1.0}}, "test")
-    assert judged(Score(figures=rows), limits).verdict == "not enough data"
+    assert judged_by(Score(figures=rows), limits).verdict == "not enough data"
 
 
 @pytest.mark.parametrize(
@@ -113,4 +113,4 @@ def test_the_least_shortfall_is_incomplete(part: str, figure: str, share: float)
             figure_row("judged", part=part, n=1000, value=1.0 - value),
             figure_row(figure, n=1000, value=value),
         )
-        assert judged(Score(figures=rows), limits).verdict == verdict
+        assert judged_by(Score(figures=rows), limits).verdict == verdict

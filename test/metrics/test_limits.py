@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.config import TrajectoryScoreConfig, VerdictState
 from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.incomplete import KIND_OF, Shortfall, statistic_of
-from sfr_loc_map.metrics.judging.judge import judged, overall_verdict, with_missing_results
+from sfr_loc_map.metrics.judging.judge import judged_by, overall_verdict, with_missing_results
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
 from sfr_loc_map.metrics.limits import BOUND, LIMITED_NUMBERS, Limits, LimitSection, Rules
@@ -35,7 +35,7 @@ LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m
 
 
 def judge(content: dict[str, Any], score: Score) -> list[str]:
-    return [item.state for item in judged(score, parse_limits(content, "limits")).verdicts]
+    return [item.state for item in judged_by(score, parse_limits(content, "limits")).verdicts]
 
 
 def with_position(total: float | None, interval: tuple[float, float] | None = None, count: int = 20) -> Score:
@@ -61,7 +61,7 @@ def test_pass_fail_and_not_enough_data() -> None:
     assert judge(LIMIT, Score()) == ["not enough data"]
     signed = {"trajectory": [{"condition": "distance=5", "heading_mean_deg": 0.5}]}
     assert judge(signed, with_position(0.4)) == ["fail"], "a signed mean is judged by its size"
-    verdict = judged(with_position(0.4, (0.3, 0.7)), parse_limits(LIMIT, "limits")).verdicts[0]
+    verdict = judged_by(with_position(0.4, (0.3, 0.7)), parse_limits(LIMIT, "limits")).verdicts[0]
     assert (verdict.state, verdict.certain, verdict.interval) == ("pass", False, (0.3, 0.7))
     where = (verdict.subject, verdict.condition, verdict.part, verdict.figure, verdict.statistic)
     assert where == ("trajectory", "distance=5", "pose", "position", "mean_plus_3sigma")
@@ -82,7 +82,7 @@ def test_coverage_is_a_lower_bound_and_times_have_counts() -> None:
     )
     assert judge(content, score) == ["pass", "not enough data", "fail"]
     assert judge({"map": {"coverage_min": 0.95}}, score) == ["fail"]
-    assert [item.name for item in judged(score, parse_limits(content, "limits")).missed] == ["mapping_peak_bytes"]
+    assert [item.name for item in judged_by(score, parse_limits(content, "limits")).missed] == ["mapping_peak_bytes"]
 
 
 @pytest.mark.clause("4.2.1")
@@ -91,7 +91,7 @@ def test_the_target_is_judged_by_its_own_figures() -> None:
     figures, target = score_target(Calls(np.arange(2), np.array([0.5, 0.7]), ["", ""], unknown, unknown), "GR740")
     score = Score(figures=(*figures, *complete()), target=target)
     content = {"target": {"localisation_max_s": 0.6, "localisation_peak_bytes": 5}, "timing": {"localisation_max_s": 1}}
-    got = judged(score, parse_limits(content, "limits")).verdicts
+    got = judged_by(score, parse_limits(content, "limits")).verdicts
     assert [(item.name, item.state, item.value) for item in got] == [
         ("localisation_max_s", "not enough data", None),
         ("target localisation_max_s", "fail", 0.7),
@@ -117,7 +117,7 @@ def test_each_name_of_a_limit_finds_its_number() -> None:
             content = {str(part): [{"condition": "distance=5", **entry}] if part is LimitSection.TRAJECTORY else entry}
             limits = parse_limits(content, "limits")
             of_poses = Association(matched=50, estimate_poses=50, truth_poses=50)
-            score = judged(Score(figures=(row, *complete()), association=of_poses), limits)
+            score = judged_by(Score(figures=(row, *complete()), association=of_poses), limits)
             verdict = score.verdicts[-1]
             assert verdict.value == 0.25, name
             assert (verdict.figure, verdict.statistic) == (limited.figure, statistic)
@@ -126,22 +126,22 @@ def test_each_name_of_a_limit_finds_its_number() -> None:
 
 def test_the_verdict_over_all() -> None:
     limits = parse_limits(LIMIT, "limits")
-    good, bad, unknown = (judged(with_position(total), limits) for total in (0.4, 0.6, None))
+    good, bad, unknown = (judged_by(with_position(total), limits) for total in (0.4, 0.6, None))
     assert [item.verdict for item in (good, bad, unknown)] == ["pass", "fail", "not enough data"]
-    assert judged(with_position(0.4), None).verdict is None
+    assert judged_by(with_position(0.4), None).verdict is None
     half = figure_row("missing", n=2, value=0.5)
     for total, verdict in ((0.4, "incomplete"), (0.6, "fail")):
         whole = with_position(total)
         rows = [half if (row.figure, row.part) == ("missing", None) else row for row in whole.figures]
-        part = judged(replace(whole, figures=tuple(rows)), limits)
+        part = judged_by(replace(whole, figures=tuple(rows)), limits)
         assert part.verdict == verdict
         assert part.verdicts[0].name == "missing_max_share"
     assert overall_verdict(replace(good, contradiction="its quaternions are conjugated"), ["pass"], None) is None
     crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")
-    assert judged(replace(with_position(0.4), findings=(crash,)), limits).verdict == "fail"
+    assert judged_by(replace(with_position(0.4), findings=(crash,)), limits).verdict == "fail"
     assert overall_verdict(Score(findings=(crash,)), [], None) == "fail"
     late = replace(crash, kind=FindingKind.LATE)
-    assert judged(replace(with_position(0.4), findings=(late,)), limits).verdict == "pass"
+    assert judged_by(replace(with_position(0.4), findings=(late,)), limits).verdict == "pass"
 
 
 def test_reasons_why_something_is_not_judged() -> None:
@@ -149,7 +149,7 @@ def test_reasons_why_something_is_not_judged() -> None:
     score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5", "distance=1e6")))
     assert len(reasons_not_judged(score)) == 1
     assert "distance=1e+06" in reasons_not_judged(score)[0]
-    few = judged(with_position(None, count=1), parse_limits(LIMIT, "limits"))
+    few = judged_by(with_position(None, count=1), parse_limits(LIMIT, "limits"))
     assert "only 1 values" in reasons_not_judged(few)[0]
 
 
@@ -207,7 +207,7 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
             errors=scored.errors,
             details=Details(trajectory=scored.details),
         )
-        found.append(judged(score, limits))
+        found.append(judged_by(score, limits))
     bounds = [score.on_limits[0].value for score in found]
     assert bounds[0] is not None
     assert bounds[0] == bounds[1]
@@ -232,7 +232,7 @@ def test_a_limit_on_horizontal_errors_is_judged_by_each_reading() -> None:
     assert readings["pose"] is not None
     assert readings["position"] == readings["displacement"] > 2.0 * readings["pose"]
     content = {"trajectory": [{"condition": "distance=5", "horizontal_mean_plus_3sigma_m": 1.5 * readings["pose"]}]}
-    (verdict,) = judged(score, parse_limits({**content, "minimum_independent": 1}, "limits")).on_limits
+    (verdict,) = judged_by(score, parse_limits({**content, "minimum_independent": 1}, "limits")).on_limits
     assert verdict.by_reading == {"pose": "pass", "displacement": "fail", "position": "fail"}
 
 
@@ -250,7 +250,7 @@ def test_the_terms_of_a_stored_limit_are_checked_as_in_a_limits_file(
     name: str, changed: dict[str, Any], words: str
 ) -> None:
     limits = parse_limits({"trajectory": [{"condition": "distance=5", name: {"limit": 0.5}}]}, "limits")
-    stored = to_dict(judged(with_position(0.4), limits))
+    stored = to_dict(judged_by(with_position(0.4), limits))
     stored["rules"]["limits"][0] |= changed
     with pytest.raises(InputError, match=words) as caught:
         from_dict(stored)
@@ -283,7 +283,7 @@ def test_a_bound_is_made_of_all_errors_with_plots_and_without(monkeypatch: pytes
             errors=scored.errors,
             details=Details(trajectory=scored.details),
         )
-        made.append(judged(score, limits))
+        made.append(judged_by(score, limits))
     thinned = made[1].details
     assert thinned is not None
     assert thinned.trajectory is not None
@@ -298,9 +298,9 @@ def test_a_verdict_on_what_contradicts_is_not_judged_but_a_crash_has_failed() ->
     limits = parse_limits(LIMIT, "limits")
     crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")
     score = replace(with_position(0.6), contradiction="its quaternions are conjugated", findings=(crash,))
-    assert [item.state for item in judged(score, limits).verdicts] == ["fail", "not judged"]
-    assert judged(score, limits).verdict == "fail"
-    assert judged(replace(score, findings=()), limits).verdict is None
+    assert [item.state for item in judged_by(score, limits).verdicts] == ["fail", "not judged"]
+    assert judged_by(score, limits).verdict == "fail"
+    assert judged_by(replace(score, findings=()), limits).verdict is None
 
 
 def test_a_verdict_is_certain_where_the_interval_is_on_one_side_of_the_limit() -> None:
@@ -313,13 +313,13 @@ def test_a_verdict_is_certain_where_the_interval_is_on_one_side_of_the_limit() -
         ((0.51, 0.7), 0.49, "pass", False),  # the interval of a small sample need not contain the value
         ((0.3, 0.49), 0.51, "fail", False),
     ):
-        (verdict,) = judged(with_position(total, interval), parse_limits(LIMIT, "limits")).on_limits
+        (verdict,) = judged_by(with_position(total, interval), parse_limits(LIMIT, "limits")).on_limits
         assert (verdict.state, verdict.certain) == (state, certain), interval
 
 
 def test_an_interval_beyond_the_limit_is_no_certain_pass() -> None:
     entry = {"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5, "certain": True}
-    (verdict,) = judged(with_position(0.49, (0.51, 0.7)), parse_limits({"trajectory": [entry]}, "limits")).on_limits
+    (verdict,) = judged_by(with_position(0.49, (0.51, 0.7)), parse_limits({"trajectory": [entry]}, "limits")).on_limits
     assert (verdict.state, verdict.certain) == ("not enough data", False)
 
 
@@ -329,26 +329,28 @@ def test_an_absent_answer_leaves_no_pass_beside_absent_calls() -> None:
     node = ExternalScore(task="localisation", topic="t", frames="odom", answers=answers, latency_s=None)
     score = replace(with_position(0.4), external=node)
     rules = {**LIMIT, "timing": {"localisation_max_s": 1.0}}
-    made = judged(score, parse_limits(rules, "limits"))
+    made = judged_by(score, parse_limits(rules, "limits"))
     assert [item.state for item in made.on_limits] == ["incomplete", "not enough data"]
     assert made.incomplete is not None
     assert made.incomplete.endswith("; 1 of 20 pairs have no answer")
     allowed = {**rules, "completeness": {"missing_max_share": 0.1}}
-    assert judged(score, parse_limits(allowed, "limits")).on_limits[0].state == "pass"
+    assert judged_by(score, parse_limits(allowed, "limits")).on_limits[0].state == "pass"
 
 
 def test_what_a_live_run_misses_at_its_end_leaves_no_pass() -> None:
-    score = with_missing_results(judged(with_position(0.4), parse_limits(LIMIT, "limits")), "3 pairs have no answer")
+    score = with_missing_results(judged_by(with_position(0.4), parse_limits(LIMIT, "limits")), "3 pairs have no answer")
     assert [score.verdict, *(item.state for item in score.verdicts)] == ["incomplete", "incomplete"]
-    both = judged(with_position(0.4), parse_limits({**LIMIT, "completeness": {"lost_max_share": 1.0}}, "limits"))
+    both = judged_by(with_position(0.4), parse_limits({**LIMIT, "completeness": {"lost_max_share": 1.0}}, "limits"))
     both = replace(
         both, incomplete=None, verdicts=tuple(replace(item, state=VerdictState.PASS) for item in both.verdicts)
     )
     ended = with_missing_results(both, "3 pairs have no answer")
     assert [item.state for item in ended.on_limits] == ["incomplete", "pass"], "the second needs no complete drive"
-    partial = judged(with_position(0.4), parse_limits(LIMIT, "limits"), partial=True)
+    partial = judged_by(with_position(0.4), parse_limits(LIMIT, "limits"), partial=True)
     assert with_missing_results(partial, "3 pairs") == partial
-    allowed = judged(with_position(0.4), parse_limits({**LIMIT, "completeness": {"missing_max_share": 0.1}}, "limits"))
+    allowed = judged_by(
+        with_position(0.4), parse_limits({**LIMIT, "completeness": {"missing_max_share": 0.1}}, "limits")
+    )
     assert allowed.incomplete is None
     assert with_missing_results(allowed, "3 pairs") == allowed
 
@@ -358,7 +360,7 @@ def test_a_score_of_a_live_run_that_is_over_is_shown_and_not_stored() -> None:
     rules = {"minimum_independent": 1, "trajectory": [{"condition": "distance=5", "position_mean_m": 10.0}]}
     truth, estimate = drive(1)
     made = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
-    score = judged(made, parse_limits(rules, "limits"))
+    score = judged_by(made, parse_limits(rules, "limits"))
     assert (score.verdict, stored_contradiction(score)) == ("pass", None)
     problem = stored_contradiction(with_missing_results(score, "3 pairs have no answer"))
     assert problem == "verdict of the verdict on position_mean_m is 'incomplete', but the figures give 'pass'"
@@ -375,7 +377,7 @@ def test_an_unknown_fraction_of_calls_is_the_worst() -> None:
     limits = parse_limits({"completeness": {"calls_other_max_share": 0.1}}, "limits")
     values = {"mapping": 0.0, "fusion": None}
     rows = tuple(figure_row("calls_other", part=kind, n=5, value=value) for kind, value in values.items())
-    assert [item.state for item in judged(Score(figures=rows), limits).verdicts] == ["not enough data"]
+    assert [item.state for item in judged_by(Score(figures=rows), limits).verdicts] == ["not enough data"]
 
 
 def test_as_many_independent_sub_trajectories_as_are_required_are_enough() -> None:

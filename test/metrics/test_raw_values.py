@@ -14,7 +14,7 @@ from sfr_loc_map.metrics.cloud_error import score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.formulas import Statistics
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.raw_values import raw_contradiction
 from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore
@@ -124,10 +124,10 @@ def test_the_errors_of_each_limited_figure_of_a_drive_are_kept() -> None:
 def test_a_file_whose_table_was_edited_is_refused_by_the_report(tmp_path: Path, sfr: Sfr) -> None:
     """The verdicts follow from the edited table; the errors of its sub-trajectories do not."""
     path, limits = tmp_path / "s.json", parse_limits({**LIMITS, "minimum_independent": 1}, "test")
-    good = judged(scored(300, 48), limits, partial=True)
+    good = judged_by(scored(300, 48), limits, partial=True)
     path.write_text(to_json(good))
     assert sfr("report", path, "-o", tmp_path / "page.html").code in (0, 3)
-    path.write_text(to_json(judged(edited(good, "position", "p95", 0.01, "pose"), limits, partial=True)))
+    path.write_text(to_json(judged_by(edited(good, "position", "p95", 0.01, "pose"), limits, partial=True)))
     done = sfr("report", path, "-o", tmp_path / "page.html", "--overwrite")
     assert done.code == 2
     assert "contradicts itself: p95 of position distance=5 pose is" in done.err

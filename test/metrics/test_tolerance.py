@@ -105,7 +105,7 @@ def test_a_fractional_overlap_needs_as_many_values_as_each_series_lacks() -> Non
 
 def judged(score: Score, **entry: Any) -> tuple[Score, Any]:
     content = {"trajectory": [{"condition": "distance=5", "position_bound_m": entry}]}
-    found = judge.judged(score, limits_file.parse_limits(content, "limits"))
+    found = judge.judged_by(score, limits_file.parse_limits(content, "limits"))
     return found, found.verdicts[0]
 
 
@@ -126,7 +126,7 @@ def test_a_limit_with_a_share_passes_fails_or_says_how_many_drives_are_missing()
     assert row.value == verdict.value < 10.0
     assert score.figure("position").p95 < row.value <= score.figure("position").max
     assert row.unit == "m"
-    again = judge.judged(found, limit_scope.limits_of(found))
+    again = judge.judged_by(found, limit_scope.limits_of(found))
     assert again.rows("bound") == found.rows("bound"), "judged again, the table has the bound once"
     assert judged(score, limit=0.0, prob=0.95, confidence=0.95)[1].state == "fail"
     _, ensemble = judged(score, limit=10.0, prob=0.95, confidence=0.95, interpretation="ensemble")

@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig, Reading, TrajectoryScoreConfig
 from sfr_loc_map.metrics.convention_diagnosis import diagnose
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
@@ -146,7 +146,7 @@ def test_what_needs_attitudes_is_refused_or_unknown() -> None:
         "limits",
     )
     score = scored(estimate, part)
-    assert [str(item.state) for item in judged(score, limits).verdicts] == ["not enough data", "pass"]
+    assert [str(item.state) for item in judged_by(score, limits).verdicts] == ["not enough data", "pass"]
     assert from_json(to_json(score)) == score
     with pytest.raises(MetricsError, match="turn=DEG requires true attitudes"):
         score_trajectory(Estimates.of(estimate), part, replace(CONFIG, conditions=("turn=20",)))
@@ -198,7 +198,7 @@ def test_the_error_of_the_truth_counts_as_often_as_its_standard_deviation_does(s
     for beyond, state in ((0.95, "not enough data"), (1.05, "pass")):
         entry = {"condition": "distance=2", f"position_{statistic}_m": value + beyond * error}
         limits = parse_limits({"minimum_independent": 1, "trajectory": [entry]}, "limits")
-        assert judged(noisy, limits).on_limits[0].state == state
+        assert judged_by(noisy, limits).on_limits[0].state == state
 
 
 def test_the_truth_error_of_a_position_has_the_attitude_by_which_the_estimate_is_turned() -> None:
@@ -214,7 +214,7 @@ def test_the_truth_error_of_a_position_has_the_attitude_by_which_the_estimate_is
     for beyond, state in ((0.9, "not enough data"), (1.1, "pass")):
         entry = {"condition": "distance=2", "position_sigma_m": value + beyond * found}
         limits = parse_limits({"minimum_independent": 1, "trajectory": [entry]}, "limits")
-        verdict = judged(noisy, limits).on_limits[0]
+        verdict = judged_by(noisy, limits).on_limits[0]
         assert (verdict.state, verdict.truth_error) == (state, pytest.approx(found))
         assert verdict.by_reading == {"pose": state, "displacement": "pass", "position": "pass"}
-        assert judged(exact, limits).on_limits[0].state == "pass"
+        assert judged_by(exact, limits).on_limits[0].state == "pass"

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from helpers.cli_result import Sfr
 from helpers.made_scores import json_of, of_drive, whole_score
-from sfr_loc_map.metrics.judging.judge import judged, judged_again
+from sfr_loc_map.metrics.judging.judge import judged_by, with_verdicts
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.records import FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.metrics.score import Score
@@ -40,7 +40,7 @@ def rows_of(text: str) -> dict[str, dict[str, str]]:
 
 @pytest.fixture(scope="module")
 def score() -> Score:
-    return judged(of_drive(whole_score()), parse_limits(LIMITS, "limits"))
+    return judged_by(of_drive(whole_score()), parse_limits(LIMITS, "limits"))
 
 
 def test_requirements_are_closed_by_a_pass_alone(score: Score) -> None:
@@ -80,7 +80,7 @@ def test_scores_without_a_common_verdict_close_nothing(sfr: Sfr, score: Score, t
     for name, item in (("one", score), ("two", other)):
         met = {**LIMITS, "timing": {}, "trajectory": LIMITS["trajectory"][:1]}
         met["trajectory"] = [{"condition": "distance=5", "position_mean_plus_3sigma_m": {"limit": 10.0, "id": "R1"}}]
-        (tmp_path / f"{name}.json").write_text(json.dumps(json_of(judged(item, parse_limits(met, "limits")))))
+        (tmp_path / f"{name}.json").write_text(json.dumps(json_of(judged_by(item, parse_limits(met, "limits")))))
     files = [tmp_path / "one.json", tmp_path / "two.json"]
     found = sfr("report", *files, "--control", tmp_path / "vcd.csv", "--junit", tmp_path / "junit.xml")
     assert found.code == 3
@@ -90,7 +90,7 @@ def test_scores_without_a_common_verdict_close_nothing(sfr: Sfr, score: Score, t
 
 def test_a_score_that_failed_by_a_crash_closes_nothing(score: Score) -> None:
     crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")
-    rows = rows_of(control_csv({"score.json": judged_again(replace(score, findings=(crash,)))}))
+    rows = rows_of(control_csv({"score.json": with_verdicts(replace(score, findings=(crash,)))}))
     assert rows["R1"]["compliance"] == "compliant"
     assert {row["close_out"] for row in rows.values()} == {"open"}
     assert "signal 11" in rows["R1"]["remarks"]

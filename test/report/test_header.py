@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from helpers.made_scores import whole_score
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.records import FindingKind, FindingRecord, InputFile, MethodKind, MethodRecord, Provenance
 from sfr_loc_map.metrics.score import Score
@@ -55,9 +55,9 @@ def test_missed_limits_come_first_the_worst_before_the_others() -> None:
 def test_the_banner_states_a_contradiction_beside_a_failed_method() -> None:
     limits = parse_limits({"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 1.0}]}, "test")
     crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")
-    score = judged(replace(whole_score(), contradiction="its quaternions are conjugated"), limits)
+    score = judged_by(replace(whole_score(), contradiction="its quaternions are conjugated"), limits)
     assert banner_of(score).text == "Not judged: its quaternions are conjugated."
-    failed = banner_of(judged(replace(score, findings=(crash,)), limits))
+    failed = banner_of(judged_by(replace(score, findings=(crash,)), limits))
     assert failed.state == "fail"
     assert failed.text == "The method under test failed: crashed. Not judged: its quaternions are conjugated."
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from helpers.made_scores import HOSTILE, whole_score, without
 from sfr_loc_map.cli.main import app
 from sfr_loc_map.metrics.formulas import Statistics
-from sfr_loc_map.metrics.judging.judge import judged_again
+from sfr_loc_map.metrics.judging.judge import with_verdicts
 from sfr_loc_map.metrics.records import (
     AnswerCounts,
     ExternalScore,
@@ -46,7 +46,7 @@ def scores() -> list[Score]:
         figure_row("peak", part="mapping_call", value=7),
     )
     own = replace(whole_score(), method=sfr)
-    return [replace(own, figures=(*own.figures, *call)), judged_again(other)]
+    return [replace(own, figures=(*own.figures, *call)), with_verdicts(other)]
 
 
 def test_each_method_has_a_row_and_a_latency_is_no_time_per_call(scores: list[Score]) -> None:

@@ -67,7 +67,9 @@ def made_score(seed: int = 0, **entry: Any) -> Score:
     score = Score(
         figures=made.figures, association=made.association, truth=made.truth, details=Details(trajectory=made.details)
     )
-    return judge.judged(score, limits_file.parse_limits({"trajectory": [{"condition": "distance=5", **entry}]}, "test"))
+    return judge.judged_by(
+        score, limits_file.parse_limits({"trajectory": [{"condition": "distance=5", **entry}]}, "test")
+    )
 
 
 def on_the_terminal(score: Score) -> str:

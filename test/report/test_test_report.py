@@ -18,7 +18,7 @@ from sfr_loc_map.metrics.calls import score_target
 from sfr_loc_map.metrics.catalogue import CLAUSES
 from sfr_loc_map.metrics.caveats import truth_caveats
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judging.judge import judged, judged_again
+from sfr_loc_map.metrics.judging.judge import judged_by, with_verdicts
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.several_scores import common_verdict, each_by_its_limits
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TruthRecord
@@ -62,7 +62,7 @@ def scores() -> list[Score]:
         replace(part, provenance=replace(whole.provenance, command=command))
         for part, command in zip(parts, COMMANDS, strict=True)
     ]
-    return [judged(part, parse_limits(TEN, "test")) for part in named]
+    return [judged_by(part, parse_limits(TEN, "test")) for part in named]
 
 
 class Page(HTMLParser):
@@ -117,7 +117,7 @@ def test_what_stands_first_is_the_worst_and_a_part_is_said_first() -> None:
     made = scores()
     assert "<strong>FAIL</strong>" in render_test_report(made)
     loose = parse_limits({"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 100.0}]}, "test")
-    part, whole = judged(made[2], loose), judged(of_drive(made[0]), loose)
+    part, whole = judged_by(made[2], loose), judged_by(of_drive(made[0]), loose)
     assert (part.verdict, whole.verdict) == ("incomplete", "pass")
     assert "<strong>INCOMPLETE</strong>" in render_test_report([whole, part])
     assert part.verdicts[0].state is VerdictState.INCOMPLETE
@@ -134,7 +134,7 @@ def test_every_limit_has_a_clause_of_the_list_or_none() -> None:
 def test_what_the_truth_does_not_have_is_stated_once() -> None:
     truth = TruthRecord(attitude=False, yaw_deg=3.0)
     (warning,) = truth_caveats(truth)
-    score = judged(replace(whole_score(), truth=truth, warnings=(warning, "another warning")), None)
+    score = judged_by(replace(whole_score(), truth=truth, warnings=(warning, "another warning")), None)
     page = render_test_report([score])
     assert page.count("attitude and heading errors are unknown") == 1
     assert page.count("another warning") == 1
@@ -143,7 +143,7 @@ def test_what_the_truth_does_not_have_is_stated_once() -> None:
 def test_the_memory_of_a_stage_follows_no_clause_and_is_a_deviation() -> None:
     limits = {f"{kind}_peak_bytes": 2e9 for kind in ("localisation", "mapping_call", "mapping")}
     content = {"memory": limits, "timing": {"mapping_p50_s": 1.0, "localisation_p50_s": 1.0}}
-    score = judged(whole_score(), parse_limits(content, "test"), partial=True)
+    score = judged_by(whole_score(), parse_limits(content, "test"), partial=True)
     found = {item.name: (VerdictView.of(item).clause, is_of_stage(item)) for item in score.on_limits}
     assert found == {
         "localisation_peak_bytes": ("4.2.2", False),
@@ -159,8 +159,10 @@ def test_the_memory_of_a_stage_follows_no_clause_and_is_a_deviation() -> None:
 def test_junit_says_every_state_in_its_own_word() -> None:
     """pass: nothing; fail: failure; what is not judged: error, because the command ends with exit code 3."""
     made = scores()
-    made.append(judged_again(replace(made[0], contradiction="the quaternions are written the other way round")))
-    part = junit({"part": judged(replace(made[2], association=replace(made[2].association, incomplete="half")), None)})
+    made.append(with_verdicts(replace(made[0], contradiction="the quaternions are written the other way round")))
+    part = junit(
+        {"part": judged_by(replace(made[2], association=replace(made[2].association, incomplete="half")), None)}
+    )
     assert [case.find("error") is not None for case in ET.fromstring(part).iter("testcase")] == [True]
     root = ET.fromstring(junit({str(n): score for n, score in enumerate(made)}))
     words = {"pass": None, "fail": "failure", "not enough data": "error", "incomplete": "error", "not judged": "error"}
@@ -184,7 +186,7 @@ def test_junit_says_every_state_in_its_own_word() -> None:
 def test_the_reason_of_an_open_bound_is_what_it_needs() -> None:
     entry = {"limit": 10.0, "prob": 0.95, "confidence": 0.95, "interpretation": "ensemble"}
     content = {"trajectory": [{"condition": "distance=5", "position_bound_m": entry}]}
-    score = judged(whole_score(), parse_limits(content, "test"))
+    score = judged_by(whole_score(), parse_limits(content, "test"))
     item = score.on_limits[0]
     assert item.state == "not enough data"
     text = render_test_report([score])
@@ -198,7 +200,7 @@ def test_the_reason_of_an_open_bound_is_what_it_needs() -> None:
 
 def test_each_limit_that_is_neither_met_nor_missed_is_an_open_point() -> None:
     whole, _, part = scores()
-    other = judged_again(replace(whole, contradiction="the quaternions are conjugated"))
+    other = with_verdicts(replace(whole, contradiction="the quaternions are conjugated"))
     open_states = (VerdictState.NOT_ENOUGH_DATA, VerdictState.INCOMPLETE, VerdictState.NOT_JUDGED)
     found = set()
     for score in (whole, part, other):
@@ -262,7 +264,7 @@ def test_a_limit_stands_once_where_one_score_judges_it() -> None:
 
 def test_several_items_under_test_have_no_common_pass() -> None:
     loose = parse_limits({"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 100.0}]}, "test")
-    met = judged(of_drive(whole_score()), loose)
+    met = judged_by(of_drive(whole_score()), loose)
     ours, theirs = (
         replace(met, method=MethodRecord(name=name, version="1", kind=MethodKind.PYTHON)) for name in ("ours", "theirs")
     )
@@ -272,17 +274,17 @@ def test_several_items_under_test_have_no_common_pass() -> None:
     assert common_verdict([tuned, tuned]).state == "pass"
     assert common_verdict([ours, tuned]).state is None
     of_points = parse_limits({"map": {"point_error_p95_m": 100.0}}, "test")
-    mapper = replace(judged(of_map(whole_score()), of_points), method=replace(tuned.method, config_sha256="2" * 64))
+    mapper = replace(judged_by(of_map(whole_score()), of_points), method=replace(tuned.method, config_sha256="2" * 64))
     assert mapper.verdict == "pass"
     assert common_verdict([tuned, mapper]).state == "pass", "localiser and mapper have each a configuration"
-    assert common_verdict([ours, judged(half(of_drive(whole_score())), loose)]).state == "incomplete"
+    assert common_verdict([ours, judged_by(half(of_drive(whole_score())), loose)]).state == "incomplete"
 
 
 def test_a_report_lists_the_clauses_of_its_limits_alone() -> None:
-    memory = judged(whole_score(), parse_limits({"memory": {"localisation_peak_bytes": 2e9}}, "test"))
+    memory = judged_by(whole_score(), parse_limits({"memory": {"localisation_peak_bytes": 2e9}}, "test"))
     assert clauses_used([memory]) == ["4.2.2"]
     content = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 1.0}]}
-    of_position = judged(whole_score(), parse_limits(content, "test"))
+    of_position = judged_by(whole_score(), parse_limits(content, "test"))
     assert clauses_used([of_position]) == ["4.1.1", "4.1.2", "4.1.3", "4.2.3.1"]
 
 
@@ -333,7 +335,7 @@ def test_the_caption_on_paper_has_the_count_of_the_figure_and_the_number_of_mark
 
 def test_the_report_on_paper_shows_attitude_and_map_with_their_limits() -> None:
     limits = {"trajectory": [{"condition": "distance=5", "attitude_p95_deg": 0.5}], "map": {"point_error_p95_m": 0.25}}
-    score = judged(whole_score(), parse_limits(limits, "test"))
+    score = judged_by(whole_score(), parse_limits(limits, "test"))
     assert score.details is not None
     assert score.details.map is not None
     figures = {figure.y_title.partition(",")[0]: figure for figure in printed_plots(score)}

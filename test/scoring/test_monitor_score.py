@@ -31,7 +31,7 @@ from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
 from sfr_loc_map.metrics.cloud_error import score_map, truths_of
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import Details
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.results import TrajectoryResult
 from sfr_loc_map.metrics.score import Score
@@ -113,7 +113,7 @@ def without_path(score: Score) -> Score:
 
 
 def of_file(scored: TrajectoryResult) -> Score:
-    return judged(as_score(scored), None)
+    return judged_by(as_score(scored), None)
 
 
 def test_a_thousand_orders_of_messages_give_the_score_of_the_file() -> None:

@@ -19,7 +19,7 @@ from helpers.made_scores import of_map, whole_score
 from helpers.scored_drives import LOOSE, POSITION, limits, wandering
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.several_scores import difference_of
 from sfr_loc_map.metrics.records import InputFile, Provenance
@@ -76,7 +76,7 @@ def test_a_report_of_scores_passes_only_what_limits_judged(tmp_path: Path, files
     assert (tmp_path / "t.xml").read_text().count("<error") == 1
     assert sfr("report", good, *options).code == 0
     score = from_json(bare.read_text())
-    turned.write_text(to_json(judged(msgspec.structs.replace(score, contradiction="conjugated"), None)))
+    turned.write_text(to_json(judged_by(msgspec.structs.replace(score, contradiction="conjugated"), None)))
     assert sfr("report", turned, *options).code == 3
     assert sfr("report", turned, "-o", tmp_path / "page.html").code == 3
 
@@ -115,7 +115,7 @@ def test_a_missed_limit_of_the_map_is_missed_beside_a_score_of_the_map(judge: Ju
         "timing": {"mapping_call_s": 0.5},
     }
     surface, control = judge.folder / "map.json", judge.folder / "c.csv"
-    surface.write_text(to_json(judged(of_map(whole_score()), parse_limits(content, "test"))))
+    surface.write_text(to_json(judged_by(of_map(whole_score()), parse_limits(content, "test"))))
     stamp, states = int(judge.truth.stamps_ns[0]), {}
     for name, seconds in (("slow", [2.0]), ("fast", [0.1]), ("none", [])):
         stats = judge.folder / "mapping.csv"

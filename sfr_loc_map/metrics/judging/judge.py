@@ -28,12 +28,12 @@ from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.verdict import Verdict
 
 
-def judged(score: Score, limits: Limits | None, *, partial: bool = False) -> Score:
+def judged_by(score: Score, limits: Limits | None, *, partial: bool = False) -> Score:
     """Return a score with its rules, the verdict on each limit, and the verdict over all limits."""
-    return judged_again(struct_replace(score, rules=Rules.of(limits, partial=partial)))
+    return with_verdicts(struct_replace(score, rules=Rules.of(limits, partial=partial)))
 
 
-def judged_again(score: Score) -> Score:
+def with_verdicts(score: Score) -> Score:
     """Return a score with its tolerance bounds as rows, and the verdicts that follow from its figures and rules."""
     proofs = proofs_of(score)
     others = tuple(row for row in score.figures if row.figure != BOUND)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.config import VerdictState, worst_of
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, task_of, tasks_of
 from sfr_loc_map.metrics.judging.limited_value import value_of
 from sfr_loc_map.metrics.records import InputFile, MethodRecord, Provenance
@@ -144,7 +144,7 @@ def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
         ]
         if limits is not None and len(kept) < len(limits.limits):
             is_partial = score.rules is not None and score.rules.partial
-            score = judged(score, struct_replace(limits, limits=tuple(kept)) if kept else None, partial=is_partial)
+            score = judged_by(score, struct_replace(limits, limits=tuple(kept)) if kept else None, partial=is_partial)
             names = ", ".join(item.shown_name for item in limits.limits if item not in kept)
             score = score.with_caveat(f"the limits {names} are judged in another of the scores")
         found.append(score)

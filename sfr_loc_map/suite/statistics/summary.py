@@ -14,7 +14,7 @@ from msgspec import Struct
 from sfr_loc_map import __version__
 from sfr_loc_map.metrics.completeness import expected_row
 from sfr_loc_map.metrics.config import VerdictState, worst_of
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limit_scope import limits_about, tasks_of
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
 from sfr_loc_map.metrics.limits import Limits
@@ -195,7 +195,7 @@ def read_scored_job(job: Job, store: Store, limits: Limits | None) -> ScoredJob:
     """Read the result of a job, and judge the result by the limits that apply to its subjects."""
     score = store.score(job)
     of_score = limits_about(limits, tasks_of(score))
-    return ScoredJob(job, judged(score, of_score, partial=job.scoring.partial))
+    return ScoredJob(job, judged_by(score, of_score, partial=job.scoring.partial))
 
 
 class SequentialDecision:

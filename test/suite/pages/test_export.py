@@ -11,7 +11,7 @@ import pytest
 from helpers.made_suites import JOB
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit, write_parquet
@@ -24,7 +24,7 @@ from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, groups_of
 def summary(score: Score) -> Summary:
     limits = parse_limits({"trajectory": [{"condition": "distance=1", "position_mean_m": 1e-9}]}, "limits")
     drives = [
-        ScoredJob(replace(JOB, source=replace(JOB.source, name=name)), judged(score, limits))
+        ScoredJob(replace(JOB, source=replace(JOB.source, name=name)), judged_by(score, limits))
         for name in ("first", "other")
     ]
     failed = JobFailure("k", "localise third", "third.mcap", FailureCause.TIME, "not done after 5 s")
