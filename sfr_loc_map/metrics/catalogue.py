@@ -103,7 +103,7 @@ CATALOGUE = (
         OF_ERRORS,
         (TOTAL,),
         topic="position",
-        errors_of=lambda judged: judged.errors.position_m,
+        errors_of=lambda sub_trajectories: sub_trajectories.errors.position_m,
     ),
     FigureKind(
         "attitude",
@@ -115,7 +115,7 @@ CATALOGUE = (
         (TOTAL,),
         topic="attitude",
         is_unsigned=True,
-        errors_of=lambda judged: judged.errors.attitude_deg,
+        errors_of=lambda sub_trajectories: sub_trajectories.errors.attitude_deg,
     ),
     FigureKind(
         "heading",
@@ -126,7 +126,7 @@ CATALOGUE = (
         OF_ERRORS,
         (TOTAL,),
         topic="heading",
-        errors_of=lambda judged: judged.errors.heading_deg,
+        errors_of=lambda sub_trajectories: sub_trajectories.errors.heading_deg,
     ),
     FigureKind(
         "horizontal",
@@ -134,7 +134,7 @@ CATALOGUE = (
         "",
         "m",
         "horizontal position error",
-        errors_of=lambda judged: judged.errors.position_m[:, :2],
+        errors_of=lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2],
         is_without_height=True,
     ),
     FigureKind(
@@ -143,7 +143,9 @@ CATALOGUE = (
         "",
         "m",
         "chord error",
-        errors_of=lambda judged: chord_error(judged.poses, judged.starts, judged.ends),
+        errors_of=lambda sub_trajectories: chord_error(
+            sub_trajectories.poses, sub_trajectories.starts, sub_trajectories.ends
+        ),
         is_of_all_readings=True,
     ),
     FigureKind("ape", Subject.TRAJECTORY, "", "m", "absolute pose error (APE)"),

@@ -22,30 +22,34 @@ QUARTERS = (0.25, 0.5, 0.75, 1.0)
 """Fractions of a sub-trajectory at which the distance from its start is measured, because it may end at its start."""
 
 
-def rows_of_moving(condition: str, judged: SubTrajectories, overlap: float, *, has_height: bool) -> Iterator[Figure]:
+def rows_of_moving(
+    condition: str, sub_trajectories: SubTrajectories, overlap: float, *, has_height: bool
+) -> Iterator[Figure]:
     """Yield the fraction of sub-trajectories of a stationary rover, and the errors of those in which it moves.
 
     The errors are omitted if the rover is stationary in all sub-trajectories or in none.
     """
-    moves, count = is_moving(judged), len(judged.starts)
+    moves, count = is_moving(sub_trajectories), len(sub_trajectories.starts)
     standing = count - int(np.count_nonzero(moves))
     yield figure_row(STANDING, condition, SUB_TRAJECTORIES, n=count, value=share_of(standing, count))
     if not 0 < standing < count:
         return
-    errors = SubTrajectoryErrors(*(values[moves] for values in judged.errors))
-    others = judged._replace(starts=judged.starts[moves], ends=judged.ends[moves], errors=errors)
+    errors = SubTrajectoryErrors(*(values[moves] for values in sub_trajectories.errors))
+    others = sub_trajectories._replace(
+        starts=sub_trajectories.starts[moves], ends=sub_trajectories.ends[moves], errors=errors
+    )
     for kind in error_figures(has_height=has_height):
         yield error_row(kind, condition, MOVING, others, overlap)
 
 
-def is_moving(judged: SubTrajectories) -> Mask:
+def is_moving(sub_trajectories: SubTrajectories) -> Mask:
     """Return the sub-trajectories in which the rover moves or turns by a tenth of the largest motion or turn."""
-    starts, ends = judged.starts, judged.ends
+    starts, ends = sub_trajectories.starts, sub_trajectories.ends
     frames = [starts + np.rint(share * (ends - starts)).astype(np.int64) for share in QUARTERS]
-    position = np.nan_to_num(judged.poses.true_position)  # heights may be unknown
+    position = np.nan_to_num(sub_trajectories.poses.true_position)  # heights may be unknown
     moved_m = [np.linalg.norm(formulas.displacement(position, starts, at), axis=1) for at in frames]
     farthest_m = np.max(moved_m, axis=0)
-    attitude = judged.poses.true_attitude
+    attitude = sub_trajectories.poses.true_attitude
     turn_deg = np.nan_to_num(formulas.attitude_error_deg(attitude[ends], attitude[starts]))  # attitudes may be unknown
     least_deg = max(TURN_DEG, MOVING_SHARE * np.max(turn_deg, initial=0.0))
     return np.asarray((farthest_m > MOVING_SHARE * np.max(farthest_m, initial=0.0)) | (turn_deg > least_deg))
