@@ -72,6 +72,7 @@ class Mutation(NamedTuple):
 ANSWERS, STORE = "replay/answer_book.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
 OTHER_FRAMES = "metrics/other_frames.py"
+INCOMPLETE = "metrics/judging/incomplete.py"
 FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_errors.py", "metrics/shortfall_kinds.py"
 DRIVES, JOB = "suite/running/drive_copies.py", "suite/running/job.py"
 MUTATIONS = (
@@ -207,7 +208,7 @@ MUTATIONS = (
         "metrics/association.py", "truth.positions[before] + share[:, None] * move", "truth.positions[before] + move"
     ),
     Mutation("metrics/drive_completeness.py", "GAP_PERIODS = 5", "GAP_PERIODS = 7"),
-    Mutation(SHORTFALLS, "MISSING_SHARE = 0.01", "MISSING_SHARE = 0.013"),
+    Mutation(SHORTFALLS, 'or true path", 0.01, 0.01', 'or true path", 0.01, 0.013'),
     Mutation("metrics/association.py", "IMAGE_PERIOD_SHARE = 0.4", "IMAGE_PERIOD_SHARE = 0.15"),
     Mutation("metrics/truth_error.py", "[2.0 * of_position] * 3", "[1.0 * of_position] * 3"),
     Mutation("metrics/consistency.py", "free_from = end\n", "free_from = start\n"),
@@ -218,7 +219,7 @@ MUTATIONS = (
     Mutation("metrics/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
     Mutation(JUDGE, "incomplete = text_of(missing)", "incomplete = score.incomplete"),
     Mutation(JUDGE, "RowPart(Scope.LIVE) in incomplete or needed_part(limit) in", "RowPart(Scope.LIVE) in"),
-    Mutation(SHORTFALLS, "Rule.JUDGED, 0.01", "Rule.JUDGED, 0.1"),
+    Mutation(SHORTFALLS, '"map points", 0.01', '"map points", 0.1'),
     Mutation("metrics/config.py", "return min(states, key", "return max(states, key"),
     Mutation(JUDGE, "figure.n < limits.minimum_count", "figure.n <= limits.minimum_count"),
     Mutation(
@@ -274,33 +275,23 @@ MUTATIONS = (
     Mutation("metrics/call_meter.py", "peak_bytes - self._idle_bytes, 0)", "peak_bytes, 0)"),
     Mutation("metrics/calls.py", "if row.call in kinds else row for", "if row.part in kinds else row for"),
     # verdicts
+    Mutation(SHORTFALLS, '"missing", Scope.DRIVE, IMAGES, 0.0', '"missing", Scope.DRIVE, IMAGES, 0.01'),
+    Mutation(SHORTFALLS, 'truth", Scope.DRIVE, IMAGES, 0.0', 'truth", Scope.DRIVE, IMAGES, 0.01'),
     Mutation(
         SHORTFALLS,
-        '"missing", Scope.DRIVE, IMAGES, Rule.JUDGED, 0.0',
-        '"missing", Scope.DRIVE, IMAGES, Rule.JUDGED, 0.01',
+        '"points_not_finite", Scope.MAP, "map points", 0.0',
+        '"points_not_finite", Scope.MAP, "map points", 0.5',
     ),
-    Mutation(
-        SHORTFALLS, 'truth", Scope.DRIVE, IMAGES, Rule.JUDGED, 0.0', 'truth", Scope.DRIVE, IMAGES, Rule.JUDGED, 0.01'
-    ),
-    Mutation(
-        SHORTFALLS,
-        '"points_not_finite", Scope.MAP, "map points", Rule.JUDGED, 0.0',
-        '"points_not_finite", Scope.MAP, "", Rule.JUDGED, 0.5',
-    ),
-    Mutation(SHORTFALLS, "Rule.JUDGED, 0.5,", "Rule.JUDGED, 0.99,"),
-    Mutation(
-        SHORTFALLS,
-        '"calls_doubled", Scope.CALLS, "calls", Rule.JUDGED, 0.0',
-        '"calls_doubled", Scope.CALLS, "calls", Rule.JUDGED, 0.1',
-    ),
-    Mutation(SHORTFALLS, "and not self.is_wrong", 'and self.figure != "calls_other"'),
-    Mutation("metrics/judging/incomplete.py", "row.n and row.value is None", "row.n and row.value == 0.0"),
+    Mutation(SHORTFALLS, 'worst pair", 0.5,', 'worst pair", 0.99,'),
+    Mutation(SHORTFALLS, '"calls_doubled", Scope.CALLS, "calls", 0.0', '"calls_doubled", Scope.CALLS, "calls", 0.1'),
+    Mutation(INCOMPLETE, "if rules.partial and kind.is_lifted_by_partial", "if rules.partial"),
+    Mutation(INCOMPLETE, "not row.n or row.value is not None", "not row.n or row.value != 0.0"),
     Mutation(
         "metrics/judging/limit_scope.py",
         "not in tasks_of(score):\n        return False",
         "not in tasks_of(score) or True:\n        return False",
     ),
-    Mutation(SHORTFALLS, '"estimates", Rule.JUDGED, 0.0', '"estimates", Rule.JUDGED, 0.1'),
+    Mutation(SHORTFALLS, '"estimates", 0.0', '"estimates", 0.1'),
     # calls belong to the estimate that they produced
     Mutation("scoring/inputs.py", "stats = [beside] if beside.is_file() else []", "stats = []"),
     Mutation(
@@ -372,28 +363,20 @@ MUTATIONS = (
         "metrics/drive_completeness.py", "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"
     ),
     Mutation("metrics/drive_completeness.py", "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
-    Mutation(
-        "metrics/judging/incomplete.py",
-        "value is None and kind.figure in TEXTS_IF",
-        "value is None and kind.figure not in TEXTS_IF",
-    ),
-    Mutation("metrics/judging/incomplete.py", "(share.value or 0.0) <= kind.most", "(share.value or 0.0) <= 1.0"),
-    Mutation(
-        "metrics/judging/incomplete.py",
-        " or not meets(limit, value):\n        text = standing",
-        ":\n        text = standing",
-    ),
+    Mutation(INCOMPLETE, "value is None and kind.figure in TEXTS_IF", "value is None and kind.figure not in TEXTS_IF"),
+    Mutation(INCOMPLETE, "share.value <= most or moving", "share.value <= 1.0 or moving"),
+    Mutation(INCOMPLETE, " or not meets(limit, value):\n            text = standing", ":\n            text = standing"),
     Mutation("metrics/standing.py", "farthest_m > MOVING_SHARE * np.max", "farthest_m >= 0.0 * np.max"),
     Mutation("metrics/standing.py", "if not 0 < standing < count:", "if not 0 < standing:"),
     Mutation("report/deviations.py", "None not in used and used != [", "None not in used and used == ["),
     # true poses at starts and ends
-    Mutation(SHORTFALLS, 'motions", Rule.JUDGED, 0.1,', 'motions", Rule.JUDGED, 1.0,'),
+    Mutation(SHORTFALLS, 'motions", 0.1,', 'motions", 1.0,'),
     Mutation("metrics/copies.py", "is_moving = lengths_m > MOVING_SHARE * np", "is_moving = lengths_m >= 0.0 * np"),
     # frames that are in no judged error
     Mutation(OTHER_FRAMES, "BEYOND = 3.0", "BEYOND = 0.1"),
     Mutation(OTHER_FRAMES, "np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)", "known"),
     Mutation(SHORTFALLS, "BEYOND_MOST = 0.02", "BEYOND_MOST = 0.2"),
-    Mutation("metrics/judging/incomplete.py", "value is not None and not meets(limit, value)", "value is not None"),
+    Mutation(INCOMPLETE, "value is not None and not meets(limit, value)", "value is not None"),
     # repeated poses, copies of true poses
     Mutation("metrics/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
     Mutation("metrics/copies.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),

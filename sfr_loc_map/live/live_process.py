@@ -41,7 +41,7 @@ class LiveProcess(AbstractContextManager["LiveProcess"]):
         """Name of the page's node, which joins the graph once the page is served; empty if the page does not run."""
         return page_node_name(self._process.popen.pid) if self._process.is_running else ""
 
-    def run_is_over(self, **facts: str) -> None:
+    def run_is_over(self, **facts: str | int) -> None:
         """Report to the page that the run is over, with fields of `RunEnd`; the first call precedes the nodes' end."""
         self.has_run_ended = True
         self._end = replace(self._end, **facts)

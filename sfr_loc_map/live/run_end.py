@@ -15,7 +15,8 @@ from sfr_loc_map.atomic import write_text
 class RunEnd(msgspec.Struct, frozen=True):
     """The end of a run."""
 
-    missing: str = ""  #: What the estimate is known to lack.
+    images: int = 0  #: Number of images of the source; 0 if they are unknown.
+    posed: int = 0  #: Number of these images with a pose.
     aborted: str = ""  #: Cause of an abort.
     report: str = ""  #: Path of the HTML report.
 

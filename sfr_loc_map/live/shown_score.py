@@ -5,10 +5,16 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from msgspec.structs import replace
+
+from sfr_loc_map.metrics.completeness import share_rows
 from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.judging.judge import with_missing_results
+from sfr_loc_map.metrics.judging.judge import with_verdicts
+from sfr_loc_map.metrics.row_part import Scope
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_dict
+from sfr_loc_map.metrics.shortfall_kinds import IN_GAPS, JUDGED
+from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.report.limit_bars import limit_bars
 from sfr_loc_map.report.plotted_data import error_sizes
 from sfr_loc_map.report.score_tables import score_tables
@@ -26,10 +32,22 @@ class ShownScore:
         self.score, self.received_s, self.content = score, received_s, to_dict(score)
         self.overall, self.tables, self.bars = banner_of(score), score_tables(score), limit_bars(score)
 
-    def with_missing(self, missing: str) -> ShownScore:
-        """Return the score at the end of a run, judged as incomplete if results are missing; figures are unchanged."""
-        score = with_missing_results(self.score, missing)
-        return self if score is self.score else ShownScore(score, self.received_s)
+    def at_end(self, images: int, posed: int) -> ShownScore:
+        """Return the score at the end of a run, judged again by the number of images of the source with a pose.
+
+        The monitor does not know the images of the source, and during the run, results may still arrive.
+        """
+        if not images or self.score.association is None:
+            return self
+        share = (images - posed) / images
+        judged_drive = self.score.number(JUDGED, part=Scope.DRIVE) or 0.0
+        known = figure_row(JUDGED, part=Scope.DRIVE, n=images, value=judged_drive * (1.0 - share))
+        replaced = [known, *share_rows("missing", images - posed, images), figure_row(IN_GAPS, value=share)]
+        keys = {(row.figure, row.part) for row in replaced}
+        others = [row for row in self.score.figures if (row.figure, row.part) not in keys]
+        figures = (*others, *replaced)
+        association = replace(self.score.association, images=images)
+        return ShownScore(with_verdicts(replace(self.score, figures=figures, association=association)), self.received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return the content of a page as JSON values."""

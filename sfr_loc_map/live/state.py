@@ -61,7 +61,7 @@ class LiveState:
         self.ended_s: float | None = None  # time of the end, s; None during the run
         self.aborted: Aborted | None = None
         self._report_page = b""  # HTML report after the end of the run
-        self._missing = ""  # what the estimate is known to lack at the end
+        self._images, self._posed = 0, 0  # images of the source, and those with a pose, at the end
         self._result_s: float | None = None  # reception of the last pose or call, s; None before the first one
         self._published: OrderedDict[int, float] = OrderedDict()  # publication time of images by stamp, s
         self._call_count = 0
@@ -124,13 +124,13 @@ class LiveState:
         page = run_end.report_page()
         with self.lock:
             self.end_reception(now_s)
-            self._missing = run_end.missing
+            self._images, self._posed = run_end.images, run_end.posed
             self._report_page = page or self._report_page
             if run_end.aborted and self.aborted is None:
                 self.aborted = Aborted(run_end.aborted, now_s)
                 self.timeline.mark(now_s, EventKind.ABORTED, f"aborted: {run_end.aborted}")
             if self.score is not None:
-                self.score = self.score.with_missing(run_end.missing)
+                self.score = self.score.at_end(self._images, self._posed)
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the latest score (`sfr-score/2`) with the state of the run as `live`, as JSON values."""
@@ -269,7 +269,7 @@ class LiveState:
         if (length := len(update.text)) > MAX_REPORT_CHARACTERS:
             raise InputError(f"{REPORT} has {length} characters: at most {MAX_REPORT_CHARACTERS} are allowed")
         score = ShownScore(from_json(update.text, REPORT), update.received_s)
-        self.score = score.with_missing(self._missing) if self.ended else score
+        self.score = score.at_end(self._images, self._posed) if self.ended else score
         bars = sorted(self.score.bars, key=lambda bar: bar.place)
         self.timeline.judge(bars, update.received_s)
         if (drive := self.score.score.association) is not None:

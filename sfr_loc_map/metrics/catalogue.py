@@ -201,6 +201,8 @@ CATALOGUE = (
     # completeness, and the consistency of the covariance: not in the document
     of_completeness("judged", "judged fraction of the expected items"),
     of_completeness("missing", "missing"),
+    of_completeness("in_gaps", "evident gaps"),
+    of_completeness("hidden_conditions", "conditions that are shorter than an evident gap"),
     of_completeness("images_without_truth", "images without ground truth"),
     of_completeness("lost", "lost"),
     of_completeness("degraded", "degraded"),
@@ -221,6 +223,9 @@ CATALOGUE = (
     of_completeness("calls_missing", "pairs without a measured call"),
     of_completeness("calls_other", "calls with stamps that are not in the source"),
     of_completeness("calls_doubled", "calls with a repeated stamp"),
+    of_completeness("unmeasured", "calls without measured memory"),
+    of_completeness("unanswered", "pairs without an answer"),
+    of_completeness("answered_twice", "answers to pairs that were answered before"),
     of_completeness("dropped", "messages dropped"),
     of_completeness("restarts", "restarts of the live score", is_count=True),
     FigureKind("truth_error", Subject.CONSISTENCY, "", "m", "error of the ground truth", is_one_number=True),

@@ -6,12 +6,13 @@ unknown, they are the stamps of the ground truth, and of the estimates that have
 1. the expected stamps (`expected_without_images`),
 2. which of them have an estimate and a ground truth (`coverage_of`),
 3. the gaps, which are runs of expected stamps without an estimate (`gaps_of`), and
-4. whether the estimate is evidently incomplete, and the rows of the table of figures.
+4. the rows of the table of figures.
 
 The true poses are no evidence of the images, because a ground truth may be denser than unknown images. If the images
 are unknown, only a time of more than five median periods between neighbouring estimates is therefore an evident gap
-(`long_gaps`). Limits require complete evidence, so that each true pose without an estimate is missing. Without limits,
-only evident gaps make a drive incomplete. See docs/metrics.md, "Completeness".
+(`long_gaps`). These periods are those of the item under test, so that evenly selected poses have no evident gap. Limits
+therefore require complete evidence, so that each true pose without an estimate is missing. Without limits there is no
+verdict, and only evident gaps are reported. See docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations
@@ -27,11 +28,11 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.association import has_own, nearness_ns, unique_rows
-from sfr_loc_map.metrics.completeness import expected_row, share_rows
+from sfr_loc_map.metrics.completeness import expected_row, share_of, share_rows
 from sfr_loc_map.metrics.config import AssociationMode, Condition, ConditionKind
 from sfr_loc_map.metrics.records import Association
 from sfr_loc_map.metrics.row_part import RowPart, Scope
-from sfr_loc_map.metrics.shortfall_kinds import MISSING_SHARE
+from sfr_loc_map.metrics.shortfall_kinds import HIDDEN_CONDITIONS, IN_GAPS
 from sfr_loc_map.metrics.table import Figure, figure_row
 
 DISTANCE, TIME = "distance", "time"  #: Parts of the rows of the longest gap.
@@ -130,7 +131,7 @@ def drive_completeness(
     image_stamps_ns: IntArray | None,
     in_flight_ns: int = 0,
 ) -> tuple[Association, list[Figure]]:
-    """Return the association with the evidence that the estimate is incomplete, and the rows of completeness.
+    """Return the association with the number of images, and the rows of completeness.
 
     `frames_ns` are the ascending stamps of the frames. MetricsError if the estimate or the truth contains two runs.
     """
@@ -151,14 +152,13 @@ def drive_completeness(
         evidently_missing = missing_path(evident, estimates_ns, path)
         gaps = gaps.with_others(evident)
     longest = LongestGap.of(gaps, path)
-    if evidently_missing > MISSING_SHARE or hides_a_condition(evident, path, conditions):
-        what = "images" if association.images else "true poses"
-        text = covered_text(1.0 - coverage.missing_share, what, longest)
-        association = msgspec.structs.replace(association, incomplete=text)
-    rows = coverage_rows(coverage, association, len(estimates_ns))
+    rows = [*coverage_rows(coverage, association, len(estimates_ns)), *longest_gap_rows(longest)]
+    hidden = sum(is_in_a_gap(condition, evident, path) for condition in conditions)
+    rows.append(figure_row(IN_GAPS, value=evidently_missing))
+    rows.append(figure_row(HIDDEN_CONDITIONS, n=len(conditions), value=share_of(hidden, len(conditions))))
     path_share = path_without_images(expected_ns, path, max_gap_of(association)) if association.images else None
-    without_images = figure_row("path_without_images", n=association.images or 0, value=path_share)
-    return association, [*rows, without_images, *longest_gap_rows(longest)]
+    rows.append(figure_row("path_without_images", n=association.images or 0, value=path_share))
+    return association, rows
 
 
 def coverage_rows(coverage: Coverage, association: Association, estimates: int) -> Iterator[Figure]:
@@ -347,18 +347,15 @@ def missing_path(gaps: Gaps, stamps: IntArray, path: TruePath) -> float:
     return in_gaps / whole if whole > 0.0 else 0.0
 
 
-def hides_a_condition(gaps: Gaps, path: TruePath, conditions: Sequence[Condition]) -> bool:
+def is_in_a_gap(condition: Condition, gaps: Gaps, path: TruePath) -> bool:
     """Return whether a gap is longer than the sub-trajectories of a condition, in each part of a combined condition.
 
     The frames and the turn of a gap are unknown, so that parts of these kinds are ignored.
     """
     lengths_m, lengths_s = gaps.lengths_m(path), gaps.lengths_s()
     lengths = {ConditionKind.DISTANCE: lengths_m, ConditionKind.DISPLACEMENT: lengths_m, ConditionKind.TIME: lengths_s}
-    for condition in conditions:
-        is_longer = [lengths[part.kind] > part.value for part in condition.parts if part.kind in lengths]
-        if is_longer and np.all(is_longer, axis=0).any():
-            return True
-    return False
+    is_longer = [lengths[part.kind] > part.value for part in condition.parts if part.kind in lengths]
+    return bool(is_longer) and bool(np.all(is_longer, axis=0).any())
 
 
 def covered_text(share: float, of: str, longest: LongestGap | None) -> str:

@@ -27,7 +27,7 @@ from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.records import Record
 from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
-from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
+from sfr_loc_map.metrics.shortfall_kinds import JUDGED, SHORTFALLS
 from sfr_loc_map.metrics.tolerance import CONFIDENCE, THREE_SIGMA
 
 
@@ -135,7 +135,7 @@ LIMITED_NUMBERS: dict[LimitSection, dict[str, LimitedNumber]] = {
             Subject.COMPLETENESS, kind.figure, "value", is_of_worst_call=kind.scope is Scope.CALLS
         )
         for kind in SHORTFALLS
-        if not KINDS[kind.figure].is_count
+        if kind.limit_name is not None
     },
     LimitSection.TRAJECTORY: names_of(OF_DRIVE, (*STATISTICS, BOUND)),
     LimitSection.MAP: {
@@ -265,8 +265,8 @@ class Rules(Limits, frozen=True, kw_only=True, omit_defaults=False):
 
 
 def is_lower_bound(limit_name: str) -> bool:
-    """Return whether a limit is a lower bound, which has a name that ends in `_min` (`coverage_min`)."""
-    return limit_name.endswith("_min")
+    """Return whether a limit is a lower bound, by its name: `coverage_min`, and the required fraction `judged`."""
+    return limit_name.endswith("_min") or limit_name == JUDGED
 
 
 def is_on_target(shown_name: str) -> bool:

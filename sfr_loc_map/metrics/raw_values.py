@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.limits import LimitSection
 from sfr_loc_map.metrics.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart, Scope, is_of_pair
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS, ShortfallKind
+from sfr_loc_map.metrics.shortfall_kinds import ANSWERED_TWICE, SHORTFALLS, UNANSWERED, UNMEASURED, ShortfallKind
 from sfr_loc_map.metrics.table import Figure, figure_row
 
 EXACT = 1e-9  #: Relative tolerance of a recomputed statistic.
@@ -29,6 +29,7 @@ DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 """Rounding of the errors of sub-trajectories and of map points in the data of the plots, m."""
 SIGMAS = 5.0  #: A quantile contradicts the sample if a sampled fraction deviates by more standard deviations than this.
 CORRELATED = 10.0  #: Number of correlated values that are equivalent to one independent value.
+OF_RECORDS = (UNANSWERED, ANSWERED_TWICE, UNMEASURED)  #: Shortfalls that have no row of their own.
 WITHOUT_RESULT: dict[str, tuple[str, Subject]] = {
     Scope.DRIVE: ("missing", Subject.TRAJECTORY),
     Scope.MAP: ("pairs_without_cloud", Subject.MAP),
@@ -116,7 +117,7 @@ def _of_judged(score: Score) -> Iterator[str]:
 
 def _required_shortfalls(score: Score, part: RowPart) -> list[ShortfallKind]:
     """Return the shortfalls whose rows a part of a score always has."""
-    of_part = [kind for kind in SHORTFALLS if kind.scope == part.what]
+    of_part = [kind for kind in SHORTFALLS if kind.scope == part.what and kind.figure not in OF_RECORDS]
     only, subject = WITHOUT_RESULT.get(part.what, ("", Subject.COMPLETENESS))
     if not score.has(subject):
         return [kind for kind in of_part if kind.figure == only]

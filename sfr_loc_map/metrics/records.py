@@ -47,7 +47,6 @@ class Association(Record, frozen=True, kw_only=True, omit_defaults=False):
     #: only the position at N. If the ground truth has no attitudes, the yaw (`yaw_aligned`) or the complete rotation
     #: (`rotation_aligned`) of the estimate is fitted over the drive, and then `position` is applied.
     rebase: Reading = Reading.POSE
-    incomplete: str | None = None  #: Why the estimate evidently does not cover the drive; null without an evident gap.
 
 
 class TruthRecord(Record, frozen=True, kw_only=True, omit_defaults=False):

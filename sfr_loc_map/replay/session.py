@@ -26,7 +26,6 @@ from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import decoded
-from sfr_loc_map.metrics.shortfall_kinds import MISSING_SHARE
 from sfr_loc_map.nodes.launch.processes import ChildProcess, Supervisor, user_command
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.external import external_node
@@ -71,7 +70,9 @@ def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, 
         if options.page is not None:
             if not publish_final_figures(participants.peer, results):
                 say("the figures of the page lack results that the monitor has not received")
-            options.page.run_is_over(missing=_missing_poses(source, results))
+            images = set(source.expected_loc_ns().tolist())
+            posed = images.intersection(stamp_ns for stamp_ns, _, _ in results.poses)
+            options.page.run_is_over(images=len(images), posed=len(posed))
         return was_interrupted
 
 
@@ -180,13 +181,6 @@ def _started_processes(source: Source, options: ReplayOptions) -> Iterator[tuple
         if options.external is not None and options.external.command:
             command = stack.enter_context(user_command(options.external.command, folder))
         yield supervisor, command
-
-
-def _missing_poses(source: Source, results: ReceivedResults) -> str:
-    """Return what the estimate lacks, as a text for the page; empty if nearly every image has a pose."""
-    images = 0 if source.loc is None else len(source.loc)
-    posed = len({stamp_ns for stamp_ns, _, _ in results.poses})
-    return "" if images - posed <= MISSING_SHARE * images else "not every image of the source has a pose"
 
 
 def check_source(source: Source, offset_s: float = 0.0) -> None:

@@ -133,7 +133,7 @@ def _relaxed_rules(score: Score) -> Iterator[str]:
         return
     if rules.partial:
         yield "An incomplete result is judged as if it were complete (--partial)."
-    strict = {kind.limit_name: kind.most for kind in SHORTFALLS if kind.has_most}
+    strict = {kind.limit_name: kind.most for kind in SHORTFALLS if kind.most is not None}
     usual_coverage = 1.0 - strict["pixels_without_point_max_share"]
     for item in rules.limits:
         if item.name in strict and item.limit > strict[item.name]:

@@ -11,7 +11,7 @@ from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND
 from sfr_loc_map.metrics.caveats import reading_caveats
 from sfr_loc_map.metrics.config import Condition, ScoreConfig
 from sfr_loc_map.metrics.details import CallPlots, Details, MapDetails, TrajectoryDetails
-from sfr_loc_map.metrics.judging.incomplete import evident_shortfalls, text_of
+from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import ConventionRecord, MethodKind, MethodRecord, Provenance
@@ -86,7 +86,8 @@ def _details(
 
 def _partial_warnings(score: Score) -> Iterator[str]:
     """Yield a warning if an incomplete result is judged only because the user allowed it."""
-    if score.incomplete is None and (text := text_of(evident_shortfalls(score))) is not None:
+    without_rules = struct_replace(score, rules=None)
+    if score.incomplete is None and (text := text_of(incompleteness(without_rules))) is not None:
         yield f"a part of the drive is judged: {text}"
 
 

@@ -34,7 +34,8 @@ from sfr_loc_map.metrics.drive_completeness import SPARSER
 from sfr_loc_map.metrics.records import Association, TargetRun
 from sfr_loc_map.metrics.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
-from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.shortfall_kinds import IN_GAPS
+from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.runs.call_stats import CallStats
 from sfr_loc_map.scoring.conversion import ConventionFinding
@@ -95,9 +96,8 @@ def result_without_poses(images: int) -> TrajectoryResult:
     """Return the result of a drive without an estimate for any image; `images` is their number."""
     if not images:
         return TrajectoryResult()
-    return TrajectoryResult(
-        figures=(expected_row(RowPart(Scope.DRIVE), 0, images), *share_rows("missing", images, images))
-    )
+    rows = (expected_row(RowPart(Scope.DRIVE), 0, images), *share_rows("missing", images, images))
+    return TrajectoryResult(figures=(*rows, figure_row(IN_GAPS, value=1.0)))
 
 
 def _uneven_estimates(drive: DriveToScore, association: Association) -> Iterator[str]:

@@ -115,6 +115,7 @@ def half(score: Score) -> Score:
     rows = []
     for row in score.figures:
         values = {("missing", None): 0.5, ("missing", "count"): 0.5 * (row.n or 0), ("judged", "drive"): 0.5}
+        values["in_gaps", None] = 0.5
         place = (row.figure, row.part)
         rows.append(replace(row, value=values[place]) if place in values else row)
     return with_verdicts(replace(score, figures=tuple(rows)))

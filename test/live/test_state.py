@@ -8,17 +8,17 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from msgspec.structs import replace
 
 from helpers.live_run import NODES, call, fill, frame, health, scored
-from helpers.made_scores import HOSTILE, dig, json_of, whole_score
+from helpers.made_scores import HOSTILE, dig, half, json_of, whole_score
 from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
 from sfr_loc_map.live.updates import Call, GraphNodes, ImageStamp, PoseSample, PublishedScore, Status, Track, Update
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.metrics.config import Condition, ConditionKind, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.judge import judged_by
-from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.metrics.score_json import from_dict, to_json
+from sfr_loc_map.metrics.stored import stored_contradiction
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.runs.calls import CallRecord
 
@@ -49,7 +49,7 @@ def test_state_is_the_report_with_additions_and_the_strings_of_its_tables() -> N
 def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> None:
     """The page shows the verdict of the report as it is; the end of a run can only add what has no pose."""
     whole = judged_by(whole_score(100, 48, 2), None)
-    part = replace(whole, association=replace(whole.association, incomplete="half of it"))
+    part = half(whole)
     for partial, verdict in ((False, "incomplete"), (True, "no verdict")):
         report, state = PublishedScore(to_json(judged_by(part, None, partial=partial)), 1.0), LiveState()
         state.put(report)
@@ -59,14 +59,16 @@ def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> N
         for _ in range(2):
             ended = state.to_plain(1.0)
             assert ended["live"]["overall"]["state"] == verdict
-            assert ended.get("incomplete") == (None if partial else "half of it")
+            assert ("covers 50 %" in (ended.get("incomplete") or "")) == (not partial)
             assert ended["figures"] == under_way["figures"]
             state.put(report)  # a last one that comes late
     for partial in (False, True):  # known by the images of the source
         state = LiveState()
         state.put(PublishedScore(to_json(judged_by(whole, None, partial=partial)), 1.0))
-        state.end(RunEnd(missing="an image has no pose"), 1.0)
-        assert state.to_plain(1.0).get("incomplete") == (None if partial else "an image has no pose")
+        state.end(RunEnd(images=10, posed=9), 1.0)
+        ended = state.to_plain(1.0)
+        assert ("covers 90 % of the images" in (ended.get("incomplete") or "")) == (not partial)
+        assert stored_contradiction(from_dict({name: ended[name] for name in ended if name != "live"}, "page")) is None
 
 
 def test_a_report_without_poses_has_the_age_of_its_reception() -> None:

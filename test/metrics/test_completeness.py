@@ -38,7 +38,7 @@ class Covered:
     """What a score says of completeness."""
 
     def __init__(self, score: Score) -> None:
-        self.incomplete, self.matched = score.association.incomplete, score.association.matched
+        self.incomplete, self.matched = judged_by(score, None).incomplete, score.association.matched
         self.without_truth = score.number("images_without_truth", part="count")
         self.judged_share, self.missing_share = score.number("judged", part="drive"), score.number("missing")
         self.missing = score.number("missing", part="count")
@@ -391,8 +391,7 @@ def test_exactly_one_percent_of_missing_images_is_not_evident(count: int, missin
     estimate = truth[np.delete(np.arange(count), [10, 30][:missing])]
     config = TrajectoryScoreConfig(conditions=("distance=5",))
     scored = score_trajectory(Estimates.of(estimate), truth, config, image_stamps_ns=stamps_ns)
-    assert scored.association is not None
-    assert (scored.association.incomplete is not None) == is_incomplete
+    assert (judged_by(as_score(scored), None).incomplete is not None) == is_incomplete
 
 
 def test_of_two_true_poses_with_one_stamp_the_last_is_used_throughout() -> None:

@@ -12,11 +12,11 @@ from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import Calls, score_target
-from sfr_loc_map.metrics.config import TrajectoryScoreConfig, VerdictState
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.judging.incomplete import KIND_OF, Shortfall, statistic_of
-from sfr_loc_map.metrics.judging.judge import judged_by, overall_verdict, with_missing_results
+from sfr_loc_map.metrics.judging.incomplete import Shortfall, statistic_of
+from sfr_loc_map.metrics.judging.judge import judged_by, overall_verdict
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
 from sfr_loc_map.metrics.limits import BOUND, LIMITED_NUMBERS, Limits, LimitSection, Rules
@@ -25,8 +25,7 @@ from sfr_loc_map.metrics.records import AnswerCounts, Association, ExternalScore
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_json, to_dict, to_json
-from sfr_loc_map.metrics.shortfall_kinds import UNKNOWN_ITEMS
-from sfr_loc_map.metrics.stored import stored_contradiction
+from sfr_loc_map.metrics.shortfall_kinds import JUDGED, SHORTFALLS, ShortfallKind
 from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.report.verdict_view import unit_of
@@ -332,45 +331,24 @@ def test_an_absent_answer_leaves_no_pass_beside_absent_calls() -> None:
     made = judged_by(score, parse_limits(rules, "limits"))
     assert [item.state for item in made.on_limits] == ["incomplete", "not enough data"]
     assert made.incomplete is not None
-    assert made.incomplete.endswith("; 1 of 20 pairs have no answer")
+    assert "5 % of the pairs have no answer" in made.incomplete
     allowed = {**rules, "completeness": {"missing_max_share": 0.1}}
     assert judged_by(score, parse_limits(allowed, "limits")).on_limits[0].state == "pass"
 
 
-def test_what_a_live_run_misses_at_its_end_leaves_no_pass() -> None:
-    score = with_missing_results(judged_by(with_position(0.4), parse_limits(LIMIT, "limits")), "3 pairs have no answer")
-    assert [score.verdict, *(item.state for item in score.verdicts)] == ["incomplete", "incomplete"]
-    both = judged_by(with_position(0.4), parse_limits({**LIMIT, "completeness": {"lost_max_share": 1.0}}, "limits"))
-    both = replace(
-        both, incomplete=None, verdicts=tuple(replace(item, state=VerdictState.PASS) for item in both.verdicts)
-    )
-    ended = with_missing_results(both, "3 pairs have no answer")
-    assert [item.state for item in ended.on_limits] == ["incomplete", "pass"], "the second needs no complete drive"
-    partial = judged_by(with_position(0.4), parse_limits(LIMIT, "limits"), partial=True)
-    assert with_missing_results(partial, "3 pairs") == partial
-    allowed = judged_by(
-        with_position(0.4), parse_limits({**LIMIT, "completeness": {"missing_max_share": 0.1}}, "limits")
-    )
-    assert allowed.incomplete is None
-    assert with_missing_results(allowed, "3 pairs") == allowed
-
-
-def test_a_score_of_a_live_run_that_is_over_is_shown_and_not_stored() -> None:
-    """No figure has what is missing at the end, so that the check of stored scores refuses the score."""
-    rules = {"minimum_independent": 1, "trajectory": [{"condition": "distance=5", "position_mean_m": 10.0}]}
-    truth, estimate = drive(1)
-    made = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
-    score = judged_by(made, parse_limits(rules, "limits"))
-    assert (score.verdict, stored_contradiction(score)) == ("pass", None)
-    problem = stored_contradiction(with_missing_results(score, "3 pairs have no answer"))
-    assert problem == "verdict of the verdict on position_mean_m is 'incomplete', but the figures give 'pass'"
-
-
 def test_the_margin_of_what_is_missed_is_negative() -> None:
-    short = Shortfall(UNKNOWN_ITEMS, RowPart("drive"), 1.0, 0.8, "").verdict
-    assert (short.name, short.margin) == ("judged_share_min", pytest.approx(-0.2))
-    restarts = Shortfall(KIND_OF["restarts"], RowPart("live"), 0.0, 3.0, "").verdict
-    assert (restarts.name, restarts.margin, unit_of(restarts).symbol) == ("restarts_max", -3.0, "")
+    judged_kind, restarts_kind = (
+        next(kind for kind in SHORTFALLS if kind.figure == name) for name in (JUDGED, "restarts")
+    )
+    short = Shortfall(judged_kind, RowPart("drive"), 1.0, 0.8, "").verdict
+    assert (short.name, short.margin, short.is_lower_bound) == ("judged", pytest.approx(-0.2), True)
+    restarts = Shortfall(restarts_kind, RowPart("live"), 0.0, 3.0, "").verdict
+    assert (restarts.name, restarts.margin, unit_of(restarts).symbol) == ("restarts", -3.0, "")
+
+
+@pytest.mark.parametrize("kind", SHORTFALLS)
+def test_a_shortfall_has_the_name_of_a_limit_only_if_a_limits_file_accepts_the_limit(kind: ShortfallKind) -> None:
+    assert (kind.limit_name in LIMITED_NUMBERS[LimitSection.COMPLETENESS]) == kind.is_limited
 
 
 def test_an_unknown_fraction_of_calls_is_the_worst() -> None:

@@ -127,7 +127,7 @@ def test_what_stands_first_is_the_worst_and_a_part_is_said_first() -> None:
 def test_every_limit_has_a_clause_of_the_list_or_none() -> None:
     for score in scores():
         assert {VerdictView.of(item).clause for item in score.verdicts} <= {*CLAUSES, ""}
-    plain = Verdict(name="judged_share_min", limit=1.0, value=0.5, state=VerdictState.INCOMPLETE)
+    plain = Verdict(name="judged", limit=1.0, value=0.5, state=VerdictState.INCOMPLETE)
     assert VerdictView.of(plain).clause == ""
 
 
@@ -160,9 +160,7 @@ def test_junit_says_every_state_in_its_own_word() -> None:
     """pass: nothing; fail: failure; what is not judged: error, because the command ends with exit code 3."""
     made = scores()
     made.append(with_verdicts(replace(made[0], contradiction="the quaternions are written the other way round")))
-    part = junit(
-        {"part": judged_by(replace(made[2], association=replace(made[2].association, incomplete="half")), None)}
-    )
+    part = junit({"part": judged_by(half(made[2]), None)})
     assert [case.find("error") is not None for case in ET.fromstring(part).iter("testcase")] == [True]
     root = ET.fromstring(junit({str(n): score for n, score in enumerate(made)}))
     words = {"pass": None, "fail": "failure", "not enough data": "error", "incomplete": "error", "not judged": "error"}

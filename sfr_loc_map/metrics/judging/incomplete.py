@@ -1,8 +1,8 @@
 """What makes a score incomplete: expected data that are missing or cannot be judged, and data that are wrong.
 
-`incompleteness` finds the shortfalls of a score by the tables of `metrics.shortfall_kinds`, which state for each kind
-what is expected and when the score is incomplete. Every shortfall passes the same two filters: the rules of the score
-may accept it, and an evident shortfall is dropped if another one states the same results.
+`incompleteness` goes through the table `metrics.shortfall_kinds.SHORTFALLS` for each scope of the score. Unless the
+rules of the score accept a kind of shortfall, its finder compares the figure with the largest complete value.
+Most kinds have the finder `above_most`; `FINDERS` has the others.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject, statistic_title, title_of
-from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
+from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.metrics.drive_completeness import DISTANCE, TIME, LongestGap, covered_text
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.judging.limit_scope import judged_parts, limits_of
-from sfr_loc_map.metrics.limits import Limit, LimitSection, Rules, margin_of, meets
+from sfr_loc_map.metrics.judging.limit_scope import judged_parts, limits_of, tasks_of
+from sfr_loc_map.metrics.limits import Limit, LimitSection, Rules, meets
 from sfr_loc_map.metrics.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart, Scope
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.shortfall_kinds import (
-    ANSWERS,
-    EVIDENT,
+    ANSWERED_TWICE,
+    HIDDEN_CONDITIONS,
+    IN_GAPS,
     JUDGED,
     SHORTFALLS,
     TEXTS,
     TEXTS_IF_UNKNOWN,
-    UNKNOWN_ITEMS,
-    UNKNOWN_MEMORY,
-    Rule,
+    UNANSWERED,
+    UNMEASURED,
     ShortfallKind,
 )
 from sfr_loc_map.metrics.table import Figure
@@ -39,13 +39,11 @@ from sfr_loc_map.metrics.verdict import Verdict
 NOT_DUE = "no result of the {part} is due yet"
 UNKNOWN = "the expected items of the {part} are unknown: score against the source"
 NO_CALL = "no {part} call was measured: give the calls of the run (option stats)"
-NO_MEMORY = "the memory of {percent} % of the {part} calls was not measured"
 NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (option stats)"
 NO_STAMP = "the {part} calls have no stamps, so their pairs are unknown"
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
 SCOPE_OF = {Task.LOCALISATION: Scope.DRIVE, Task.MAPPING: Scope.MAP}  #: Scope of the results of a task.
-KIND_OF = {kind.figure: kind for kind in SHORTFALLS}
 STATES = RowPart("states")  #: Part of the shortfalls for unknown states of poses, which affect no other limit.
 
 
@@ -60,13 +58,10 @@ class Shortfall(NamedTuple):
     row: int | None = None  #: Index of the row of the figure in the table.
 
     @property
-    def verdict(self) -> Verdict | None:
-        """The verdict that states the shortfall; None if it is evident and counts without limits, too."""
-        if self.kind.rule is Rule.EVIDENT:
-            return None
-        name = self.kind.limit_name
+    def verdict(self) -> Verdict:
+        """The verdict that states the shortfall."""
         return Verdict(
-            name=name,
+            name=self.kind.limit_name or self.kind.figure,
             row=self.row,
             subject=Subject.COMPLETENESS,
             part=self.part.text if self.kind.figure == JUDGED else None,
@@ -74,19 +69,29 @@ class Shortfall(NamedTuple):
             statistic="value",
             limit=self.most,
             value=self.value,
-            margin=None if self.value is None else margin_of(name, self.most, self.value),
+            margin=None if self.value is None else -abs(self.value - self.most),
             state=VerdictState.INCOMPLETE,
         )
 
 
 def incompleteness(score: Score) -> list[Shortfall]:
-    """Return what makes a score incomplete by its rules. Without limits only evident shortfalls count."""
+    """Return what makes a score incomplete by its rules."""
     rules = score.rules or Rules()
+    parts = judged_parts(rules, score) if rules.limits else [RowPart(task) for task in tasks_of(score)]
     found: list[Shortfall] = []
-    for item in (*_of_limits(score, rules), *evident_shortfalls(score)):
-        if not is_accepted(item.kind, score, rules) and not _is_stated(item, found):
-            found.append(item)
+    for part in parts:
+        for kind in SHORTFALLS:
+            if kind.scope in (None, part.what) and not is_accepted(kind, rules):
+                most = kind.most if rules.limits else kind.most_without_limits
+                found += FINDERS.get(kind.figure, above_most)(kind, part, score, most)
     return found
+
+
+def is_accepted(kind: ShortfallKind, rules: Rules) -> bool:
+    """Return whether the rules of a score accept a kind of shortfall: by partial judging, or by a limit."""
+    if rules.partial and kind.is_lifted_by_partial:
+        return True
+    return any(kind.is_accepted_by(limit.name) for limit in rules.limits)
 
 
 def text_of(missing: Iterable[Shortfall]) -> str | None:
@@ -99,172 +104,158 @@ def is_lifted_by_partial(score: Score) -> bool:
     return not incompleteness(struct_replace(score, rules=Rules.of(limits_of(score), partial=True)))
 
 
-# ---- the two filters
+# ---- finders: each yields the shortfalls of one kind and scope; `most` is the largest complete value, None for any
 
 
-def is_accepted(kind: ShortfallKind, score: Score, rules: Rules) -> bool:
-    """Return whether the rules of a score accept a shortfall: by partial judging, or by a limit."""
-    if rules.partial and kind.is_lifted_by_partial:
-        return True
-    names = {limit.name for limit in rules.limits}
-    has_images = score.association is None or bool(score.association.images)
-    if kind.figure == "images_without_truth" and not has_images and KIND_OF["unmatched"].limit_name in names:
-        return True  # these images are the estimates without truth
-    return any(map(kind.is_accepted_by, names))
-
-
-def _is_stated(item: Shortfall, found: Iterable[Shortfall]) -> bool:
-    """Return whether another shortfall states what is evident: by the same figure, or by unknown expected items."""
-    if item.kind.rule is not Rule.EVIDENT:
-        return False
-    return any(other.part == item.part and other.kind.figure in (item.kind.figure, JUDGED) for other in found)
-
-
-# ---- shortfalls of scopes and limits
-
-
-def _of_limits(score: Score, rules: Rules) -> Iterator[Shortfall]:
-    """Yield the shortfalls of the scopes that limits judge, then those that depend on a limit."""
-    if not rules.limits:
-        return
-    for part in judged_parts(rules, score):
-        yield from _of_scope(score, part)
-        yield from _answered_twice(score, part)
-    for find in (_beyond_the_judged, _met_by_standing, _unknown_state):
-        for limit in rules.limits:
-            yield from find(score, limit, rules)
-
-
-def _of_scope(score: Score, part: RowPart) -> Iterator[Shortfall]:
-    """Yield the shortfalls with the rule `JUDGED` of one scope."""
-    row = score.figure(JUDGED, subject=Subject.COMPLETENESS, part=part)
+def above_most(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
+    """Yield a shortfall if the figure of a kind exceeds its largest complete value."""
     calls = part.of_calls.text
-    if row is None or row.value is None:
-        yield Shortfall(UNKNOWN_ITEMS, part, 1.0, None, why_unknown(part, row), score.index_of(row))
+    row = score.figure(kind.figure, subject=Subject.COMPLETENESS, part=calls)
+    if most is None or row is None:
         return
-    if part.what == Scope.MEMORY:
-        if row.value < 1.0:
-            text = NO_MEMORY.format(percent=f"{100.0 * (1.0 - row.value):.4g}", part=part.call)
-            yield Shortfall(UNKNOWN_MEMORY, part, 1.0, row.value, text, score.index_of(row))
-        return
-    for kind in SHORTFALLS:
-        if kind.scope != part.what or kind.rule is not Rule.JUDGED:
-            continue
-        found = score.figure(kind.figure, subject=Subject.COMPLETENESS, part=calls)
-        value = None if found is None else found.value
-        if found is not None and value is None and kind.figure in TEXTS_IF_UNKNOWN:
-            yield Shortfall(kind, part, kind.most, None, TEXTS_IF_UNKNOWN[kind.figure], score.index_of(found))
-        if value is not None and value > kind.most:
-            template = missing_text(score) if kind.figure == "missing" else TEXTS[kind.figure]
-            text = template.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=calls)
-            yield Shortfall(kind, part, kind.most, value, text, score.index_of(found))
+    if row.value is None and kind.figure in TEXTS_IF_UNKNOWN:
+        yield Shortfall(kind, part, most, None, TEXTS_IF_UNKNOWN[kind.figure], score.index_of(row))
+    if row.value is not None and row.value > most:
+        yield Shortfall(kind, part, most, row.value, filled_text(kind, row.value, calls), score.index_of(row))
 
 
-def _answered_twice(score: Score, part: RowPart) -> Iterator[Shortfall]:
-    """Yield a shortfall of the results of an external node if pairs have several answers, of which the first is judged.
+def uncovered_drive(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
+    """Yield a shortfall as `above_most`, whose text states the covered fraction of the drive and its longest gap."""
+    for item in above_most(kind, part, score, most):
+        yield item._replace(text=missing_text(score))
 
-    The other answers are in no other figure of these results.
+
+def without_truth(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
+    """Yield a shortfall as `above_most`, unless the images are unknown and the estimates without truth are limited.
+
+    If the images are unknown, the images without truth are these estimates.
     """
-    node = score.external
-    if node is None or part.what != SCOPE_OF[Task(node.task)] or not node.answers.doubled:
-        return
-    kind, row = KIND_OF["calls_doubled"], score.figure("calls_doubled", part=node.task)
-    text = f"{node.answers.doubled} answers belong to pairs that were answered before"
-    yield Shortfall(kind, part, kind.most, None if row is None else row.value, text, score.index_of(row))
+    has_images = score.association is None or bool(score.association.images)
+    names = [limit.name for limit in limits_in(score)]
+    if has_images or "unmatched_max_share" not in names:
+        yield from above_most(kind, part, score, most)
 
 
-def _beyond_the_judged(score: Score, limit: Limit, rules: Rules) -> Iterator[Shortfall]:
-    """Yield a shortfall if the errors at the other frames miss a limit.
+def unknown_items(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
+    """Yield a shortfall if the expected items of a scope are unknown."""
+    row = score.figure(JUDGED, subject=Subject.COMPLETENESS, part=part)
+    if most is not None and (row is None or row.value is None):
+        yield Shortfall(kind, part, most, None, why_unknown(part, row), score.index_of(row))
+
+
+def unmeasured_memory(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
+    """Yield a shortfall if the memory of a call was not measured."""
+    row = score.figure(JUDGED, subject=Subject.COMPLETENESS, part=part)
+    if most is not None and row is not None and row.value is not None and 1.0 - row.value > most:
+        value = 1.0 - row.value
+        yield Shortfall(kind, part, most, value, filled_text(kind, value, str(part.call)), score.index_of(row))
+
+
+def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
+    """Yield a shortfall for each limit that the errors at the other frames miss.
 
     A fraction of the frames above `most` must also have an error far above the largest judged error, because the figure
     always depends somewhat on the choice of the starts.
     """
-    if limit.section is not LimitSection.TRAJECTORY:
-        return
-    kind = KIND_OF[ERRORS_BEYOND]
-    limited = limit.limited
-    share = score.figure(ERRORS_BEYOND, condition=limit.condition, part=limited.figure)
-    others = score.figure(limited.figure, condition=limit.condition, part=OTHER_FRAMES)
-    if share is None or share.value is None or share.value <= kind.most or others is None:
-        return
-    value = others.statistic(statistic_of(limit))
-    if value is not None and not meets(limit, value):
-        text = beyond_text(score, limit, share.value, value)
-        yield Shortfall(kind, RowPart(Scope.DRIVE), kind.most, share.value, text, score.index_of(share))
+    for limit in limits_in(score):
+        if most is None or limit.section is not LimitSection.TRAJECTORY:
+            continue
+        limited = limit.limited
+        share = score.figure(ERRORS_BEYOND, condition=limit.condition, part=limited.figure)
+        others = score.figure(limited.figure, condition=limit.condition, part=OTHER_FRAMES)
+        if share is None or share.value is None or share.value <= most or others is None:
+            continue
+        value = others.statistic(statistic_of(limit))
+        if value is not None and not meets(limit, value):
+            text = beyond_text(score, limit, share.value, value)
+            yield Shortfall(kind, part, most, share.value, text, score.index_of(share))
 
 
-def _met_by_standing(score: Score, limit: Limit, rules: Rules) -> Iterator[Shortfall]:
-    """Yield a shortfall if a limit is met because the rover is stationary in most sub-trajectories.
+def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
+    """Yield a shortfall for each limit that is met because the rover is stationary in most sub-trajectories.
 
     The errors of the other sub-trajectories miss the limit, or are too few for a verdict. A drive in which the rover is
     stationary throughout is judged like any other.
     """
-    kind = KIND_OF[STANDING]
-    figure, condition = limit.limited.figure, limit.condition
-    share = score.figure(STANDING, condition=condition, part=SUB_TRAJECTORIES) if condition is not None else None
-    moving = score.figure(figure, condition=condition, part=MOVING)
-    if share is None or moving is None or (share.value or 0.0) <= kind.most:
-        return
-    value, independent = moving.statistic(statistic_of(limit)), moving.independent or 0.0
-    if value is None or independent < rules.minimum_independent or not meets(limit, value):
-        text = standing_text(limit, share, moving, value)
-        yield Shortfall(kind, RowPart(Scope.DRIVE), kind.most, share.value, text, score.index_of(share))
+    for limit in limits_in(score):
+        figure, condition = limit.limited.figure, limit.condition
+        if most is None or condition is None:
+            continue
+        share = score.figure(STANDING, condition=condition, part=SUB_TRAJECTORIES)
+        moving = score.figure(figure, condition=condition, part=MOVING)
+        if share is None or share.value is None or share.value <= most or moving is None:
+            continue
+        value, independent = moving.statistic(statistic_of(limit)), moving.independent or 0.0
+        least = (score.rules or Rules()).minimum_independent
+        if value is None or independent < least or not meets(limit, value):
+            text = standing_text(limit, share, moving, value)
+            yield Shortfall(kind, part, most, share.value, text, score.index_of(share))
 
 
-def _unknown_state(score: Score, limit: Limit, rules: Rules) -> Iterator[Shortfall]:
-    """Yield a shortfall if a limit is on a state of poses, but the state of a pose is unknown."""
-    kind = KIND_OF.get(limit.limited.figure)
-    if kind is None or kind.rule is not Rule.STATED:
-        return
+def unknown_state(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
+    """Yield a shortfall for each limit on a state of poses, if the state of a pose is unknown."""
     row = score.figure(kind.figure, part=None)
-    if row is not None and row.n and row.value is None:
-        yield Shortfall(kind, STATES, limit.limit, None, NO_STATE.format(figure=kind.figure))
+    if row is None or not row.n or row.value is not None:
+        return
+    for limit in limits_in(score):
+        if limit.limited.figure == kind.figure:
+            yield Shortfall(kind, STATES, limit.limit, None, NO_STATE.format(figure=kind.figure))
 
 
-# ---- evident shortfalls, which also count without limits
-
-
-def evident_shortfalls(score: Score) -> Iterator[Shortfall]:
-    """Yield the shortfalls that the records of a score show, whatever its rules are."""
-    for kind in EVIDENT:
-        text = EVIDENT_TEXTS[kind.figure](score)
-        if text is not None and kind.scope is not None:
-            yield Shortfall(kind, RowPart(kind.scope), kind.most, None, text)
-
-
-def _evident_gap(score: Score) -> str | None:
-    """Return which part of a drive evidently has no estimate."""
-    drive = score.association
-    if drive is not None:
-        return drive.incomplete
-    return missing_text(score) if score.number("missing", part=None) else None
-
-
-def _unmapped_pairs(score: Score) -> str | None:
-    """Return how many pairs a map contains, if the source has more pairs than the ground truth of the map."""
-    row, bare = score.figure(JUDGED, part=Scope.MAP), score.number("pairs_without_cloud", part="count")
-    if row is None or not row.n or not bare or row.n <= (score.number("pairs") or 0.0):
-        return None
-    return f"the map contains {row.n - bare:.0f} of {row.n} pairs"
-
-
-def _unanswered_pairs(score: Score) -> str | None:
-    """Return how many pairs an external localiser has not answered."""
+def unanswered_pairs(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
+    """Yield a shortfall if an external localiser has not answered a pair."""
     node = score.external
-    if node is None or node.task != CallKind.LOCALISATION or not node.answers.missing:
-        return None
-    return f"{node.answers.missing} of {node.answers.pairs} pairs have no answer"
+    if most is None or node is None or node.task != Task.LOCALISATION or not node.answers.pairs:
+        return
+    value = node.answers.missing / node.answers.pairs
+    if value > most:
+        yield Shortfall(kind, part, most, value, filled_text(kind, value, None))
 
 
-EVIDENT_TEXTS: dict[str, Callable[[Score], str | None]] = {
-    "missing": _evident_gap,
-    "pairs_without_cloud": _unmapped_pairs,
-    ANSWERS: _unanswered_pairs,
+def answered_twice(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
+    """Yield a shortfall if an external node has answered pairs several times, of which the first answer is judged.
+
+    The other answers are in no other figure of the trajectory or the map.
+    """
+    node = score.external
+    if most is None or node is None or part.what != SCOPE_OF[Task(node.task)]:
+        return
+    row = score.figure("calls_doubled", part=node.task)
+    value = None if row is None else row.value
+    if value is not None and value > most:
+        yield Shortfall(kind, part, most, value, filled_text(kind, value, None), score.index_of(row))
+
+
+Finder = Callable[[ShortfallKind, RowPart, Score, float | None], Iterator[Shortfall]]
+FINDERS: dict[str, Finder] = {
+    JUDGED: unknown_items,
+    "missing": uncovered_drive,
+    IN_GAPS: uncovered_drive,
+    HIDDEN_CONDITIONS: uncovered_drive,
+    UNANSWERED: unanswered_pairs,
+    "images_without_truth": without_truth,
+    "lost": unknown_state,
+    "degraded": unknown_state,
+    ERRORS_BEYOND: beyond_the_judged,
+    STANDING: met_by_standing,
+    ANSWERED_TWICE: answered_twice,
+    UNMEASURED: unmeasured_memory,
 }
-"""What is missing by each kind of evident shortfall; None if nothing is."""
+"""Finders of the kinds of shortfalls whose finder is not `above_most`, by their figures."""
+
+
+def limits_in(score: Score) -> tuple[Limit, ...]:
+    """Return the limits of a score."""
+    return () if score.rules is None else score.rules.limits
 
 
 # ---- texts
+
+
+def filled_text(kind: ShortfallKind, value: float, calls: str | None) -> str:
+    """Return the text of a kind of shortfall with the value of its figure and the kind of calls."""
+    template = TEXTS.get(kind.figure, "")
+    return template.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=calls)
 
 
 def standing_text(limit: Limit, share: Figure, moving: Figure, value: float | None) -> str:

@@ -17,13 +17,14 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
 from sfr_loc_map.metrics.intervals import Interval
-from sfr_loc_map.metrics.judging.incomplete import KIND_OF, incompleteness, is_accepted, text_of
+from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, needed_part
 from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
 from sfr_loc_map.metrics.limits import BOUND, Limit, LimitedNumber, Limits, LimitSection, Rules, margin_of, meets
 from sfr_loc_map.metrics.row_part import RowPart, Scope
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.shortfall_kinds import JUDGED
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.verdict import Verdict
 
@@ -40,33 +41,11 @@ def with_verdicts(score: Score) -> Score:
     table = struct_replace(score, figures=(*others, *bound_rows(proofs)))
     missing = incompleteness(table)
     incomplete = text_of(missing)
-    found = [*finding_verdicts(table), *(item.verdict for item in missing if item.verdict is not None)]
+    stated = missing if limits_of(table) is not None else []
+    found = [*finding_verdicts(table), *(item.verdict for item in stated)]
     found += verdicts_on_limits(table, proofs, {item.part for item in missing})
     verdict = overall_verdict(table, [item.state for item in found], incomplete)
     return struct_replace(table, incomplete=incomplete, verdicts=tuple(found), verdict=verdict)
-
-
-def with_missing_results(score: Score, missing: str) -> Score:
-    """Return the last score of a live run with the verdicts that follow if the awaited results never arrive.
-
-    The last score of a live run is computed while results may still arrive, which therefore do not count as missing.
-    `missing` states which of these results are missing at the end of the run. A pass of a limit that requires the
-    complete drive then becomes `incomplete`. The score is unchanged if its rules accept missing results.
-
-    The figures of the result do not contain what is missing, so that the check of stored scores refuses the result. It
-    is only displayed (`live.shown_score.ShownScore.with_missing`).
-    """
-    rules = score.rules or Rules()
-    if is_accepted(KIND_OF["missing"], score, rules) or score.incomplete is not None or not missing:
-        return score
-    others = score.verdicts[: len(score.verdicts) - len(score.on_limits)]
-    on_limits = [
-        of_incomplete(verdict) if needed_part(limit) == RowPart(Scope.DRIVE) else verdict
-        for limit, verdict in zip(rules.limits, score.on_limits, strict=True)
-    ]
-    verdicts = (*others, *on_limits)
-    verdict = overall_verdict(score, [item.state for item in verdicts], missing)
-    return struct_replace(score, incomplete=missing, verdicts=verdicts, verdict=verdict)
 
 
 def overall_verdict(score: Score, states: Sequence[VerdictState], incomplete: str | None) -> VerdictState | None:
@@ -123,7 +102,7 @@ def of_incomplete(verdict: Verdict) -> Verdict:
 
 def judged_share_verdict(share: float | None) -> Verdict:
     """Return the verdict on an incomplete estimate, of which the fraction `share` was judged."""
-    return plain_verdict("judged_share_min", 1.0, share, VerdictState.INCOMPLETE)
+    return plain_verdict(JUDGED, 1.0, share, VerdictState.INCOMPLETE)
 
 
 def plain_verdict(name: str, limit: float, value: float | None, state: VerdictState) -> Verdict:
