@@ -28,9 +28,9 @@ def expected_row(part: RowPart, judged: int, expected: int | None) -> Figure:
     )
 
 
-def share_rows(name: str, count: int, total: int) -> Iterator[Figure]:
-    """Yield the rows of a count as a fraction of a total, and as a number."""
-    yield figure_row(name, n=total, value=share_of(count, total))
+def share_rows(name: str, count: int | None, total: int) -> Iterator[Figure]:
+    """Yield the rows of a count, None if it is unknown, as a fraction of a total and as a number."""
+    yield figure_row(name, n=total, value=None if count is None else share_of(count, total))
     yield figure_row(name, part="count", n=total, value=count)
 
 

@@ -85,10 +85,11 @@ def placed_frames(
         true_position[:, 2] = np.nan
     poses = Poses(true_position, frames.true_attitude, frames.position, frames.attitude)
     length_m = formulas.path_length_m(frames.true_position)
+    unknown = estimates.unknown_states(frames.estimate_rows)
     association = msgspec.structs.replace(
         association,
-        lost=int(np.count_nonzero(estimates.lost[frames.estimate_rows])),
-        degraded=int(np.count_nonzero(estimates.degraded[frames.estimate_rows])),
+        lost=None if "lost" in unknown else int(np.count_nonzero(estimates.lost[frames.estimate_rows])),
+        degraded=None if "degraded" in unknown else int(np.count_nonzero(estimates.degraded[frames.estimate_rows])),
         spacing_frames=config.spacing,
         rebase=reading,
         path_length_m=float(length_m[-1]) if len(length_m) else 0.0,

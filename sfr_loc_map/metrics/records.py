@@ -25,8 +25,10 @@ class Association(Record, frozen=True, kw_only=True, omit_defaults=False):
     estimate_poses: int  #: Estimates in the input.
     truth_poses: int  #: True poses in the input.
     images: int | None = None  #: Images of the drive; null if they are unknown.
-    lost: int = 0  #: Frames at which the localiser was lost; they are scored like any other.
-    degraded: int = 0  #: Frames whose pose was reported as degraded; they are scored like any other.
+    #: Frames at which the localiser was lost, which are scored like any other; null if a state is unknown.
+    lost: int | None = None
+    #: Frames whose pose was reported as degraded, which are scored like any other; null if a state is unknown.
+    degraded: int | None = None
     exact: int = 0  #: Frames whose stamps are equal.
     near: int = 0  #: Frames whose stamps differ within the tolerance.
     interpolated: int = 0  #: Frames with interpolated ground truth.

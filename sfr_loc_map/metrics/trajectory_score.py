@@ -6,9 +6,8 @@ The formulas are in `metrics.formulas`. The same function scores files and live 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +31,7 @@ from sfr_loc_map.metrics.placement import (
     without_unknown_attitudes,
 )
 from sfr_loc_map.metrics.plot_columns import path_rows, sub_trajectory_rows
-from sfr_loc_map.metrics.records import TruthRecord
+from sfr_loc_map.metrics.records import Association, TruthRecord
 from sfr_loc_map.metrics.results import TrajectoryResult
 from sfr_loc_map.metrics.standing import largest_standing_fraction, rows_of_moving
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
@@ -65,32 +64,13 @@ def score_trajectory(
     if not placed.association.matched and not under_way:
         raise MetricsError(nothing_matched(estimates.trajectory, truth))
     frames = placed.frames
-    association, completeness = drive_completeness(
-        estimates.trajectory, truth, placed.association, frames.stamps_ns, conditions, image_stamps_ns, in_flight_ns
+    chosen = list(sub_trajectories_of(conditions, placed, config.spacing))
+    association, completeness = completeness_of_drive(
+        estimates.trajectory, truth, placed, chosen, image_stamps_ns, in_flight_ns
     )
-    completeness = with_unknown_states(completeness, placed)
-    is_reported = (placed.estimates.lost | placed.estimates.degraded)[frames.estimate_rows]
-    completeness += copy_rows(frames, truth, is_reported, interpolated=association.interpolated > 0)
-    chosen = [select(condition, config.spacing, frames.truth, placed.length_m) for condition in conditions]
-    completeness.append(judged_of_truth(frames, chosen))
-    sums = step_sums(placed.estimates, frames, chosen)
-    figures: list[Figure] = []
-    rows: list[SubTrajectoryRows] = []
-    errors: list[ErrorRows] = []
-    unjudged: list[str] = []
-    has_height = as_truth(truth).has_height
-    for condition, (starts, ends) in zip(conditions, chosen, strict=True):
-        sub_trajectories = SubTrajectories(starts, ends, placed.poses, placed.errors_of(placed.poses, starts, ends))
-        overlap = overlap_of(starts, ends, config.spacing)
-        figures += error_rows(condition.setting, sub_trajectories, overlap, placed, truth)
-        figures += consistency_rows(condition.setting, sub_trajectories, overlap, placed, truth, sums)
-        of_other_frames = list(rows_of_other_frames(condition.setting, sub_trajectories, placed, has_height=has_height))
-        figures += of_other_frames
-        if condition.is_of_time:
-            figures += rows_of_moving(condition.setting, sub_trajectories, overlap, has_height=has_height)
-        unjudged += unjudged_frames(condition.setting, sub_trajectories, placed, of_other_frames)
-        errors += error_columns(condition.setting, sub_trajectories, kept_errors)
-        rows.append(sub_trajectory_rows(condition.setting, sub_trajectories, frames.stamps_ns, placed.length_m))
+    sums = step_sums(placed.estimates, frames, [(item.starts, item.ends) for item in chosen])
+    results = [result_of_condition(item, placed, truth, config.spacing, sums, kept_errors) for item in chosen]
+    figures = [row for result in results for row in result.figures]
     figures += largest_fraction_beyond(figures)
     figures.append(largest_standing_fraction(figures))
     figures += growth_rows(placed.poses, placed.length_m, config.spacing, placed.errors_of)
@@ -100,9 +80,79 @@ def score_trajectory(
         figures=(*figures, *completeness),
         association=association,
         truth=truth_record(truth, frames, placed.placement),
-        details=TrajectoryDetails(path=path, sub_trajectories=tuple(rows)),
-        errors=tuple(errors),
-        unjudged=tuple(unjudged),
+        details=TrajectoryDetails(path=path, sub_trajectories=tuple(result.rows for result in results)),
+        errors=tuple(errors for result in results for errors in result.errors),
+        unjudged=tuple(text for result in results for text in result.unjudged),
+    )
+
+
+class ChosenStarts(NamedTuple):
+    """The sub-trajectories of a condition, as frames."""
+
+    condition: Condition
+    starts: IntArray
+    ends: IntArray
+
+
+class ConditionResult(NamedTuple):
+    """The part of a score from the sub-trajectories of one condition."""
+
+    figures: tuple[Figure, ...]
+    rows: SubTrajectoryRows  #: Data of the plots.
+    errors: tuple[ErrorRows, ...]  #: All errors of the figures that limits require.
+    unjudged: tuple[str, ...]  #: Warnings of frames that are in no judged error and whose errors are far larger.
+
+
+def sub_trajectories_of(conditions: Sequence[Condition], placed: PlacedFrames, spacing: int) -> Iterator[ChosenStarts]:
+    """Yield the sub-trajectories of each condition."""
+    for condition in conditions:
+        yield ChosenStarts(condition, *select(condition, spacing, placed.frames.truth, placed.length_m))
+
+
+def completeness_of_drive(
+    estimate: Trajectory,
+    truth: Trajectory,
+    placed: PlacedFrames,
+    chosen: Sequence[ChosenStarts],
+    image_stamps_ns: IntArray | None,
+    in_flight_ns: int,
+) -> tuple[Association, list[Figure]]:
+    """Return the association with the number of images, and all rows of completeness of a drive."""
+    frames, conditions = placed.frames, [item.condition for item in chosen]
+    association, rows = drive_completeness(
+        estimate, truth, placed.association, frames.stamps_ns, conditions, image_stamps_ns, in_flight_ns
+    )
+    is_reported = (placed.estimates.lost | placed.estimates.degraded)[frames.estimate_rows]
+    rows += copy_rows(frames, truth, is_reported, interpolated=association.interpolated > 0)
+    rows.append(judged_of_truth(frames, [(item.starts, item.ends) for item in chosen]))
+    return association, rows
+
+
+def result_of_condition(
+    chosen: ChosenStarts,
+    placed: PlacedFrames,
+    truth: Trajectory,
+    spacing: int,
+    sums: Mapping[int, StepSums],
+    kept_errors: Collection[tuple[str, str]],
+) -> ConditionResult:
+    """Return the part of a score from the sub-trajectories of one condition."""
+    condition, starts, ends = chosen
+    name, has_height = condition.setting, as_truth(truth).has_height
+    sub_trajectories = SubTrajectories(starts, ends, placed.poses, placed.errors_of(placed.poses, starts, ends))
+    overlap = overlap_of(starts, ends, spacing)
+    of_other_frames = tuple(rows_of_other_frames(name, sub_trajectories, placed, has_height=has_height))
+    of_moving = rows_of_moving(name, sub_trajectories, overlap, has_height=has_height) if condition.is_of_time else ()
+    return ConditionResult(
+        figures=(
+            *error_rows(name, sub_trajectories, overlap, placed, truth),
+            *consistency_rows(name, sub_trajectories, overlap, placed, truth, sums),
+            *of_other_frames,
+            *of_moving,
+        ),
+        rows=sub_trajectory_rows(name, sub_trajectories, placed.frames.stamps_ns, placed.length_m),
+        errors=tuple(error_columns(name, sub_trajectories, kept_errors)),
+        unjudged=tuple(unjudged_frames(name, sub_trajectories, placed, of_other_frames)),
     )
 
 
@@ -124,12 +174,6 @@ def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:
         f"no estimate has a ground truth at its stamp: the estimate has {spans[0]}, the ground truth has {spans[1]}; "
         "give trajectories of the same drive and clock (sfr score --diagnose estimates the offset of the stamps)"
     )
-
-
-def with_unknown_states(rows: Sequence[Figure], placed: PlacedFrames) -> list[Figure]:
-    """Return rows of completeness, in which the fractions of states that are unknown for a frame are null."""
-    unknown = placed.estimates.unknown_states(placed.frames.estimate_rows)
-    return [msgspec.structs.replace(row, value=None) if row.figure in unknown else row for row in rows]
 
 
 def consistency_rows(
@@ -216,8 +260,7 @@ def sub_trajectory_table(
         known = as_truth(truth)
         functions |= {reading: without_unknown_attitudes(known, each) for reading, each in ERROR_FUNCTIONS.items()}
     parts: list[dict[str, NDArray[Any]]] = []
-    for condition in conditions:
-        starts, ends = select(condition, config.spacing, frames.truth, length_m)
+    for condition, starts, ends in sub_trajectories_of(conditions, placed, config.spacing):
         true_move = formulas.displacement(poses.true_position, starts, ends)
         for reading, function in functions.items():
             errors = function(poses, starts, ends)

@@ -30,8 +30,9 @@ def headline_note(score: Score) -> str:
     """Return the explanation of the figures of the specification."""
     note = f"n: sub-trajectories, map points or calls. {NO_INTERVAL} "
     if (drive := score.association) is not None:
-        note += f"{drive.matched} frames of {drive.estimate_poses} estimates, {drive.lost} lost, "
-        note += f"{drive.degraded} degraded; re-based by {drive.rebase.replace('_', ' ')}. "
+        lost, degraded = ("unknown" if count is None else count for count in (drive.lost, drive.degraded))
+        note += f"{drive.matched} frames of {drive.estimate_poses} estimates, lost: {lost}, degraded: {degraded}; "
+        note += f"re-based by {drive.rebase.replace('_', ' ')}. "
         if drive.rebase.is_fit:
             note += "Position errors are those of the estimate fitted to the truth. "
     return f"{note}{truth_text(score)}{clock_text(score)}".rstrip()

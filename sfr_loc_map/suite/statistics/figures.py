@@ -67,11 +67,12 @@ def figures_of(score: Score) -> dict[FigureName, float]:
         found[FigureName(ComparedKind.MEMORY, f"{call} peak, bytes")] = score.number("peak", part=call)
     defined = {name: value for name, value in found.items() if value is not None and value > 0.0}
     if (drive := score.association) is not None:
-        defined[FigureName(ComparedKind.LOST, "lost, frames")] = drive.lost
-        defined[FigureName(ComparedKind.DEGRADED, "degraded, frames")] = drive.degraded
-        missing = score.number("missing", part="count")
-        if missing is not None:
-            defined[FigureName(ComparedKind.MISSING, "missing, frames")] = missing
+        counts = {
+            FigureName(ComparedKind.LOST, "lost, frames"): drive.lost,
+            FigureName(ComparedKind.DEGRADED, "degraded, frames"): drive.degraded,
+            FigureName(ComparedKind.MISSING, "missing, frames"): score.number("missing", part="count"),
+        }
+        defined |= {name: count for name, count in counts.items() if count is not None}
     return defined
 
 

@@ -304,7 +304,7 @@ def groups_of(results: Sequence[ScoredJob], limits: Limits | None, unfinished: S
             configuration=key.configuration,
             faults=key.faults,
             results=len(scores),
-            lost=sum(item.lost for item in trajectories),
+            lost=sum(item.lost or 0 for item in trajectories),
             matched=sum(item.matched for item in trajectories),
             figures=pooled,
             verdicts=tuple(verdicts_over(limits, of_drives, pooled, suite_subjects, next_drive)),
