@@ -21,8 +21,9 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.formulas import QUANTILES, chord_error
+from sfr_loc_map.metrics.config import CallKind, Reading
+from sfr_loc_map.metrics.formulas import QUANTILES
+from sfr_loc_map.metrics.formulas_beside import chord_error
 from sfr_loc_map.metrics.row_part import DIRECTIONS, MOVING, OTHER_FRAMES, Place, RowPart, is_of_distance
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 
@@ -185,17 +186,17 @@ CATALOGUE = (
     FigureKind(
         "processor_share", Subject.TIMING, "", "1", "mean time of a call divided by the period", is_one_number=True
     ),
-    FigureKind("peak", Subject.MEMORY, "4.2.2", "bytes", "peak memory", ONE_NUMBER, ONE_NUMBER, is_one_number=True),
     FigureKind(
         "above_idle",
         Subject.MEMORY,
         "4.2.2",
         "bytes",
         "peak memory above the idle process",
-        (),
+        ONE_NUMBER,
         ONE_NUMBER,
         is_one_number=True,
     ),
+    FigureKind("peak", Subject.MEMORY, "4.2.2", "bytes", "peak memory", ONE_NUMBER, ONE_NUMBER, is_one_number=True),
     FigureKind("heap_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the heap", (), ONE_NUMBER, is_one_number=True),
     FigureKind("stack_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the stack", (), ONE_NUMBER, is_one_number=True),
     # completeness, and the consistency of the covariance: not in the document
@@ -279,6 +280,7 @@ CATALOGUE = (
 )
 KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
 """The catalogue by the unique names of its figures."""
+FITTED = tuple(reading for reading in Reading if reading.is_fit)  #: Readings after an alignment of the drive.
 CLAUSES_OF_MEMORY = {CallKind.LOCALISATION: "4.2.2", CallKind.MAPPING_CALL: "4.3.2"}  #: Clauses by the kind of call.
 DEFINED = {Subject.TRAJECTORY: ("mean", "sigma", TOTAL), Subject.MAP: ()}
 """Statistics that the specification defines, by subject: none for the point error. For calls any statistic is
@@ -289,13 +291,13 @@ def clause_of(figure: str, part: str | None) -> str:
     """Return the clause that defines a figure of a part; empty if the specification does not define the figure.
 
     4.2.1 and 4.3.1 define the time of a call on the target, 4.2.2 and 4.3.2 the memory of a call. The specification
-    does not define stages of a mapping call, times on another host, or the times and memory that an external node
-    reports for its own calls. It does not define errors of sub-trajectories along one direction. It does not define the
-    parts `moving`, `other frames` and a distance (`5 m`) either, because their sub-trajectories are chosen by other
-    rules.
+    does not define an alignment of the complete drive, stages of a mapping call, times on another host, or the times
+    and memory that an external node reports for its own calls. It does not define errors of sub-trajectories along one
+    direction. It does not define the parts `moving`, `other frames` and a distance (`5 m`) either, because their
+    sub-trajectories are chosen by other rules.
     """
     place, call = RowPart.of(part).place, RowPart.of(part).call
-    if figure not in KINDS or part in DIRECTIONS or place is Place.STATED:
+    if figure not in KINDS or part in DIRECTIONS or part in FITTED or place is Place.STATED:
         return ""
     kind = KINDS[figure]
     if kind.subject is Subject.TRAJECTORY and (part in (MOVING, OTHER_FRAMES) or is_of_distance(part)):

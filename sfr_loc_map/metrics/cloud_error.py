@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics import formulas, formulas_beside
 from sfr_loc_map.metrics.completeness import map_completeness
 from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
 from sfr_loc_map.metrics.details import ErrorImage, MapDetails, PointRows, Triangulation, column
@@ -170,7 +170,7 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
         ray = true - truth.T_lm_left.translation
         distance = np.linalg.norm(ray, axis=1)
         depth, true_depth = truth.depths_m(estimated), truth.depths_m(true)
-        disparity = formulas.disparity_error(truth.rig.fx, truth.rig.baseline_m, depth, true_depth)
+        disparity = formulas_beside.disparity_error(truth.rig.fx, truth.rig.baseline_m, depth, true_depth)
         error = formulas.point_error(estimated, true)
         along = np.sum((estimated - true) * ray, axis=1) / distance
         offset = estimated - true
@@ -311,7 +311,8 @@ def error_rows(part: str | None, errors: PointErrors, chosen: Mask) -> Iterator[
     disparity_px = errors.disparity_px[chosen]
     known_px = disparity_px[np.isfinite(disparity_px)]
     vertical_m, horizontal_m = errors.vertical_m[chosen], errors.horizontal_m[chosen]
-    for name, number in (("nmad", formulas.nmad), ("le90", formulas.le90), ("ce90", formulas.ce90)):
+    robust = {"nmad": formulas_beside.nmad, "le90": formulas_beside.le90, "ce90": formulas_beside.ce90}
+    for name, number in robust.items():
         values = horizontal_m if name == "ce90" else vertical_m
         yield figure_row(name, part=part, n=len(values), value=number(values) if len(values) else None)
     yield figure_row("point_error", part=part, statistics=formulas.statistics(errors.error_m[chosen]))

@@ -6,7 +6,8 @@ origin in DS, in metres. Quaternions `(F, 4)` are scalar last [3.1.1], have unit
 DS (the conjugate of `att_q_DsToRb` [3.1.2]).
 
 The statistics at the end of the module are the columns of the table of figures. The function
-`metrics.trajectory_errors.select` selects the valid sub-trajectories and combines several conditions.
+`metrics.trajectory_errors.select` selects the valid sub-trajectories and combines several conditions. The formulas of
+figures that the specification does not define are in `metrics.formulas_beside`.
 
 test/helpers/metrics_reference.py implements the same formulas with loops and SciPy's rotations, and shares no code
 with this module.
@@ -26,7 +27,6 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import quat_angle, quat_conjugate, quat_multiply, quat_rotate
 
 DISTANCE_TOLERANCE_M = 1e-9  #: Rounding error by which a path may be shorter than the distance of a condition.
-MIN_DIRECTION_M = 1e-6  #: Shortest horizontal displacement that has a direction; below, the true heading is used.
 Lengths = NDArray[np.longdouble]  #: Path lengths `(F,)`, m.
 Number = TypeVar("Number", float, FloatArray)
 
@@ -62,33 +62,6 @@ def ends_by_time(starts: IntArray, stamps_ns: IntArray, time_ns: int) -> IntArra
 def ends_by_frames(starts: IntArray, frames: int) -> IntArray:
     """Return the frame N+x that is `frames` frames after N; values of F or more are beyond the last frame."""
     return starts + frames
-
-
-def ends_apart(
-    starts: IntArray,
-    earliest: IntArray,
-    true_position: FloatArray,
-    true_attitude: FloatArray,
-    metres: float,
-    turn_deg: float,
-) -> IntArray:
-    """Return the first frame N+x, from `earliest` on, at the straight-line distance and the rotation angle from N.
-
-    The result is F if there is no such frame. An angle of 0 deg requires no attitudes, which may be unknown (NaN).
-    """
-    ends = earliest.copy()
-    half_turn_cosine = np.cos(0.5 * np.radians(turn_deg)) + 1e-12  # accepts a rotation by exactly this angle
-    searching = np.flatnonzero(ends < len(true_position))
-    while len(searching):
-        first, last = starts[searching], ends[searching]
-        distance_m = np.linalg.norm(true_position[last] - true_position[first], axis=1)
-        cosine = np.abs(np.sum(true_attitude[last] * true_attitude[first], axis=1))
-        is_turned = (cosine <= half_turn_cosine) | (turn_deg <= 0.0)
-        is_apart = (distance_m >= metres - DISTANCE_TOLERANCE_M) & is_turned
-        searching = searching[~is_apart]
-        ends[searching] += 1
-        searching = searching[ends[searching] < len(true_position)]
-    return ends
 
 
 # ---- 4.1.2 Error over a sub-trajectory by three readings (`trajectory.rebase`, default `pose`)
@@ -243,50 +216,6 @@ def heading_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
 def point_error(estimated: FloatArray, actual: FloatArray) -> FloatArray:
     """Return `pointErr_n = norm(pos_n_ref - pos_n_est)` of each point `(P, 3)`."""
     return np.asarray(np.linalg.norm(actual - estimated, axis=1))
-
-
-# ---- not in the document: robust figures of maps (Höhle and Höhle 2009; NATO STANAG 2215)
-
-
-def nmad(vertical: FloatArray) -> float:
-    """Return the normalised median absolute deviation of height errors, which is sigma if they are normal."""
-    return float(1.4826 * np.median(np.abs(vertical - np.median(vertical))))
-
-
-def le90(vertical: FloatArray) -> float:
-    """Return the linear error LE90: the 90 % quantile of the absolute height errors."""
-    return float(np.percentile(np.abs(vertical), 90.0))
-
-
-def ce90(horizontal: FloatArray) -> float:
-    """Return the circular error CE90: the 90 % quantile of the norms `(P,)` of the horizontal errors."""
-    return float(np.percentile(horizontal, 90.0))
-
-
-# ---- not in the document: errors without attitudes, along and across the path, and in px of disparity
-
-
-def chord_error(poses: Poses, starts: IntArray, ends: IntArray) -> FloatArray:
-    """Return the straight-line distance from N to N+x, estimated minus actual, which requires no attitudes."""
-    estimated = np.linalg.norm(displacement(poses.position, starts, ends), axis=1)
-    return np.asarray(estimated - np.linalg.norm(displacement(poses.true_position, starts, ends), axis=1))
-
-
-def along_and_cross(
-    error: FloatArray, true_displacement: FloatArray, true_heading: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the components of position errors along the horizontal true displacement, and to its left."""
-    length = np.linalg.norm(true_displacement[:, :2], axis=1)
-    has_direction = length >= MIN_DIRECTION_M
-    divisor = np.where(has_direction, length, 1.0)
-    east = np.where(has_direction, true_displacement[:, 0] / divisor, np.cos(true_heading))
-    north = np.where(has_direction, true_displacement[:, 1] / divisor, np.sin(true_heading))
-    return error[:, 0] * east + error[:, 1] * north, error[:, 1] * east - error[:, 0] * north
-
-
-def disparity_error(focal_px: float, baseline_m: float, depth_m: FloatArray, true_depth_m: FloatArray) -> FloatArray:
-    """Return the disparity error that corresponds to a depth error: `f b / Z - f b / Z_true`, px."""
-    return np.asarray(focal_px * baseline_m / depth_m - focal_px * baseline_m / true_depth_m)
 
 
 # ---- statistics of n errors, the columns of the table of figures

@@ -17,11 +17,13 @@ from msgspec.structs import replace
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
+from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.score import SCHEMA, Score
 from sfr_loc_map.metrics.stored import stored_contradiction
 
 T = TypeVar("T")
 HASH = "content_sha256"  #: Key of the hash of all other values.
+UNDEFINED = ("sigma", "mean_plus_3sigma")  #: Statistics of fewer than two sub-trajectories, which are written as null.
 MAX_NUMBER = 1e100  #: Maximum number of a figure; its squares and sums are finite.
 SCORE_AGAIN = "score the estimate again with this version (sfr score EST TRUTH --json S.json)"
 
@@ -58,6 +60,9 @@ def from_plain(kind: type[T], value: Any, name: str = "") -> T:  # noqa: ANN401 
 def to_dict(score: Score) -> dict[str, Any]:
     """Return the score as JSON values, with their hash."""
     found: dict[str, Any] = to_plain(replace(score, content_sha256=None))
+    for row in found["figures"]:
+        if row["subject"] == Subject.TRAJECTORY and row.get("n") in (0, 1):
+            row |= dict.fromkeys(UNDEFINED) | row
     return {**found, HASH: hash_of_values(found)}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics import formulas, formulas_beside
 from sfr_loc_map.metrics.association import StampedPoses
 from sfr_loc_map.metrics.catalogue import KINDS, FigureKind
 from sfr_loc_map.metrics.config import Condition, ConditionKind
@@ -67,7 +67,7 @@ def select(condition: Condition, spacing: int, path: StampedPoses, length_m: Len
         else:
             turn_deg = part.value
     if metres or turn_deg:
-        ends = formulas.ends_apart(starts, ends, path.position, path.attitude, metres, turn_deg)
+        ends = formulas_beside.ends_apart(starts, ends, path.position, path.attitude, metres, turn_deg)
     is_met = ends < count
     return starts[is_met], ends[is_met]
 

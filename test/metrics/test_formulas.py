@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics import formulas, formulas_beside
 from sfr_loc_map.metrics.formulas import Poses
 
 NO_TURN = np.array([0.0, 0.0, 0.0, 1.0])
@@ -45,7 +45,8 @@ def test_errors_do_not_depend_on_the_world_frame_of_the_estimate() -> None:
 def test_errors_by_direction() -> None:
     """North is forward: an error to the east is to the right, which is minus cross."""
     errors = np.array([[1.0, 2.0, 5.0], [1.0, 2.0, 5.0]])
-    along, cross = formulas.along_and_cross(errors, np.array([[0.0, 3.0, 1.0], [0.0, 0.0, 9.0]]), np.array([0.1, 0.8]))
+    displacements, headings = np.array([[0.0, 3.0, 1.0], [0.0, 0.0, 9.0]]), np.array([0.1, 0.8])
+    along, cross = formulas_beside.along_and_cross(errors, displacements, headings)
     assert (along[0], cross[0]) == (2.0, -1.0)
     assert along[1] == pytest.approx(math.cos(0.8) + 2.0 * math.sin(0.8)), "no direction: the heading"
     assert cross[1] == pytest.approx(2.0 * math.cos(0.8) - math.sin(0.8))
@@ -97,7 +98,7 @@ def test_ends_apart_are_those_of_a_loop(seed: int, metres: float, turn_deg: floa
     turns = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.2, (40, 3)), axis=0))
     starts = np.arange(0, 40, 3)
     quats = turns.as_quat() * rng.choice([-1.0, 1.0], (40, 1))
-    found = formulas.ends_apart(starts, np.minimum(starts + 1, 40), positions, quats, metres, turn_deg)
+    found = formulas_beside.ends_apart(starts, np.minimum(starts + 1, 40), positions, quats, metres, turn_deg)
     for start, end in zip(starts.tolist(), found.tolist(), strict=True):
         wanted = next(
             (
@@ -110,7 +111,7 @@ def test_ends_apart_are_those_of_a_loop(seed: int, metres: float, turn_deg: floa
         )
         assert end == wanted
     unknown = np.full_like(quats, np.nan)
-    of_positions = formulas.ends_apart(starts, np.minimum(starts + 1, 40), positions, unknown, metres, turn_deg)
+    of_positions = formulas_beside.ends_apart(starts, np.minimum(starts + 1, 40), positions, unknown, metres, turn_deg)
     assert of_positions.tolist() == (found.tolist() if turn_deg == 0.0 else [40] * len(starts))
 
 

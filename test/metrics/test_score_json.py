@@ -184,3 +184,14 @@ def test_numbers_that_are_not_finite_are_undefined_and_no_json_is_refused() -> N
 def test_names_of_files_that_are_no_text_are_written_readably() -> None:
     made = Provenance(version="1", inputs={"truth": InputFile(path="a\udcffb", sha256="0")})
     assert from_json(to_json(Score(provenance=made))).provenance.inputs["truth"].path == "a\\udcffb"
+
+
+@pytest.mark.clause("4.1.3")
+def test_sigma_of_one_sub_trajectory_is_written_as_null() -> None:
+    row = figure_row("position", "distance=5", "pose", n=1, mean=0.1)
+    written = to_dict(Score(figures=(row,)))
+    assert {name: written["figures"][0][name] for name in ("sigma", "mean_plus_3sigma")} == {
+        "sigma": None,
+        "mean_plus_3sigma": None,
+    }
+    assert from_dict(written).figures == (row,)
