@@ -72,7 +72,7 @@ class Mutation(NamedTuple):
 ANSWERS, STORE = "replay/answer_book.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
 OTHER_FRAMES = "metrics/other_frames.py"
-INCOMPLETE = "metrics/judging/incomplete.py"
+INCOMPLETE, FORMULAS_BESIDE = "metrics/judging/incomplete.py", "metrics/formulas_beside.py"
 FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_errors.py", "metrics/shortfall_kinds.py"
 DRIVES, JOB = "suite/running/drive_copies.py", "suite/running/job.py"
 MUTATIONS = (
@@ -86,9 +86,9 @@ MUTATIONS = (
     ),
     Mutation(FORMULAS, 'since_first[starts] + time_ns, side="left")', 'since_first[starts] + time_ns, side="right")'),
     Mutation(FORMULAS, "return starts + frames", "return starts + frames - 1"),
-    Mutation(FORMULAS, "np.cos(0.5 * np.radians(turn_deg))", "np.cos(np.radians(turn_deg))"),
+    Mutation(FORMULAS_BESIDE, "np.cos(0.5 * np.radians(turn_deg))", "np.cos(np.radians(turn_deg))"),
     Mutation(
-        FORMULAS,
+        FORMULAS_BESIDE,
         "(distance_m >= metres - DISTANCE_TOLERANCE_M) & is_turned",
         "(distance_m >= metres - DISTANCE_TOLERANCE_M) | is_turned",
     ),
@@ -149,11 +149,13 @@ MUTATIONS = (
     Mutation(FORMULAS, "np.ceil((error - 180.0) / 360.0)", "np.floor((error + 180.0) / 360.0)"),
     Mutation(FORMULAS, "error - 360.0 * np.ceil((error - 180.0) / 360.0)", "error"),
     # directions, quantiles
-    Mutation(FORMULAS, "error[:, 1] * east - error[:, 0] * north", "error[:, 0] * north - error[:, 1] * east"),
+    Mutation(FORMULAS_BESIDE, "error[:, 1] * east - error[:, 0] * north", "error[:, 0] * north - error[:, 1] * east"),
     Mutation(FORMULAS, "{name: float(f", "{name: 0.5 * float(f"),
     Mutation(FORMULAS, "np.abs(given)", "given"),
     Mutation(
-        FORMULAS, "return np.asarray(estimated - np.linalg.norm(", "return np.asarray(estimated + np.linalg.norm("
+        FORMULAS_BESIDE,
+        "return np.asarray(estimated - np.linalg.norm(",
+        "return np.asarray(estimated + np.linalg.norm(",
     ),
     # 4.2.1, 4.2.2 calls
     Mutation("metrics/calls.py", "statistics(known[1:])", "statistics(known)"),
@@ -350,7 +352,7 @@ MUTATIONS = (
     Mutation("scoring/load.py", "    check_one_estimate(found.trajectory, stats)\n", ""),
     Mutation("scoring/load.py", "SAME_POSITION_M = 0.002", "SAME_POSITION_M = 0.0"),
     Mutation("scoring/load.py", "    check_one_method(stats, target)\n", ""),
-    Mutation("scoring/score_run.py", " or fitted_unit(run.convention)", ""),
+    Mutation("scoring/score_run.py", "fitted_unit(run.convention) or ", ""),
     Mutation("metrics/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
     Mutation(
         "metrics/drive_completeness.py",
