@@ -8,7 +8,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import MIN_SUB_TRAJECTORIES, Agreement, compare
-from sfr_loc_map.evidence.variants import Run
+from sfr_loc_map.evidence.variants import DriveRun
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates, associate
@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.intervals import student_quantile
 from sfr_loc_map.metrics.table import Figure, figure_row
 
 
-def at_pairs_of(run: Run, other: Run) -> Run:
+def at_pairs_of(run: DriveRun, other: DriveRun) -> DriveRun:
     """Return another estimate at the pairs of a run, interpolated between its poses if its stamps differ.
 
     InputError if the estimate has only positions, or no two poses at the pairs of the run.
@@ -34,7 +34,7 @@ def at_pairs_of(run: Run, other: Run) -> Run:
             f"{spans[1]}, and gaps of up to {config.max_gap_s:g} s are interpolated; give an estimate of the same clock"
         )
     poses = Trajectory(frames.stamps_ns, frames.true_position, frames.true_attitude)
-    return Run(other.name, Estimates.of(poses))
+    return DriveRun(other.name, Estimates.of(poses))
 
 
 def scale_row(agreement: Agreement) -> Figure:
@@ -56,7 +56,7 @@ def scale_row(agreement: Agreement) -> Figure:
     return figure_row("scale", *where, n=count, value=mean, low95=mean - half, high95=mean + half)
 
 
-def hat_rows(runs: Sequence[Run], condition: Condition) -> list[Figure]:
+def hat_rows(runs: Sequence[DriveRun], condition: Condition) -> list[Figure]:
     """Return the sigma of each of three estimates by the three-cornered hat; no rows for another number of runs."""
     if len(runs) != 3:
         return []

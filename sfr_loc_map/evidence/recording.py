@@ -13,7 +13,7 @@ from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
 from sfr_loc_map.evidence.overlap import check_maps
-from sfr_loc_map.evidence.variants import Run, calls_of
+from sfr_loc_map.evidence.variants import DriveRun, calls_of
 from sfr_loc_map.io.sequence import Source, drive_of
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -84,7 +84,7 @@ def check_recording(
     config: Configuration,
     conditions: Sequence[Condition],
     most_pairs: int,
-    others: Sequence[Run] = (),
+    others: Sequence[DriveRun] = (),
     progress: Callable[[], None] = lambda: None,
 ) -> RecordingCheck:
     """Check the drive of a source, if it has one, and its maps, if it has several mapping pairs.
@@ -120,10 +120,10 @@ def calls_of_check(source: Source, most_pairs: int) -> int:
     return 0 if source.loc is None else calls_of(min(len(source.loc), most_pairs))
 
 
-def read_estimates(paths: Sequence[Path]) -> list[Run]:
+def read_estimates(paths: Sequence[Path]) -> list[DriveRun]:
     """Read estimates of other methods; each is named as by `names_of_estimates`."""
     names = names_of_estimates(paths)
-    return [Run(name, Estimates.of(read_trajectory_file(path).stamped)) for path, name in names.items()]
+    return [DriveRun(name, Estimates.of(read_trajectory_file(path).stamped)) for path, name in names.items()]
 
 
 def names_of_estimates(paths: Sequence[Path]) -> dict[Path, str]:
