@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.evidence.predicted import Source, predicted_rows
+from sfr_loc_map.evidence.predicted import ErrorSource, predicted_rows
 from sfr_loc_map.evidence.variants import DriveRun
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import UPPER, Estimates
@@ -34,17 +34,17 @@ def straight_run() -> DriveRun:
 
 def test_each_source_has_its_part_in_closed_form_and_the_parts_add_up() -> None:
     score = Score(figures=tuple(predicted_rows(straight_run(), CONDITION)))
-    found = {source: score.number("predicted", "value", part=source.value) for source in Source}
-    assert found[Source.STEPS] == pytest.approx(STEP_SIGMA_M * np.sqrt(3 * OVER))
-    assert found[Source.NOISE] == pytest.approx(NOISE_M * np.sqrt(3 * 2))
-    assert found[Source.DISPARITY] == pytest.approx(ALONG_M * OVER)
+    found = {source: score.number("predicted", "value", part=source.value) for source in ErrorSource}
+    assert found[ErrorSource.STEPS] == pytest.approx(STEP_SIGMA_M * np.sqrt(3 * OVER))
+    assert found[ErrorSource.NOISE] == pytest.approx(NOISE_M * np.sqrt(3 * 2))
+    assert found[ErrorSource.DISPARITY] == pytest.approx(ALONG_M * OVER)
     # a turn at the end of step k moves the end by the distance that is left
-    assert found[Source.LENS] == pytest.approx(TURN_RAD * STEP_M * sum(range(OVER)))
-    squares = [found[source] ** 2 for source in Source if source is not Source.ALL]
-    assert found[Source.ALL] == pytest.approx(np.sqrt(sum(squares)))
-    shares = [score.number("predicted_share", "value", part=source.value) for source in Source]
+    assert found[ErrorSource.LENS] == pytest.approx(TURN_RAD * STEP_M * sum(range(OVER)))
+    squares = [found[source] ** 2 for source in ErrorSource if source is not ErrorSource.ALL]
+    assert found[ErrorSource.ALL] == pytest.approx(np.sqrt(sum(squares)))
+    shares = [score.number("predicted_share", "value", part=source.value) for source in ErrorSource]
     assert shares == pytest.approx([*(np.array(squares) / sum(squares)), 1.0])
-    attitude = score.number("predicted_attitude", "value", part=Source.LENS.value)
+    attitude = score.number("predicted_attitude", "value", part=ErrorSource.LENS.value)
     assert attitude == pytest.approx(np.degrees(TURN_RAD * OVER))
 
 
@@ -65,7 +65,7 @@ def test_the_sum_is_the_covariance_of_the_sub_trajectories() -> None:
     sums = sums_of_steps(estimates, steps, np.array([0, COUNT - 1]))
     expected = relative_covariance(sums[0], sums[COUNT - 1], poses.positions[-1])
     assert expected is not None
-    whole = Source.ALL.value
+    whole = ErrorSource.ALL.value
     assert score.number("predicted", "value", part=whole) == pytest.approx(np.sqrt(np.trace(expected[:3, :3])))
     attitude_deg = np.degrees(np.sqrt(np.trace(expected[3:, 3:])))
     assert score.number("predicted_attitude", "value", part=whole) == pytest.approx(attitude_deg)
@@ -75,7 +75,7 @@ def test_the_table_shows_each_source_once_for_a_condition() -> None:
     conditions = (CONDITION, Condition.parse("frames=10"))
     figures = [row for condition in conditions for row in predicted_rows(straight_run(), condition)]
     table = predicted_table(figures)
-    assert len(table.rows) == len(Source) * len(conditions)
+    assert len(table.rows) == len(ErrorSource) * len(conditions)
     shares = [row[2].value for row in table.rows if row[1].text == "20 frames"]
     assert sum(shares) == pytest.approx(2.0), "all sources are one more row"
 
@@ -96,6 +96,6 @@ def test_sub_trajectories_with_a_degraded_or_lost_pose_are_skipped() -> None:
     for state in ("lost", "degraded"):
         run = DriveRun(state, Estimates.of(estimates.trajectory, steps=steps, **{state: is_bad}))
         found = Score(figures=tuple(predicted_rows(run, CONDITION)))
-        whole = {"part": Source.ALL.value}
+        whole = {"part": ErrorSource.ALL.value}
         assert found.number("predicted", "value", **whole) == pytest.approx(usual.number("predicted", "value", **whole))
         assert found.number("predicted", "n", **whole) < usual.number("predicted", "n", **whole)
