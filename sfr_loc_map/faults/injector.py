@@ -135,6 +135,7 @@ class FaultInjector:
             progress=(index - first + 0.5) / fault.burst,
             spot=pair_rng.random(2),
             pair_rng=pair_rng,
+            # the number of pairs is the index of no pair
             drive_rng=np.random.default_rng([self._seed, number, self._count]),
         )
         return CHANGES[fault.kind](affected)

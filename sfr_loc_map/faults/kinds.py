@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 from sfr_loc_map.errors import ConfigError
 
@@ -27,6 +27,7 @@ APPLIES_TO: dict[str, str] = {
     "camera": "faults of the images of one camera",
 }
 """Faults to which each option of a fault applies."""
+ALL_OPTIONS = tuple(APPLIES_TO)
 
 
 class KindInfo(NamedTuple):
@@ -39,20 +40,44 @@ class KindInfo(NamedTuple):
     start: int = 1
     max_amount: float = 1000.0  #: Maximum amount.
     is_signed: bool = False  #: Whether the amount may be negative.
-    options: tuple[str, ...] = tuple(APPLIES_TO)  #: Options that have an effect.
+    options: tuple[str, ...] = ALL_OPTIONS  #: Options that have an effect.
     has_complete_bursts: bool = False  #: Whether a burst begins only if it can end within the sequence.
     neutral: float = 0.0  #: Amount that has no effect; 1 for factors.
 
 
-_PAIR: dict[str, Any] = {"options": PAIR_OPTIONS}  # both images, without an amount
-_IMAGE: dict[str, Any] = {"options": (*PAIR_OPTIONS, "camera")}  # each image, without an amount
-_FRACTION: dict[str, Any] = {"max_amount": 1.0}  # the amount is a fraction of the image
-_FIXED: dict[str, Any] = {"share": 1.0, "start": 0, **_FRACTION}  # a region of the image, in all pairs of a drive
-_EPISODE: dict[str, Any] = {"burst": 20, "has_complete_bursts": True}
-_ALL_PAIRS: dict[str, Any] = {"share": 1.0, "start": 0, "options": ("amount",)}
-_FACTOR: dict[str, Any] = {"neutral": 1.0, **_ALL_PAIRS}
-_ROTATION: dict[str, Any] = {"max_amount": 45.0, "is_signed": True, **_ALL_PAIRS}
-_DRIFT: dict[str, Any] = {**_ROTATION, "options": ("amount", "start")}
+def _pairs(effect: str) -> KindInfo:
+    """Faults of both images of single pairs, without a strength."""
+    return KindInfo(0.0, effect, options=PAIR_OPTIONS)
+
+
+def _images(effect: str) -> KindInfo:
+    """Faults of the images of one or both cameras, without a strength."""
+    return KindInfo(0.0, effect, options=(*PAIR_OPTIONS, "camera"))
+
+
+def _strength(amount: float, effect: str, max_amount: float = 1000.0, burst: int = 1) -> KindInfo:
+    """Faults of the images of one or both cameras with a strength."""
+    return KindInfo(amount, effect, burst=burst, max_amount=max_amount)
+
+
+def _episode(amount: float, effect: str) -> KindInfo:
+    """Faults that cover a fraction of the image and begin and end within a burst."""
+    return KindInfo(amount, effect, burst=20, max_amount=1.0, has_complete_bursts=True)
+
+
+def _fixed_region(amount: float, effect: str, max_amount: float = 1.0) -> KindInfo:
+    """Faults of a region of the image in all pairs of a drive."""
+    return KindInfo(amount, effect, share=1.0, start=0, max_amount=max_amount)
+
+
+def _all_pairs(amount: float, effect: str, max_amount: float, options: tuple[str, ...] = ("amount",)) -> KindInfo:
+    """Faults of all pairs with an amount of any sign."""
+    return KindInfo(amount, effect, share=1.0, start=0, max_amount=max_amount, is_signed=True, options=options)
+
+
+def _factor(amount: float, effect: str) -> KindInfo:
+    """Factors on a number of the rig file."""
+    return KindInfo(amount, effect, share=1.0, start=0, options=("amount",), neutral=1.0)
 
 
 class FaultKind(StrEnum):
@@ -66,81 +91,55 @@ class FaultKind(StrEnum):
         kind._value_, kind.info = word, info
         return kind
 
-    DROPPED = "dropped", KindInfo(0.0, "the pair is missing", **_PAIR)
-    REPEATED = "repeated", KindInfo(0.0, "the pair repeats the previous images", **_PAIR)
-    SWAPPED = "swapped", KindInfo(0.0, "left and right images are swapped", **_PAIR)
-    IDENTICAL = "identical", KindInfo(0.0, "the right image is a copy of the left image", **_PAIR)
-    FROZEN = ("frozen", KindInfo(1.0, "the previous images are shown with new noise of AMOUNT grey levels", burst=5))
-    TORN = "torn", KindInfo(0.5, "the lower fraction AMOUNT of the image is from the previous pair", **_FRACTION)
-    GHOST = "ghost", KindInfo(0.5, "the previous image is blended in with weight AMOUNT", **_FRACTION)
-    INTERLACED = "interlaced", KindInfo(0.0, "every second row is from the previous pair", **_IMAGE)
-    BLACK = "black", KindInfo(0.0, "the image is black", **_IMAGE)
-    START = (
-        "start",
-        KindInfo(5.0, "the first AMOUNT pairs are black", 1.0, start=0, max_amount=1e9, options=("amount", "camera")),
+    # fmt: off
+    DROPPED = "dropped", _pairs("the pair is missing")
+    REPEATED = "repeated", _pairs("the pair repeats the previous images")
+    SWAPPED = "swapped", _pairs("left and right images are swapped")
+    IDENTICAL = "identical", _pairs("the right image is a copy of the left image")
+    LATE = "late", KindInfo(
+        0.2, "the stamp is AMOUNT s late, but before the next stamp", max_amount=1e6, options=("amount", *PAIR_OPTIONS)
     )
-    FADE = (
-        "fade",
-        KindInfo(0.0, "slow blackout: over `burst` pairs the image turns black and back", **_EPISODE, **_IMAGE),
+
+    BLACK = "black", _images("the image is black")
+    INTERLACED = "interlaced", _images("every second row is from the previous pair")
+    START = "start", KindInfo(
+        5.0, "the first AMOUNT pairs are black", share=1.0, start=0, max_amount=1e9, options=("amount", "camera")
     )
-    BLINDED = "blinded", KindInfo(1.0, "glare: a spot, AMOUNT image widths wide, is saturated")
-    SATURATION = "saturation", KindInfo(0.5, "overexposure: a fraction AMOUNT of the image is clipped", **_FRACTION)
-    LATE = (
-        "late",
-        KindInfo(
-            0.2,
-            "the stamp is AMOUNT s late, but before the next stamp",
-            max_amount=1e6,
-            options=("amount", *PAIR_OPTIONS),
-        ),
+    FROZEN = "frozen", _strength(1.0, "the previous images are shown with new noise of AMOUNT grey levels", burst=5)
+    TORN = "torn", _strength(0.5, "the lower fraction AMOUNT of the image is from the previous pair", max_amount=1.0)
+    GHOST = "ghost", _strength(0.5, "the previous image is blended in with weight AMOUNT", max_amount=1.0)
+    SATURATION = "saturation", _strength(0.5, "overexposure: a fraction AMOUNT of the image is clipped", max_amount=1.0)
+    BLINDED = "blinded", _strength(1.0, "glare: a spot, AMOUNT image widths wide, is saturated")
+    BLURRED = "blurred", _strength(2.5, "Gaussian blur of AMOUNT px", max_amount=50.0)
+    NOISY = "noisy", _strength(10.0, "Gaussian noise of AMOUNT grey levels")
+    EXPOSURE = "exposure", _strength(0.5, "brightness times AMOUNT")
+    SHEAR = "shear", _strength(1.0, "rows are sheared by AMOUNT px in a random direction, as by a rolling shutter")
+
+    FADE = "fade", KindInfo(
+        0.0, "slow blackout: over `burst` pairs the image turns black and back", burst=20, has_complete_bursts=True,
+        options=(*PAIR_OPTIONS, "camera"),
     )
-    BLURRED = "blurred", KindInfo(2.5, "Gaussian blur of AMOUNT px", max_amount=50.0)
-    NOISY = "noisy", KindInfo(10.0, "Gaussian noise of AMOUNT grey levels")
-    EXPOSURE = "exposure", KindInfo(0.5, "brightness times AMOUNT")
-    SHEAR = ("shear", KindInfo(1.0, "rows are sheared by AMOUNT px in a random direction, as by a rolling shutter"))
-    BODY = "body", KindInfo(0.3, "own body: fixed texture in the bottom fraction AMOUNT of the image", **_FIXED)
-    OBJECT = (
-        "object",
-        KindInfo(
-            0.3, "an object with a fraction AMOUNT of the image crosses in `burst` pairs", **_EPISODE, **_FRACTION
-        ),
+    OBJECT = "object", _episode(0.3, "an object with a fraction AMOUNT of the image crosses in `burst` pairs")
+    ARM = "arm", _episode(0.4, "an arm slowly covers a fraction AMOUNT of the image over `burst` pairs")
+
+    BODY = "body", _fixed_region(0.3, "own body: fixed texture in the bottom fraction AMOUNT of the image")
+    TEXTURE = "texture", _fixed_region(0.6, "a texture moves sideways in the bottom fraction AMOUNT of the image")
+    REFLECTION = "reflection", _fixed_region(0.5, "a fixed reflection of the rover, with AMOUNT of the light")
+    SCRATCH = "scratch", _fixed_region(0.3, "scratched window: fixed lines over a fraction AMOUNT of the image", 0.9)
+    DIRT = "dirt", _fixed_region(0.1, "dirt on the lenses: fixed spots on a fraction AMOUNT of the image")
+    SHADOW = "shadow", _fixed_region(0.2, "own shadow: a fixed dark region, a fraction AMOUNT of the image")
+
+    FOCAL = "focal", _factor(1.01, "calibration: focal length in the rig file times AMOUNT")
+    BASELINE = "baseline", _factor(1.01, "calibration: baseline in the rig file times AMOUNT")
+    ROLL = "roll", _all_pairs(0.2, "the right camera is rotated by AMOUNT deg about its optical axis", 45.0)
+    PITCH = "pitch", _all_pairs(0.1, "the right camera is pitched down by AMOUNT deg", 45.0)
+    YAW = "yaw", _all_pairs(0.1, "the right camera is turned to the left by AMOUNT deg", 45.0)
+    DRIFT = "drift", _all_pairs(
+        0.3, "from `start` on, the right camera turns to the left, AMOUNT deg in 100 pairs", 45.0, ("amount", "start")
     )
-    ARM = (
-        "arm",
-        KindInfo(
-            0.4, "an arm slowly covers a fraction AMOUNT of the image over `burst` pairs", **_EPISODE, **_FRACTION
-        ),
-    )
-    TEXTURE = "texture", KindInfo(0.6, "a texture moves sideways in the bottom fraction AMOUNT of the image", **_FIXED)
-    REFLECTION = ("reflection", KindInfo(0.5, "a fixed reflection of the rover, with AMOUNT of the light", **_FIXED))
-    SCRATCH = (
-        "scratch",
-        KindInfo(
-            0.3, "scratched window: fixed lines over a fraction AMOUNT of the image", **{**_FIXED, "max_amount": 0.9}
-        ),
-    )
-    DIRT = "dirt", KindInfo(0.1, "dirt on the lenses: fixed spots on a fraction AMOUNT of the image", **_FIXED)
-    SHADOW = "shadow", KindInfo(0.2, "own shadow: a fixed dark region, a fraction AMOUNT of the image", **_FIXED)
-    FOCAL = "focal", KindInfo(1.01, "calibration: focal length in the rig file times AMOUNT", **_FACTOR)
-    BASELINE = "baseline", KindInfo(1.01, "calibration: baseline in the rig file times AMOUNT", **_FACTOR)
-    ROLL = "roll", KindInfo(0.2, "the right camera is rotated by AMOUNT deg about its optical axis", **_ROTATION)
-    PITCH = "pitch", KindInfo(0.1, "the right camera is pitched down by AMOUNT deg", **_ROTATION)
-    YAW = "yaw", KindInfo(0.1, "the right camera is turned to the left by AMOUNT deg", **_ROTATION)
-    DRIFT = (
-        "drift",
-        KindInfo(0.3, "from `start` on, the right camera turns to the left, AMOUNT deg in 100 pairs", **_DRIFT),
-    )
-    SHIFT = "shift", KindInfo(3.0, "the right image is shifted to the right by AMOUNT px", is_signed=True, **_ALL_PAIRS)
-    CLOCK = (
-        "clock",
-        KindInfo(
-            0.1,
-            "all stamps are AMOUNT s late relative to the ground truth",
-            max_amount=1e9,
-            is_signed=True,
-            **_ALL_PAIRS,
-        ),
-    )
+    SHIFT = "shift", _all_pairs(3.0, "the right image is shifted to the right by AMOUNT px", 1000.0)
+    CLOCK = "clock", _all_pairs(0.1, "all stamps are AMOUNT s late relative to the ground truth", 1e9)
+    # fmt: on
 
 
 CAMERAS = ("both", "left", "right")
