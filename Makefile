@@ -36,7 +36,7 @@ TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=test $(BIN)/python -P -m campaigns
 
-.PHONY: help demo sample test test-fast test-quick faults misbehaviour signals drivers soak example-candidate fuzz recordings random-faults history-power mutants kernels nees suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
+.PHONY: help demo sample test test-fast test-quick faults misbehaviour signals drivers soak example-candidate fuzz recordings random-faults history-power mutants record compare kernels nees suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -97,6 +97,13 @@ history-power: $(COMPILED)  ## Simulate 2000 histories of suites: false alarms, 
 
 mutants: $(COMPILED)  ## Change one place of metrics, geometry, scores, suites or methods at a time: is there a test that fails (WORDS=)
 	$(BIN)/python tools/mutants.py $(WORDS)
+
+record: $(STAMP)  ## Record what localiser and mapper compute (RECORD=out/record.json SOURCES=sample/sample.mcap)
+	mkdir -p out
+	$(BIN)/python tools/compare.py record $(or $(RECORD),out/record.json) $(or $(SOURCES),sample/sample.mcap)
+
+compare: $(STAMP)  ## Compare two records (BEFORE=out/before.json AFTER=out/record.json): is every output bit-identical
+	$(BIN)/python tools/compare.py compare $(or $(BEFORE),out/before.json) $(or $(AFTER),out/record.json)
 
 kernels: $(CORE)  ## Compile all kernels as after an installation: seconds of each
 	$(BIN)/python tools/kernel_times.py $(PARTS)

@@ -1,22 +1,14 @@
-"""Check that the localisers of two checkouts return bit-identical results on many drives.
+"""Digests of the localiser's estimates on a drive; `compare.py` records and compares them.
 
-    .venv/bin/python tools/compare_localiser.py record OUT.json SRC...
-    .venv/bin/python tools/compare_localiser.py compare OLD.json NEW.json
-
-`record` runs the localiser of this checkout on each source: without faults, with injected faults, with external poses,
-with wheel odometry and with missing pairs. The file has a digest of pose, covariance, step, state, reason and
-statistics for each pair of each run. `compare` lists the runs that differ, with the first differing pair, and exits
-with 1 if a run differs.
+The localiser runs without faults, with injected faults, with external poses, with wheel odometry and with missing
+pairs. Each digest is of pose, covariance, step, state, reason and statistics of a pair.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
-import sys
 from collections.abc import Iterator
 from itertools import islice
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +17,6 @@ from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import FaultyLoc
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
@@ -120,35 +111,7 @@ def digest(estimate: PoseEstimate) -> str:
     return f"{estimate.state.value[:4]} {hashlib.sha256(data).hexdigest()[:16]}"
 
 
-def record(out: Path, sources: list[str]) -> int:
-    """Run the localiser on all sources and write the digests to a file."""
-    found: dict[str, list[str]] = {}
-    for source in sources:
-        sequence = open_source(Path(source)).loc
-        if sequence is None:
-            raise SystemExit(f"'{source}' has no drive")
-        for name, run in runs(sequence):
-            key = f"{Path(source).name}: {name}"
-            found[key] = digests(run, whole=name == "plain")
-            states = {state: sum(text.startswith(state) for text in found[key]) for state in ("trac", "degr", "lost")}
-            print(key, states, flush=True)
-    out.write_text(json.dumps(found, indent=1), encoding="utf-8")
-    return 0
-
-
-def compare(old: Path, new: Path) -> int:
-    """Print the runs that differ; return 1 if a run differs."""
-    before, after = (json.loads(path.read_text(encoding="utf-8")) for path in (old, new))
-    differing = [name for name in sorted(before | after) if before.get(name) != after.get(name)]
-    for name in differing:
-        pairs = zip(before.get(name, []), after.get(name, []), strict=False)
-        first = next((number for number, (one, other) in enumerate(pairs) if one != other), "length")
-        count = sum(one != other for one, other in zip(before.get(name, []), after.get(name, []), strict=False))
-        print(f"{name}: first at pair {first}, {count} of {len(after.get(name, []))} differ")
-    print(f"{len(differing)} of {len(before | after)} runs differ")
-    return 1 if differing else 0
-
-
-if __name__ == "__main__":
-    command, first, *rest = sys.argv[1:]
-    raise SystemExit(record(Path(first), rest) if command == "record" else compare(Path(first), Path(rest[0])))
+def outputs_of(sequence: LocSequence) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield the digests of the pairs of each run, by the name of the run."""
+    for name, run in runs(sequence):
+        yield name, {f"pair {number}": text for number, text in enumerate(digests(run, whole=name == "plain"))}

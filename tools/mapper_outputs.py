@@ -1,36 +1,18 @@
-"""Record the mapper's results for real and rendered pairs, and compare two records.
+"""Digests, accuracy, time and memory of the mapper on a source; `compare.py` records and compares them.
 
-    .venv/bin/python tools/compare_mapper.py record BEFORE.json sample/sample.mcap SRC...
-    .venv/bin/python tools/compare_mapper.py compare BEFORE.json AFTER.json
-    .venv/bin/python tools/compare_mapper.py time OTHER_TREE SRC...
-
-`record` hashes every output: disparities, points, sigma, statistics, warnings, fused clouds and terrain grids.
-Refactoring must not change any hash. Each source is mapped three times: as given, with fitted poses, and with disturbed
-images. Disturbed images have a rotated right camera, unequal exposure and saturated rows, so that the record covers the
-corrections. If the source has a ground truth, the record also has the accuracy. Hashes depend on the processor, so both
-records must be made on the same machine.
-
-`compare` prints the outputs that differ and both accuracies, and exits with 1 if an output differs.
-
-`time` maps the sources alternately by this tree and by another tree, each time in a new process. The command prints the
-medians of the process time of each call and of the peak memory, and their ratios.
+The digests are of every output: disparities, points, sigma, statistics, warnings, fused clouds and terrain grids. Each
+source is mapped three times: as given, with fitted poses, and with disturbed images. Disturbed images have a rotated
+right camera, unequal exposure and saturated rows, so that the digests cover the corrections.
 """
 
 from __future__ import annotations
 
-import argparse
 import hashlib
-import json
-import os
 import resource
-import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -47,7 +29,6 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 RIGHT_ROTATION_DEG = (0.06, 0.4, 0.08)  #: Pitch, yaw and roll of the right camera of the disturbed pairs.
 GAIN, OFFSET = 0.85, 18.0  #: Gain and offset, grey levels, of the right image of the disturbed pairs.
 SATURATED_FRACTION = 0.1  #: Fraction of the rows of the disturbed pairs that are white.
-ROUNDS = 9  #: Number of processes of each tree that `time` starts.
 
 Images = NDArray[np.float32]
 
@@ -191,13 +172,13 @@ def accuracy(result: PairMap, truth_px: Images, item: PosedStereoPair, rig: Ster
     return {name: float(value) for name, value in figures.items()}
 
 
-def record_source(path: Path) -> dict[str, Any]:
-    """Return the hashes and accuracies of a source."""
+def outputs_of(path: Path) -> tuple[dict[str, dict[str, str]], dict[str, dict[str, float]]]:
+    """Return the digests of a source by variant and output, and the accuracy by pair if there is a ground truth."""
     rig, pairs = open_pairs(path)
     truths = list(true_disparities(path, rig, pairs))
     spoilt = [replace(item, pair=disturbed(item.pair, rig)) for item in pairs]
     plain = MappingConfig()
-    hashes: dict[str, str] = {}
+    digests: dict[str, dict[str, str]] = {}
     figures: dict[str, dict[str, float]] = {}
     variants = {
         "given": (pairs, plain),
@@ -210,45 +191,16 @@ def record_source(path: Path) -> dict[str, Any]:
             maps = [mapper.process(item.pair, item.T_lm_navsb, index) for index, item in enumerate(items)]
             fused = mapper.fuse(maps)
         except MappingError as error:
-            hashes[f"{variant}.refused"] = digest(str(error))
+            digests[variant] = {"refused": digest(str(error))}
             continue
         outputs = {f"pair {index}": hashes_of_map(result) for index, result in enumerate(maps)}
         outputs["fused"] = hashes_of_map(fused) | hashes_of_terrain(fused, rig, config)
-        hashes |= {f"{variant}.{call}.{name}": text for call, found in outputs.items() for name, text in found.items()}
+        digests[variant] = {f"{call} {name}": text for call, found in outputs.items() for name, text in found.items()}
         if variant == "given":
             for index, (result, truth, item) in enumerate(zip(maps, truths, items, strict=True)):
                 if truth is not None:
                     figures[f"pair {index}"] = accuracy(result, truth, item, rig)
-    return {"hashes": hashes, "accuracy": figures}
-
-
-def record(output: Path, sources: Sequence[Path]) -> None:
-    """Write the record of all sources that exist."""
-    present = [path for path in sources if path.exists()]
-    for path in set(sources) - set(present):
-        print(f"{path}: not found, skipped", file=sys.stderr)
-    output.write_text(json.dumps({path.name: record_source(path) for path in present}, indent=1), encoding="utf-8")
-
-
-def compare(before: Path, after: Path) -> int:
-    """Print the differences of two records; return 1 if an output differs."""
-    old, new = (json.loads(path.read_text(encoding="utf-8")) for path in (before, after))
-    count = 0
-    for source in sorted(old.keys() | new.keys()):
-        one, other = (item.get(source, {"hashes": {}, "accuracy": {}}) for item in (old, new))
-        names = sorted(one["hashes"].keys() | other["hashes"].keys())
-        changed = [name for name in names if one["hashes"].get(name) != other["hashes"].get(name)]
-        count += len(changed)
-        print(
-            f"{source}: {len(changed)} of {len(names)} outputs differ{': ' if changed else ''}{', '.join(changed[:8])}"
-        )
-        for call, figures in one["accuracy"].items():
-            later = other["accuracy"].get(call, {})
-            if changed:
-                differing = {name: value for name, value in figures.items() if later.get(name) != value}
-                both = [f"{name} {value:.4g} -> {later.get(name, np.nan):.4g}" for name, value in differing.items()]
-                print(f"  {call}: {', '.join(both) or 'the same accuracy'}")
-    return int(count > 0)
+    return digests, figures
 
 
 def measure(sources: Sequence[Path]) -> dict[str, float]:
@@ -269,45 +221,3 @@ def measure(sources: Sequence[Path]) -> dict[str, float]:
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
         found[f"{path.name} peak MiB"] = peak
     return found
-
-
-def time_trees(other: Path, sources: Sequence[Path]) -> None:
-    """Print the medians of this tree and of another tree, and their ratios."""
-    here = Path(__file__).resolve().parents[1]
-    taken: dict[Path, list[dict[str, float]]] = {here: [], other.resolve(): []}
-    script = f"import json, sys; sys.path.insert(0, {str(here / 'tools')!r}); import compare_mapper as c\n"
-    script += "from pathlib import Path; print(json.dumps(c.measure([Path(p) for p in sys.argv[1:]])))"
-    for _ in range(ROUNDS):
-        for tree, found in taken.items():
-            command = [sys.executable, "-P", "-c", script, *(str(path.resolve()) for path in sources)]
-            environment = {**os.environ, "PYTHONPATH": str(tree)}
-            done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment, cwd=tree)
-            found.append(json.loads(done.stdout))
-    for name in taken[here][0]:
-        new, old = (statistics.median(run[name] for run in taken[tree]) for tree in taken)
-        print(f"{name}: {new:.3f} here, {old:.3f} there, ratio {new / old:.3f}")
-
-
-def main() -> int:
-    """Run the command on the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    commands = parser.add_subparsers(dest="command", required=True)
-    for name, first in (("record", "output"), ("compare", "before"), ("time", "tree")):
-        command = commands.add_parser(name)
-        command.add_argument(first, type=Path)
-        if name == "compare":
-            command.add_argument("after", type=Path)
-        else:
-            command.add_argument("sources", type=Path, nargs="+")
-    options = parser.parse_args()
-    if options.command == "compare":
-        return compare(options.before, options.after)
-    if options.command == "record":
-        record(options.output, options.sources)
-    else:
-        time_trees(options.tree, options.sources)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
