@@ -48,11 +48,11 @@ LIMIT = 5.0  #: An error above this many stated 3 sigma is silent, because 15 si
 VALID = (TrackingState.INITIALISING, TrackingState.TRACKING)  #: States in which pose and covariance are valid.
 
 
-class Honesty(StrEnum):
+class ErrorReport(StrEnum):
     """How the localiser reported its errors."""
 
     SILENT = "silent"  #: Errors beyond the limit in pairs with a valid state.
-    SAID = "said"  #: No silent errors; a problem was reported by degraded or lost pairs.
+    REPORTED = "reported"  #: No silent errors; a problem was reported by degraded or lost pairs.
     STATED = "stated"  #: No silent errors and no degraded or lost pairs; the errors are within the stated sigmas.
     NOT_COMPARED = "not compared"  #: No true pose has the stamp of a pair with a valid state.
 
@@ -72,13 +72,13 @@ class StatedErrors:
     largest_error_m: float | None = None  #: Largest position error of valid pairs, metres.
 
     @property
-    def honesty(self) -> Honesty:
+    def error_report(self) -> ErrorReport:
         """How the localiser reported its errors."""
         if self.beyond_share:
-            return Honesty.SILENT
+            return ErrorReport.SILENT
         if self.valid and not self.compared:
-            return Honesty.NOT_COMPARED
-        return Honesty.SAID if self.degraded + self.lost else Honesty.STATED
+            return ErrorReport.NOT_COMPARED
+        return ErrorReport.REPORTED if self.degraded + self.lost else ErrorReport.STATED
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ class FaultEntry:
         """Return the entry for the JSON file."""
         figures = asdict(self)
         stated = figures.pop("stated")
-        return {**figures, "tracking": stated.pop("valid"), **stated, "honesty": self.stated.honesty.value}
+        return {**figures, "tracking": stated.pop("valid"), **stated, "error_report": self.stated.error_report.value}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,15 +114,15 @@ class FaultBenchmark:
     @property
     def silent(self) -> list[str]:
         """The faults with silent errors."""
-        return self._faults_with(Honesty.SILENT)
+        return self._faults_with(ErrorReport.SILENT)
 
     @property
     def not_compared(self) -> list[str]:
         """The faults with which no pair was compared with the ground truth."""
-        return self._faults_with(Honesty.NOT_COMPARED)
+        return self._faults_with(ErrorReport.NOT_COMPARED)
 
-    def _faults_with(self, honesty: Honesty) -> list[str]:
-        return [fault for fault, entry in self.entries.items() if entry.stated.honesty is honesty]
+    def _faults_with(self, error_report: ErrorReport) -> list[str]:
+        return [fault for fault, entry in self.entries.items() if entry.stated.error_report is error_report]
 
     def content(self) -> dict[str, Any]:
         """Return the content of the JSON file."""

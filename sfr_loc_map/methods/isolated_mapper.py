@@ -66,7 +66,7 @@ class IsolatedMapper(IsolatedMethod):
             call = self._failed(error)
         cloud = replace(cloud, pair_stamps_ns=stamps_ns)
         parts = [cloud.select(cloud.pair == number) for number in range(len(pairs))]
-        maps = [self._pair_map(*part) for part in zip(stamps_ns, parts, T_lm_left, strict=True)]
+        maps = [self._pair_map(*part, None, {}, ()) for part in zip(stamps_ns, parts, T_lm_left, strict=True)]
         return maps, FusedMap(cloud, cloud.sigma, T_lm_left, call.statistics, warnings), call
 
     def map_pair(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> tuple[PairMap, MethodCall]:
@@ -97,9 +97,9 @@ class IsolatedMapper(IsolatedMethod):
         stamp_ns: int,
         cloud: PointCloud,
         T_lm_left: Transform,
-        disparity: FloatImage | None = None,
-        figures: Mapping[str, float] = {},
-        warnings: tuple[str, ...] = (),
+        disparity: FloatImage | None,
+        figures: Mapping[str, float],
+        warnings: tuple[str, ...],
     ) -> PairMap:
         shown = np.full((self._rig.height, self._rig.width), np.nan, F) if disparity is None else disparity
         return PairMap(stamp_ns, cloud, cloud.sigma, T_lm_left, shown, figures, warnings)

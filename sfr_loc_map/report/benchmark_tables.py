@@ -49,7 +49,7 @@ def benchmark_tables(result: Mapping[str, Any]) -> list[Table]:
     """Return the tables of a benchmark."""
     if result["kind"] == "faults":
         title = f"Localisation with faults, {result['condition']}: mean + 3 sigma; largest errors of tracking pairs"
-        return [_table("faults", title, result, FAULTS, word="honesty")]
+        return [_table("faults", title, result, FAULTS, word="error_report")]
     if result["kind"] == "localise":
         kinds = {"position_m": "mm", "attitude_deg": "deg", "heading_deg": "deg"}
         errors = [

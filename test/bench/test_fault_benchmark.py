@@ -14,7 +14,7 @@ import pytest
 
 from helpers.made_scene import write_folder
 from sfr_loc_map.bench import fault_benchmark
-from sfr_loc_map.bench.fault_benchmark import Honesty, benchmark_faults, stated_errors
+from sfr_loc_map.bench.fault_benchmark import ErrorReport, benchmark_faults, stated_errors
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
@@ -45,19 +45,19 @@ def test_an_error_beyond_five_times_the_stated_3_sigma_is_silent_where_it_is_cal
     estimates, truth = drive([0.0, 0.14, 0.14, 0.14])
     stated = stated_errors(estimates, truth)
     assert stated.position_ratio == pytest.approx(0.14 / 0.03)
-    assert (stated.beyond_share, stated.honesty) == (0.0, Honesty.STATED)
+    assert (stated.beyond_share, stated.error_report) == (0.0, ErrorReport.STATED)
     estimates, truth = drive([0.0, 0.16, 0.0, 0.0])
     silent = stated_errors(estimates, truth)
-    assert (silent.beyond_share, silent.honesty) == (0.25, Honesty.SILENT)
+    assert (silent.beyond_share, silent.error_report) == (0.25, ErrorReport.SILENT)
     estimates[1] = replace(estimates[1], state=TrackingState.LOST, covariance=lost_covariance())
     said = stated_errors(estimates, truth)
-    assert (said.valid, said.lost, said.beyond_share, said.honesty) == (3, 1, 0.0, Honesty.SAID)
+    assert (said.valid, said.lost, said.beyond_share, said.error_report) == (3, 1, 0.0, ErrorReport.REPORTED)
 
     estimates, truth = drive([0.0, 0.0])
     turned = Transform(matrix_from_rotvec(np.array([0.0, 0.0, 16 * SIGMA_M])), estimates[1].T_ds_rb.translation)
     stated = stated_errors([estimates[0], replace(estimates[1], T_ds_rb=turned)], truth)
     assert stated.attitude_ratio == pytest.approx(16 / 3)
-    assert stated.honesty is Honesty.SILENT
+    assert stated.error_report is ErrorReport.SILENT
 
 
 def test_pairs_without_a_true_pose_at_their_stamp_are_not_compared() -> None:
@@ -65,9 +65,9 @@ def test_pairs_without_a_true_pose_at_their_stamp_are_not_compared() -> None:
     assert stated_errors(estimates, truth).compared == 3
     later = replace(truth, stamps_ns=truth.stamps_ns + 100)
     found = stated_errors(estimates, later)
-    assert (found.valid, found.compared, found.honesty) == (3, 0, Honesty.NOT_COMPARED)
+    assert (found.valid, found.compared, found.error_report) == (3, 0, ErrorReport.NOT_COMPARED)
     estimates[1] = replace(estimates[1], state=TrackingState.LOST, covariance=lost_covariance())
-    assert stated_errors(estimates, later).honesty is Honesty.NOT_COMPARED
+    assert stated_errors(estimates, later).error_report is ErrorReport.NOT_COMPARED
 
 
 def test_the_benchmark_of_a_ground_truth_with_other_stamps_is_not_judged(
@@ -82,7 +82,7 @@ def test_the_benchmark_of_a_ground_truth_with_other_stamps_is_not_judged(
     monkeypatch.setattr(sys, "argv", ["sfr", "bench", "faults", *map(str, arguments)])
     assert main() == 3
     entries = json.loads((tmp_path / "out.json").read_text())["entries"]
-    assert (entries["none"]["honesty"], entries["none"]["compared"]) == ("not compared", 0)
+    assert (entries["none"]["error_report"], entries["none"]["compared"]) == ("not compared", 0)
 
 
 def test_a_fault_with_which_localisation_fails_is_missing_and_the_other_faults_have_figures(
@@ -124,7 +124,7 @@ def test_benchmark_has_the_drive_without_and_with_each_fault(tmp_path: Path, mon
     assert entries["dropped:start=4"]["pairs"] < entries["none"]["pairs"]
     assert entries["swapped:start=4"]["lost"] > 0
     for name, entry in entries.items():
-        assert entry["honesty"] != "silent", name
+        assert entry["error_report"] != "silent", name
         assert entry["longest_lost"] <= 3, name
         assert abs(entry["vertical_offset_px"]) < 0.1, name
         if not name.startswith("repeated"):  # there the rover moves unseen

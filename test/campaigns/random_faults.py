@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sfr_loc_map.bench.fault_benchmark import Honesty, StatedErrors, stated_errors
+from sfr_loc_map.bench.fault_benchmark import ErrorReport, StatedErrors, stated_errors
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault
 from sfr_loc_map.faults.source import FaultyLoc
 from sfr_loc_map.geometry.stereo import StereoPair
@@ -125,7 +125,7 @@ def main(arguments: list[str]) -> int:
     """Run the drives `COUNT SEED SRC...` and print a row for each drive."""
     count, seed, sources = int(arguments[0]), int(arguments[1]), arguments[2:]
     drives = {source: open_source(Path(source)).loc for source in sources}
-    counts: Counter[Honesty] = Counter()
+    counts: Counter[ErrorReport] = Counter()
     for number in range(-len(sources), count):
         rng, name = np.random.default_rng([seed, max(number, 0)]), sources[number % len(sources)]
         sequence = drives[name]
@@ -136,7 +136,7 @@ def main(arguments: list[str]) -> int:
         errors = errors_of(Part(sequence, first, pairs), faults, fault_seed)
         ratio = max(errors.position_ratio or 0.0, errors.attitude_ratio or 0.0, errors.step_ratio or 0.0)
         states = f"tracking {errors.valid}, degraded {errors.degraded}, lost {errors.lost}"
-        print(f"{errors.honesty:7} {ratio:6.2f}  {states}: {name} {first}: {faults or 'no fault'}", flush=True)
-        counts[errors.honesty] += 1
-    print(", ".join(f"{honesty} {counts[honesty]}" for honesty in Honesty))
-    return 1 if counts[Honesty.SILENT] else 0
+        print(f"{errors.error_report:7} {ratio:6.2f}  {states}: {name} {first}: {faults or 'no fault'}", flush=True)
+        counts[errors.error_report] += 1
+    print(", ".join(f"{error_report} {counts[error_report]}" for error_report in ErrorReport))
+    return 1 if counts[ErrorReport.SILENT] else 0

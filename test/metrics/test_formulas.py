@@ -1,4 +1,4 @@
-"""Each formula by hand, and the laws that errors of sub-trajectories keep; `reference.py` is the independent twin."""
+"""Each formula by hand, and the laws that errors of sub-trajectories keep; `helpers.metrics_reference` repeats them."""
 
 import math
 

@@ -65,7 +65,7 @@ def test_origin_stands_0_540_m_from_a_slope_along_its_normal(config: Maker) -> N
         (["straight 1", "goto 1 3", "goto 1 3"], (1, 3), 90),
     ],
 )
-def test_way_ends_where_its_segments_lead(
+def test_the_path_of_a_drive_ends_at_the_end_of_its_segments(
     config: Maker, segments: list[str], end: tuple[float, float], heading: float
 ) -> None:
     drive = Plan.make(config(**FLAT, **STEADY, drive__segments=segments)).drive

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from helpers import ROOT
 from helpers.loc_drive import drive, noisy, run
 from helpers.made_scene import LOC_RIG, true_pose
-from sfr_loc_map.bench.fault_benchmark import Honesty, stated_errors
+from sfr_loc_map.bench.fault_benchmark import ErrorReport, stated_errors
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.geometry.camera import Pose
@@ -215,10 +215,10 @@ def test_what_no_pose_explains_is_said(fault: str) -> None:
     by = Localiser(sequence.rig, LocalisationConfig(), truth.pose(0))
     estimates = run((pair for _, pair in FaultInjector([parse_fault(fault)], 1, PAIRS, sequence.rig).pairs(pairs)), by)
     known = [item for item in estimates if item.state is not TrackingState.LOST]
-    assert stated_errors(estimates, truth).honesty is not Honesty.SILENT
+    assert stated_errors(estimates, truth).error_report is not ErrorReport.SILENT
     assert (
-        stated_errors([replace(item, state=TrackingState.TRACKING) for item in known], truth).honesty
-        is not Honesty.SILENT
+        stated_errors([replace(item, state=TrackingState.TRACKING) for item in known], truth).error_report
+        is not ErrorReport.SILENT
     )
     states = Counter(item.state for item in estimates[1:])
     assert "body" in fault or states[TrackingState.DEGRADED] + states[TrackingState.LOST] > 0
@@ -245,7 +245,7 @@ def test_exposures_that_are_blended_for_several_pairs_are_reported(weight: float
     estimates = run(blended, Localiser(sequence.rig, LocalisationConfig(), truth.pose(0)))
     assert {item.state for item in estimates[1:10]} == {TrackingState.TRACKING}
     assert {item.state for item in estimates[10:17]} == {TrackingState.DEGRADED}
-    assert stated_errors(estimates, truth).honesty is Honesty.SAID
+    assert stated_errors(estimates, truth).error_report is ErrorReport.REPORTED
 
 
 @pytest.mark.parametrize("fault", ["arm:share=1,start=5", "scratch", "reflection:amount=0.3"])
@@ -302,4 +302,4 @@ def test_a_pair_that_is_hardly_explained_teaches_nothing_about_the_ground() -> N
     by = Localiser(sequence.rig, LocalisationConfig(), truth.pose(0))
     scratched = FaultInjector([parse_fault("scratch:amount=0.272")], 407223818, 100, sequence.rig)
     estimates = run((pair for _, pair in scratched.pairs(pairs)), by)
-    assert stated_errors(estimates, truth).honesty is not Honesty.SILENT
+    assert stated_errors(estimates, truth).error_report is not ErrorReport.SILENT

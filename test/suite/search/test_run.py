@@ -102,7 +102,7 @@ def test_settings_without_effect_in_a_search_are_refused(specification: SearchSp
         load_search(file)
 
 
-def test_a_broken_host_is_no_worst_case_and_the_search_continues(
+def test_a_failed_job_is_not_the_worst_case_and_the_search_continues(
     specification: SearchSpecification, tmp_path: Path
 ) -> None:
     store = Store(tmp_path / "out")

@@ -121,7 +121,7 @@ def test_slower_calls_need_more_nights_since_nights_differ() -> None:
     assert (change.figure, change.night) == (NAMES[ComparedKind.TIME], "night 100")
 
 
-def test_what_was_fixed_is_closed_and_the_new_level_is_the_reference() -> None:
+def test_a_change_for_the_better_closes_the_previous_change_and_is_the_new_reference() -> None:
     tables = nights(60)
     tables[ComparedKind.ACCURACY][:, 20:40] *= 1.5
     history = found(tables)
