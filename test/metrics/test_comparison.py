@@ -41,15 +41,15 @@ def test_twice_the_error_is_worse_and_half_is_better() -> None:
 
 @pytest.mark.slow
 def test_estimates_that_differ_by_chance_are_not_called_different() -> None:
-    """Over 40 pairs of equally good estimates few may be told apart."""
+    """Of 20 pairs of equally good estimates few may be told apart."""
     told, config = 0, TrajectoryScoreConfig(conditions=("distance=5",))
-    for seed in range(40):
+    for seed in range(20):
         truth, _ = drive(seed, 500)
         rng = np.random.default_rng(1000 + seed)
         both = [(truth[0], truth[1] + np.cumsum(rng.normal(0, 0.01, (500, 3)), axis=0), truth[2]) for _ in range(2)]
         made = [score_of(each, truth, config) for each in both]
         told += outcome(compare_scores(made, ["a", "b"])) != "no difference shown"
-    assert told <= 6
+    assert told <= 3
 
 
 def whole_run(coverage: float, mapping_p95: float | None = None) -> Score:

@@ -25,9 +25,9 @@ def test_ground_has_no_cracks() -> None:
     assert len(middle) > CELLS  # tiles of different size meet
     assert length.max() > length.min()
     finest = length == length.min()
+    others = ends[~rim][~finest]
     for (a, b), x in zip(ends[~rim][finest][:200], middle[finest][:200], strict=True):
         axis = 0 if a[0] == b[0] else 1  # the edges of coarser tiles on the same line that cover it
-        others = ends[~rim][length > length.min()]
         beside = (others[:, :, axis] == a[axis]).all(axis=1)
         low, high = others[..., 1 - axis].min(axis=1), others[..., 1 - axis].max(axis=1)
         for c, d in others[beside & (low <= x[1 - axis]) & (x[1 - axis] <= high)]:
