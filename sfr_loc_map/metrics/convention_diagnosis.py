@@ -9,10 +9,11 @@ Each mismatch of the table is undone, and the disagreement is computed for the c
 | poses of a camera or of another point of the rover | lever arm, rotation | `_of_fitted_point` |
 | stamps | offset | `_of_stamps` |
 
-One rule decides whether a mismatch is found (`_explains`). It competes with the hypotheses that presume less: that the
-estimate is correct as delivered, that it has the scale error of a method, and, if its numbers were fitted, each
-mismatch without fitted numbers. Its remaining disagreement in nine tenths of the sub-trajectories must be below a
-fraction of the median that each of these hypotheses leaves. An offset of the stamps must keep nine tenths of the poses.
+One rule decides whether a mismatch is found (`_explains`). A mismatch competes with the hypotheses that presume less:
+that the estimate is correct as delivered, that it has the scale error of a method, and, if numbers were fitted for the
+mismatch, each mismatch without fitted numbers. In nine tenths of the sub-trajectories, the mismatch must leave at most
+`EXPLAINED`, and at most a fraction (1 / `GAIN`) of the median that each of these hypotheses leaves. If one of them
+leaves less than `NEGLIGIBLE`, no mismatch is needed. An offset of the stamps must keep nine tenths of the poses.
 
 The disagreement of a sub-trajectory is `hypot(position error / path length, attitude error in radians)`. The estimate
 is re-based by its complete pose, so that the disagreement does not depend on the world frame.
@@ -58,8 +59,8 @@ wrong axes or units leave about 1."""
 NEARLY_ALL = 0.9  #: Minimum fraction of explained sub-trajectories, and of the poses that an offset keeps. By hand.
 GAIN, GAIN_FITTED = 2.0, 3.0
 """Minimum factors by which a mismatch, without and with fitted numbers, must reduce the median disagreement that
-simpler hypotheses leave. Chosen on random drives, none of which has a false diagnosis (`python -m campaigns
-honest-drives`)."""
+simpler hypotheses leave. Chosen by hand; no honest random drive has a diagnosis (`python -m campaigns honest-drives`).
+"""
 HONEST_SCALES = (0.8, 1.25)
 """Range of scales that are attributed to the method. Chosen by hand; units differ by a factor of ten or more."""
 MIN_LEVER_M = 0.05  #: Minimum fitted lever arm. Smaller lever arms are errors of extrinsics, and no other point.
