@@ -124,8 +124,8 @@ class Change:
     """A change of a figure from one night to the next."""
 
     night: str  #: First night after the change.
-    before_night: str  #: Last night before the change.
-    commits: tuple[str | None, str | None]  #: Commits of the last night before and the first night after the change.
+    before_night: str  #: Last night before the change in which a changed drive has the figure.
+    commits: tuple[str | None, str | None]  #: Commits of these two nights; a commit between them made the change.
     kind: ComparedKind
     figure: str  #: Name with unit.
     outcome: Outcome
@@ -254,7 +254,7 @@ def _described_change(
         before, after = undo(found.before), undo(found.after)
         low, high = undo(found.after - found.half_width), undo(found.after + found.half_width)
         ci95 = (low / before, high / before) if before > 0.0 else None
-    last, first = nights[found.night - 1], nights[found.night]
+    last, first = nights[found.last_before], nights[found.night]
     return Change(
         night=first.name,
         before_night=last.name,
@@ -289,6 +289,7 @@ class FoundChange(Shift):
     """A change of values `(drive, night)` with its nights."""
 
     night: int  #: First night after the change.
+    last_before: int  #: Last night before the change in which a changed drive has a value.
     detected: int  #: Night at which the change was detected.
     nights_before: tuple[int, int]  #: First night of the values before the change, and the night after the last one.
     nights_after: tuple[int, int]  #: The same for the values after the change.
@@ -300,7 +301,8 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
 
     Without a change, each night is compared with the nights since `start`. The nights after a change are compared with
     the same reference as the change. If the figure returns to its old level within `MIN_REFERENCE` nights, the return
-    is a second change. Otherwise the new level becomes the reference.
+    is a second change. Otherwise the new level becomes the reference. A night without a value of the changed drives
+    is not evidence of a return.
     """
     found: list[FoundChange] = []
     start, changed_at = 0, None
@@ -309,11 +311,15 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
             start, changed_at = changed_at, None
         if changed_at is not None:
             last = found[-1]
+            changed = x[list(last.drives)]
+            if not np.isfinite(changed[:, night]).any():
+                continue
             after = x[:, max(changed_at, night + 1 - last.window) : night + 1]
             reference = x[:, max(start, changed_at - REFERENCE) : changed_at]
             if compare_nights(reference, after, scale, false_alarm_rate / len(WINDOWS)) is None:
-                now = float(_mean(x[list(last.drives), night]))
+                now = float(_mean(changed[:, night]))
                 returned = replace(last, night=night, detected=night, before=last.after, after=now, is_return=True)
+                returned = replace(returned, last_before=_last_with_value(changed[:, :night]))
                 found.append(replace(returned, nights_before=last.nights_after, nights_after=(night, night + 1)))
                 changed_at = None
             continue
@@ -325,12 +331,13 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
             reference = x[:, begin:first]
             change = compare_nights(reference, x[:, first : night + 1], scale, false_alarm_rate / len(WINDOWS))
             if change is not None:
-                size = _change_size(reference[list(change.drives)], x[list(change.drives), first : night + 1])
-                changed_at = first + int(np.argmax(size))
+                changed = x[list(change.drives)]
+                changed_at = first + _start_of_change(changed[:, begin:first], changed[:, first : night + 1])
                 found.append(
                     FoundChange(
                         **asdict(change),
                         night=changed_at,
+                        last_before=_last_with_value(changed[:, :changed_at]),
                         detected=night,
                         nights_before=(begin, first),
                         nights_after=(first, night + 1),
@@ -371,7 +378,7 @@ def compare_nights(before: FloatArray, after: FloatArray, scale: Scale, false_al
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _DriveShifts:
     """Shifts of the drives that have values in the reference nights and in the compared nights."""
 
@@ -380,6 +387,7 @@ class _DriveShifts:
     present: FloatArray  #: Mean of each drive over the compared nights.
     deviations: FloatArray  #: Values of the reference nights minus their mean, `(drive, night)`.
     nights: FloatArray  #: Number of reference nights of each drive.
+    per_compared_night: FloatArray  #: Inverse of the number of compared nights in which a drive has a value.
     sigmas: FloatArray  #: Standard deviation of each shift.
     window: int  #: Number of compared nights.
 
@@ -395,8 +403,18 @@ class _DriveShifts:
         if is_long.any():  # variances below the median, such as that of a drive that never varied, become the median
             variances = np.maximum(variances, np.median(variances[is_long]))
         variances = np.maximum(variances, scale.floor**2)
-        sigmas = np.sqrt(variances * (1.0 / after.shape[1] + 1.0 / nights))
-        return cls(indices, usual[indices], present[indices], deviations, nights, sigmas, after.shape[1])
+        per_compared_night = 1.0 / np.isfinite(after[indices]).sum(axis=1)
+        sigmas = np.sqrt(variances * (per_compared_night + 1.0 / nights))
+        return cls(
+            indices=indices,
+            usual=usual[indices],
+            present=present[indices],
+            deviations=deviations,
+            nights=nights,
+            per_compared_night=per_compared_night,
+            sigmas=sigmas,
+            window=after.shape[1],
+        )
 
     @property
     def shifts(self) -> FloatArray:
@@ -418,7 +436,8 @@ class _DriveShifts:
         means = means[np.isfinite(means)]
         nights, drives = len(means), len(self.indices)
         if nights >= MIN_REFERENCE:
-            sigma, freedom = float(np.std(means, ddof=1)) * np.sqrt(1.0 / self.window + 1.0 / nights), nights - 1.0
+            per_night = float(self.per_compared_night.mean())
+            sigma, freedom = float(np.std(means, ddof=1)) * np.sqrt(per_night + 1.0 / nights), nights - 1.0
         elif drives >= MIN_DRIVES_OF_SCATTER and not scale.of_host:
             sigma, freedom = float(np.std(self.shifts, ddof=1) / np.sqrt(drives)), drives - 1.0
         else:
@@ -426,12 +445,24 @@ class _DriveShifts:
         return max(sigma, scale.floor / np.sqrt(drives)), freedom
 
 
-def _change_size(before: FloatArray, after: FloatArray) -> FloatArray:
-    """Return the shift of the mean from each of the last nights `(W,)` to the end, in standard errors."""
-    usual, nights = float(_mean(before.ravel())), _mean(after)
-    lengths = np.arange(after.shape[1], 0, -1)
-    shifts = np.array([nights[-length:].mean() - usual for length in lengths])
-    return np.asarray(np.abs(shifts) / np.sqrt(1.0 / lengths + 1.0 / before.shape[1]))
+def _start_of_change(before: FloatArray, after: FloatArray) -> int:
+    """Return the night of `after` `(D, W)` from which the shift from the reference nights `(D, N)` is most significant.
+
+    The shift of a night is relative to the level of each drive, so that a night without the result of a drive is not
+    shifted. A change cannot start in a night without a value.
+    """
+    levels = _mean(before.T)
+    shifts = _mean(after - levels[:, None])
+    sizes = np.full(len(shifts), -np.inf)
+    for night in np.flatnonzero(np.isfinite(shifts)):
+        later = shifts[night:][np.isfinite(shifts[night:])]
+        sizes[night] = abs(later.mean()) / np.sqrt(1.0 / len(later) + 1.0 / before.shape[1])
+    return int(np.argmax(sizes))
+
+
+def _last_with_value(x: FloatArray) -> int:
+    """Return the last night in which a drive has a value."""
+    return int(np.flatnonzero(np.isfinite(x).any(axis=0))[-1])
 
 
 def _quantile(two_sided: float, freedom: FloatArray | float) -> FloatArray:

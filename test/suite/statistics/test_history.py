@@ -109,6 +109,35 @@ def test_counts_are_reported_by_their_mean() -> None:
     assert history.figures[NAMES[LOST]] == pytest.approx(counts.mean(axis=0).tolist())
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_missing_result_before_a_change_widens_the_range_of_commits(seed: int) -> None:
+    """Without the result of night 11, the commits of nights 11 and 12 are both suspects."""
+    tables = nights(20, seed)
+    tables[ACCURACY][4, CHANGED_NIGHT:] *= 4.0
+    tables[ACCURACY][4, CHANGED_NIGHT - 1] = np.nan
+    (change,) = found(tables).worse
+    assert (change.drives, change.night, change.range) == ((DRIVES[4],), "night 12", "commit10..commit12")
+    assert change.command == "sfr report night 10 night 12"
+
+
+def test_a_missing_result_of_a_drive_does_not_date_a_change() -> None:
+    """Without the drive with the small errors, the mean over the drives of night 14 is larger."""
+    x = np.random.default_rng(0).normal([[0.0], [5.0]], 0.02, (2, 20))
+    x[:, CHANGED_NIGHT:] += 0.26
+    x[0, CHANGED_NIGHT + 2] = np.nan
+    (change,) = changes_of(x, SCALES[ACCURACY], FALSE_ALARM_RATE)
+    assert (change.night, change.last_before, change.window) == (CHANGED_NIGHT, CHANGED_NIGHT - 1, 4)
+
+
+@pytest.mark.parametrize("night", [CHANGED_NIGHT + 1, CHANGED_NIGHT + 2])
+def test_a_missing_result_after_a_change_is_not_a_return(night: int) -> None:
+    tables = nights(20)
+    tables[ACCURACY][4, CHANGED_NIGHT:] *= 5.0
+    tables[ACCURACY][4, night] = np.nan
+    history = found(tables)
+    assert [(item.night, item.drives) for item in history.changes] == [("night 12", (DRIVES[4],))]
+
+
 def test_drives_without_a_result_are_a_change_and_are_named() -> None:
     change = change_of(found(nights(20), gone=(15, CHANGED_NIGHT)), "drives without a result, share")
     assert set(change.drives) == set(DRIVES[:15])
