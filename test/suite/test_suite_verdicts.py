@@ -91,8 +91,11 @@ def test_copies_of_a_drive_do_not_dilute_an_estimate_that_misses(sfr: Sfr, tmp_p
         suite = tmp_path / f"suite{code}.yaml"
         sources = [{"estimate": name, "truth": "truth.csv"} for name in names]
         suite.write_text(yaml.safe_dump({"sources": sources, "limits": POSITION}))
-        done = sfr("suite", "run", suite, "--out", tmp_path / f"out{code}", "--scheduler", scheduler)
+        out = tmp_path / f"out{code}"
+        done = sfr("suite", "run", suite, "--out", out, "--scheduler", scheduler)
         assert done.code == code, done.out + done.err
+        assert json.loads((out / "suite.json").read_text())["copies"] == [names]
+        assert ", ".join(names[1:]) in (out / "report.html").read_text(), "the page lists the copies"
 
 
 @pytest.mark.slow

@@ -206,12 +206,24 @@ def suite_tables(summary: Summary) -> list[Table]:
         *budget_tables(summary.budgets),
         _table("counts", "Jobs", tuple((name, NONE, name) for name in counts), [counts]),
         _table("groups", "Groups", GROUPS, groups, "The results of a group have the same task, configuration, faults."),
+        copies_table(summary.copies),
         _table("pooled", "Errors over the sub-trajectories of all drives", POOLED, pooled, of_pooled),
         result_table("maps", "Maps, the worst first", maps, pages, Subject.MAP),
         result_table("drives", "Drives, the worst first", worst_first(summary), pages, Subject.TRAJECTORY, of_drives),
         _table("workers", "Workers", WORKERS, map(to_plain, summary.workers), of_workers),
     )
     return [table for table in tables if table.rows]
+
+
+def copies_table(copies: Sequence[Sequence[str]]) -> Table:
+    """Return the sources that are copies of one drive."""
+    columns = (Column("drive", words=True), Column("sources"), Column("copies", words=True))
+    rows = tuple((Cell.head(first), Cell.number(1 + len(others)), Cell(", ".join(others))) for first, *others in copies)
+    note = (
+        "The ground truths of these sources, and their first images if they have images, show one drive. The sources "
+        "count as one drive in intervals, tests and numbers of drives. Of their errors, only the largest are pooled."
+    )
+    return Table("copies", "Sources that are copies of one drive", columns, rows, note)
 
 
 def budget_tables(budgets: Sequence[Budget]) -> list[Table]:

@@ -1,15 +1,24 @@
-"""Detection of sources that are copies of one drive although their files differ. Their errors are correlated."""
+"""Detection of sources that are copies of one drive although their files differ. Their errors are correlated.
+
+Two sources are candidates if their paths agree, or if a large fraction of the steps is common. Steps depend neither on
+the frame nor on the first pose nor on the stamps. The paths are also compared because rounding changes the steps, but
+hardly the path, and because a short drive has too few steps. The first images of candidates must agree if their paths
+agree or if they start to move with the same steps. Steps at constant speed and curvature are equal in different drives
+and are therefore no evidence of a copy.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import SfrError
@@ -21,7 +30,7 @@ from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.job import JobSource, SourceKind
 
-PLACES = 100  #: Number of compared poses of the ground truth, evenly distributed over the drive.
+PLACES = 100  #: Largest number of compared poses, and of compared windows of steps, evenly distributed over a drive.
 PIXELS = 8  #: Number of compared rows and columns of the first left image.
 SAME_M = 0.01
 """Largest distance, m, between two copies of a path at each pose. A rover that repeats its path deviates by more,
@@ -50,68 +59,111 @@ class DriveTrace:
     bends_m: tuple[float, ...] = ()  #: Norms of the differences between successive steps.
     terrain: int | None = None  #: Seed of a simulated terrain; None for other sources.
 
-    def is_copy_of(self, other: DriveTrace) -> bool:
-        """Return whether both traces are of one drive; False without ground truth.
 
-        The paths agree, or a large fraction of the steps is common. Steps depend neither on the frame nor on the first
-        pose nor on the stamps. The paths are also compared because rounding changes the steps, but hardly the path, and
-        because a short drive has too few steps. The first images are compared if the paths agree or the drives start
-        with the same steps.
-        """
-        if not self.poses or not other.poses or len(self.grey) != len(other.grey) or self.terrain != other.terrain:
-            return False
-        if not self._has_same_path(other):
-            if not self._shares_steps(other):
-                return False
-            if not self._starts_like(other):
-                return True
-        return bool((np.abs(np.subtract(self.grey, other.grey)) <= SAME_GREY).all())
+class StepWindows(NamedTuple):
+    """The windows of `WINDOW` successive steps of a drive in which the rover moves in each step."""
 
-    def _has_same_path(self, other: DriveTrace) -> bool:
-        if self.poses != other.poses:
-            return False
-        apart_m = np.subtract(self.path_m, other.path_m).reshape(-1, 3)
-        return bool((np.linalg.norm(apart_m, axis=1) <= SAME_M).all())
+    features: FloatArray  #: Lengths and bends of the steps `(W, 2 * WINDOW - 1)`, m.
+    has_evidence: NDArray[np.bool_]  #: Whether the lengths or the bends of a window vary, so that few drives share it.
+    tolerance_m: float  #: Largest difference between two copies of a feature.
 
-    def _shares_steps(self, other: DriveTrace) -> bool:
-        """Return whether the drive with fewer moving windows has a large fraction of them in common with the other."""
-        traces = [(trace._moving_windows, trace) for trace in (self, other)]
-        (windows, shorter), (longer_windows, _) = sorted(traces, key=lambda item: len(item[0]))
-        if not len(windows):
-            return False
-        from scipy.spatial import KDTree  # slow import
-
-        tolerance_m = SAME_STEP * shorter._long_step_m
-        apart_m, _ = KDTree(longer_windows).query(windows, p=np.inf, distance_upper_bound=tolerance_m)
-        return bool(np.mean(np.isfinite(apart_m)) >= COMMON_SHARE)
-
-    def _starts_like(self, other: DriveTrace) -> bool:
-        windows, others = self._windows[:1], other._windows[:1]
-        if not len(windows) or not len(others):
-            return False
-        return bool((np.abs(windows - others) <= SAME_STEP * self._long_step_m).all())
+    @classmethod
+    def of(cls, trace: DriveTrace) -> StepWindows:
+        """Return the windows of a trace."""
+        if len(trace.steps_m) < WINDOW:
+            return cls(np.zeros((0, 2 * WINDOW - 1)), np.zeros(0, np.bool_), 0.0)
+        lengths = sliding_window_view(np.array(trace.steps_m), WINDOW)
+        bends = sliding_window_view(np.array(trace.bends_m), WINDOW - 1)
+        long_step_m = float(np.quantile(trace.steps_m, LONG_STEP))
+        is_moving = (lengths > MOVING_SHARE * long_step_m).all(axis=1)
+        tolerance_m = SAME_STEP * long_step_m
+        varies = (np.ptp(lengths, axis=1) > tolerance_m) | (np.ptp(bends, axis=1) > tolerance_m)
+        return cls(np.hstack((lengths, bends))[is_moving], varies[is_moving], tolerance_m)
 
     @property
-    def _long_step_m(self) -> float:
-        return float(np.quantile(self.steps_m, LONG_STEP))
+    def compared(self) -> NDArray[np.intp]:
+        """Indices of the windows that are searched in other drives."""
+        return np.linspace(0, len(self.features) - 1, min(len(self.features), PLACES), dtype=np.intp)
 
     @property
-    def _windows(self) -> FloatArray:
-        """Features of `WINDOW` successive steps `(W, 2 * WINDOW - 1)`: lengths and bends, m."""
-        if len(self.steps_m) < WINDOW:
-            return np.zeros((0, 2 * WINDOW - 1))
-        lengths = sliding_window_view(np.array(self.steps_m), WINDOW)
-        bends = sliding_window_view(np.array(self.bends_m), WINDOW - 1)
-        return np.hstack((lengths, bends))
-
-    @property
-    def _moving_windows(self) -> FloatArray:
-        """Features of the windows in which the rover moves in each step."""
-        windows = self._windows
+    def distinct(self) -> FloatArray:
+        """The windows with evidence, of which windows that agree within half of the tolerance are kept once."""
+        windows = self.features[self.has_evidence]
         if not len(windows):
             return windows
-        shortest_m = MOVING_SHARE * self._long_step_m
-        return np.asarray(windows[(windows[:, :WINDOW] > shortest_m).all(axis=1)])
+        _, kept = np.unique(np.floor(windows / (0.5 * self.tolerance_m)), axis=0, return_index=True)
+        return np.asarray(windows[kept])
+
+    def starts_like(self, other: StepWindows) -> bool:
+        """Return whether both drives start to move with the same steps."""
+        if not len(self.features) or not len(other.features):
+            return False
+        return bool((np.abs(self.features[0] - other.features[0]) <= self.tolerance_m).all())
+
+
+def drives_of(traces: Sequence[DriveTrace]) -> NDArray[np.intp]:
+    """Return the number of the drive of each trace. Copies, and copies of copies, have the same number."""
+    drives = np.arange(len(traces))
+    for first, second in _copies(traces):
+        drives[drives == drives[second]] = drives[first]
+    return drives
+
+
+def _copies(traces: Sequence[DriveTrace]) -> Iterator[tuple[int, int]]:
+    """Yield the pairs of traces that are of one drive; traces without ground truth are in no pair."""
+    windows = [StepWindows.of(trace) for trace in traces]
+
+    def are_comparable(first: int, second: int) -> bool:
+        one, other = traces[first], traces[second]
+        return len(one.grey) == len(other.grey) and one.terrain == other.terrain
+
+    def have_same_image(first: int, second: int) -> bool:
+        return bool((np.abs(np.subtract(traces[first].grey, traces[second].grey)) <= SAME_GREY).all())
+
+    for pair in _pairs_with_same_path(traces):
+        if are_comparable(*pair) and have_same_image(*pair):
+            yield pair
+    for first, second in _pairs_with_common_steps(windows):
+        if not are_comparable(first, second):
+            continue
+        if not windows[first].starts_like(windows[second]) or have_same_image(first, second):
+            yield first, second
+
+
+def _pairs_with_same_path(traces: Sequence[DriveTrace]) -> Iterator[tuple[int, int]]:
+    by_count: dict[int, list[int]] = {}
+    for number, trace in enumerate(traces):
+        if trace.poses:
+            by_count.setdefault(trace.poses, []).append(number)
+    for numbers in by_count.values():
+        paths = np.array([traces[number].path_m for number in numbers]).reshape(len(numbers), PLACES, 3)
+        for place, first in enumerate(numbers):
+            apart_m = np.linalg.norm(paths[place + 1 :] - paths[place], axis=2).max(axis=1)
+            for later in np.flatnonzero(apart_m <= SAME_M).tolist():
+                yield first, numbers[place + 1 + later]
+
+
+def _pairs_with_common_steps(windows: Sequence[StepWindows]) -> Iterator[tuple[int, int]]:
+    """Yield the pairs of drives of which the shorter has a large fraction of its windows in common with the other.
+
+    All windows are in one search tree, so that the time grows with the number of drives and not with that of pairs.
+    """
+    distinct = [item.distinct for item in windows]
+    owners = np.repeat(np.arange(len(windows)), [len(item) for item in distinct])
+    if not len(owners):
+        return
+    from scipy.spatial import KDTree  # slow import
+
+    tree = KDTree(np.vstack(distinct))
+    for number, item in enumerate(windows):
+        compared = item.compared
+        searched = compared[item.has_evidence[compared]]
+        counts = np.zeros(len(windows), int)
+        for found in tree.query_ball_point(item.features[searched], item.tolerance_m, p=np.inf):
+            counts[np.unique(owners[found])] += 1
+        for other in np.flatnonzero(counts >= COMMON_SHARE * max(len(compared), 1)).tolist():
+            if other != number and len(item.features) <= len(windows[other].features):
+                yield number, other
 
 
 def trace_of_source(source: Source) -> DriveTrace:
@@ -175,15 +227,12 @@ def with_drives(sources: Sequence[JobSource], traces: Sequence[DriveTrace]) -> l
         trace_of_simulation(source) if source.kind is SourceKind.SIMULATED and seeds[source.seed] > 1 else trace
         for source, trace in zip(sources, traces, strict=True)
     ]
-    order = sorted(range(len(sources)), key=lambda number: sources[number].sha256)
-    drives: list[list[int]] = []  # places in the order
-    for place, index in enumerate(order):
-        copies = [drive for drive in drives if any(traces[index].is_copy_of(traces[order[known]]) for known in drive)]
-        merged = sorted(known for drive in copies for known in drive)
-        drives = [*(drive for drive in drives if drive not in copies), [*merged, place]]
-    found = list(sources)
-    for drive in drives:
-        first = sources[order[drive[0]]]
-        for index in (order[place] for place in drive):
-            found[index] = replace(sources[index], drive=first.truth_sha256 or first.sha256)
-    return found
+    smallest: dict[int, JobSource] = {}  # of each drive
+    drives = drives_of(traces).tolist()
+    for drive, source in zip(drives, sources, strict=True):
+        if drive not in smallest or source.sha256 < smallest[drive].sha256:
+            smallest[drive] = source
+    firsts = [smallest[drive] for drive in drives]
+    return [
+        replace(source, drive=first.truth_sha256 or first.sha256) for source, first in zip(sources, firsts, strict=True)
+    ]

@@ -7,7 +7,7 @@ A job has these identities:
     pairing       data, task, faults, repeat and scoring: pairs jobs of two suites, also with other code or parameters
     group         task, configuration and faults: the errors of a group are pooled
     drive_key     drive, task and faults: repeats and copies of a drive share this hash, because their errors depend on
-                  each other
+                  each other. Sequential tests take the drives in the order of this hash
     label         the displayed name
 """
 
@@ -77,6 +77,11 @@ class JobSource:
     variant: str = ""  #: Variant of an error budget (`variants.py`); otherwise empty.
     faults: str = ""  #: Faults that belong to the variant, joined by `+`.
     seed: int = 0  #: Seed of a simulation; otherwise 0.
+
+    @property
+    def drive_identity(self) -> tuple[SourceKind, str]:
+        """Identity of the drive, which copies of the source share."""
+        return self.kind, self.drive or self.truth_sha256 or self.sha256
 
 
 class GroupKey(NamedTuple):
@@ -157,6 +162,7 @@ class Job:
     repeat: int  #: Number of the repetition, from 0.
     threads: int  #: Number of threads.
     code: str  #: Fingerprint of the code.
+    order_seed: int = 0  #: Seed of the order of the drives; not an input of the result.
     #: Figures and conditions for which all errors are kept, because their tolerance bound is limited.
     kept_errors: tuple[tuple[str, str], ...] = ()
 
@@ -200,9 +206,12 @@ class Job:
 
     @property
     def drive_key(self) -> str:
-        """Hash that repeats and copies of one drive share. Their errors are not independent."""
-        source = self.source
-        return digest([self.kind, source.kind, source.drive or source.truth_sha256 or source.sha256, self.faults])
+        """Hash that repeats and copies of one drive share. Their errors are not independent.
+
+        With `order_seed` 0 the order of the hashes follows from the data of the drives.
+        """
+        seed = [self.order_seed] if self.order_seed else []
+        return digest([self.kind, *self.source.drive_identity, self.faults, *seed])
 
     @property
     def alteration(self) -> str:

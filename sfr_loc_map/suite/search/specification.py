@@ -24,7 +24,7 @@ from sfr_loc_map.suite.running.specification import SuiteSettings
 Point = tuple[float, ...]
 """Values of the parameters of a search, in the order of the file."""
 CHOICES = (*STATISTICS, "value")  #: Statistics that a search accepts.
-UNUSED = ("repeats", "stop_when_decided")  #: Settings of a suite that have no effect in a search.
+UNUSED = ("repeats", "stop_when_decided", "order_seed")  #: Settings of a suite that have no effect in a search.
 
 
 @dataclass(frozen=True, slots=True)

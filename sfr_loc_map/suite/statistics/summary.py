@@ -116,6 +116,7 @@ class Summary:
     budgets: tuple[Budget, ...] = ()  #: Error budgets, by configuration and condition.
     waiting_jobs: tuple[str, ...] = ()  #: Labels of the jobs that were not run yet.
     planned_groups: tuple[GroupKey, ...] = ()  #: Groups of all planned jobs, also groups without a result.
+    copies: tuple[tuple[str, ...], ...] = ()  #: Names of the sources that are copies, for each drive with copies.
 
     @property
     def counts(self) -> JobCounts:
@@ -158,7 +159,7 @@ class Summary:
 
     def to_dict(self) -> dict[str, object]:
         """Return the summary as JSON values, for each drive with names, figures, verdicts and the file of its score."""
-        named = ("verdict", "groups", "failures", "refusals", "workers", "budgets")
+        named = ("verdict", "groups", "failures", "refusals", "workers", "budgets", "copies")
         parts = {name: to_plain(getattr(self, name)) for name in named}
         results = [
             result.names()
@@ -244,7 +245,16 @@ def summarise(store: Store) -> Summary:
         budgets=tuple(budgets_of(results, jobs)),
         waiting_jobs=tuple(job.label for job in in_state[JobState.WAITING]),
         planned_groups=planned_groups_of(jobs),
+        copies=tuple(copies_in(jobs)),
     )
+
+
+def copies_in(jobs: Sequence[Job]) -> Iterator[tuple[str, ...]]:
+    """Yield the names of the sources that are copies of one drive, for each drive with copies."""
+    names: dict[object, dict[str, None]] = {}
+    for job in jobs:
+        names.setdefault(job.source.drive_identity, {})[job.source.name] = None
+    yield from (tuple(of_drive) for of_drive in names.values() if len(of_drive) > 1)
 
 
 def budgets_of(results: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator[Budget]:

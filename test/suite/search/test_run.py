@@ -94,7 +94,7 @@ def test_the_case_repeats_the_faults_and_the_settings_of_the_jobs(tmp_path: Path
     assert {job.key for job in searched} == {job.key for job in planned if job.faults}
 
 
-@pytest.mark.parametrize("name", ["repeats", "stop_when_decided"])
+@pytest.mark.parametrize("name", ["repeats", "stop_when_decided", "order_seed"])
 def test_settings_without_effect_in_a_search_are_refused(specification: SearchSpecification, name: str) -> None:
     file = specification.path
     file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | {"running": {name: 1}}))
