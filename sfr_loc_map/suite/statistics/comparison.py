@@ -23,7 +23,7 @@ from sfr_loc_map.metrics.intervals import Interval, holm
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName, figures_of
 from sfr_loc_map.suite.statistics.pairing import PairKey, have_one_configuration, without_configuration
-from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights
+from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
 
 SIGNIFICANCE = 0.05
@@ -109,7 +109,10 @@ def _by_pair_key(*suites: Summary) -> list[dict[PairKey, ScoredJob]]:
 def _compared(
     ratios: Mapping[tuple[str, FigureName], Mapping[str, Sequence[DriveRatio]]], baseline: str
 ) -> Iterator[FigureComparison]:
-    """Yield the comparison of each figure of each group; `ratios` are by drive, with the repeats of the drive."""
+    """Yield the comparison of each figure of each group; `ratios` are by drive, with its repeats and copies.
+
+    The ratios of one drive are averaged, because the largest of them would be biased although nothing has changed.
+    """
     log_ratios = [
         np.array([np.log([item.other / item.first for item in items]).mean() for items in drives.values()])
         for drives in ratios.values()
@@ -117,10 +120,6 @@ def _compared(
     p_values = [sign_flip_p(logs) for logs in log_ratios]
     rows = zip(ratios.items(), log_ratios, p_values, holm(p_values), strict=True)
     for ((group, name), drives), logs, p, corrected in rows:
-        interval: Interval | None = None
-        if len(logs) >= MIN_DRIVES:
-            low, high = np.exp(np.quantile(drawn_weights(len(logs)) @ logs / len(logs), (0.025, 0.975))).tolist()
-            interval = (low, high)
         outcome = Outcome.NOT_ENOUGH_DATA if logs.any() else Outcome.EQUAL
         if corrected is not None and logs.any():
             direction = Outcome.WORSE if logs.mean() > 0.0 else Outcome.BETTER
@@ -132,12 +131,21 @@ def _compared(
             figure=name.name,
             drives=len(drives),
             ratio=float(np.exp(logs.mean())),
-            ci95=interval,
+            ci95=ratio_interval(logs),
             p=p,
             p_corrected=corrected,
             outcome=outcome,
             worst=max(chain(*drives.values()), key=lambda item: item.other / item.first),
         )
+
+
+def ratio_interval(log_ratios: FloatArray) -> Interval | None:
+    """Return the 95 % interval of the geometric mean ratio of log ratios `(D,)`; None for fewer than `MIN_DRIVES`."""
+    drives = len(log_ratios)
+    if drives < MIN_DRIVES:
+        return None
+    mean, half = float(log_ratios.mean()), half_width(drawn_weights(drives) @ log_ratios / drives, drives)
+    return float(np.exp(mean - half)), float(np.exp(mean + half))
 
 
 def sign_flip_p(log_ratios: FloatArray) -> float | None:

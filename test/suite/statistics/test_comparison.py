@@ -14,7 +14,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.intervals import holm
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.suite.statistics.comparison import compare_suites, sign_flip_p
+from sfr_loc_map.suite.statistics.comparison import compare_suites, ratio_interval, sign_flip_p
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
 
 POSITION = "position over 1 m, m"
@@ -74,6 +74,14 @@ def test_drives_of_one_suite_only_are_counted(score: Score) -> None:
     assert next(item for item in both.figures if item.figure == POSITION).outcome is Outcome.NOT_ENOUGH_DATA
     with pytest.raises(MetricsError, match="no drive in common"):
         compare_suites(summary(score, {"x": 1.0}), summary(score, {"y": 1.0}), ("a", "b"))
+
+
+@pytest.mark.parametrize("drives", [5, 6, 12])
+def test_the_interval_of_the_ratio_covers_95_percent(drives: int) -> None:
+    """The percentiles of the resamplings cover only 85 % for 5 drives."""
+    rng = np.random.default_rng(drives)
+    intervals = [ratio_interval(rng.normal(0.1, 0.3, drives)) for _ in range(1000)]
+    assert np.mean([low <= np.exp(0.1) <= high for low, high in intervals]) > 0.93
 
 
 def test_exact_probability_is_that_of_all_signs() -> None:
