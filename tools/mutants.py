@@ -319,8 +319,8 @@ MUTATIONS = (
     Mutation("host_clock.py", "abs(passed_s - kernel_passed_s)", "passed_s - kernel_passed_s"),
     Mutation("child_process.py", 'not name.startswith("LD_") or name', "True or name"),
     # a search: a run that fails is not a worst case, but a lost drive is
-    Mutation("suite/search/run.py", "if self._store.state(job) is JobState.FAILED]:", "if False]:"),
-    Mutation("suite/search/run.py", "WITHOUT_FIGURE if ratio is None else ratio", "0.0 if ratio is None else ratio"),
+    Mutation("suite/search/search.py", "if self._store.state(job) is JobState.FAILED]:", "if False]:"),
+    Mutation("suite/search/search.py", "WITHOUT_FIGURE if ratio is None else ratio", "2.0 if ratio is None else ratio"),
     # copies of a drive count as one drive
     Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.001"),
     Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.05"),
@@ -328,7 +328,7 @@ MUTATIONS = (
     Mutation(DRIVES, "SAME_STEP = 0.001", "SAME_STEP = 0.05"),
     Mutation(DRIVES, "COMMON_SHARE = 0.5", "COMMON_SHARE = 0.99"),
     Mutation(DRIVES, "path_m = path_m @ truth.pose(0).rotation", "path_m = path_m @ truth.pose(0).rotation.T"),
-    Mutation(DRIVES, "key=lambda number: sources[number].sha256", "key=lambda number: number"),
+    Mutation(DRIVES, "source.sha256 < smallest[drive].sha256", "source.sha256 > smallest[drive].sha256"),
     Mutation("suite/statistics/pooling.py", "size > worst[drive_key][0]", "size < worst[drive_key][0]"),
     Mutation("suite/statistics/group_verdicts.py", "items_under_test(scores)) > 1", "items_under_test(scores)) > 2"),
     # a suite must not hide drives that were run, and its plan must match its files

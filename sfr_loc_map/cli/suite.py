@@ -156,7 +156,8 @@ def search(
     from sfr_loc_map.suite.pages.search_page import search_tables
     from sfr_loc_map.suite.run import run_search
     from sfr_loc_map.suite.running.store import Store
-    from sfr_loc_map.suite.search.run import CASE
+    from sfr_loc_map.suite.search.record import ratio_text
+    from sfr_loc_map.suite.search.search import CASE
     from sfr_loc_map.suite.search.specification import load_search
 
     propose("sfr", "suite", "run", out / CASE, "--out", out / "case", why="repeats the worst case")
@@ -173,13 +174,15 @@ def search(
             say=_tell,
             progress=progress,
         )
-    show(result.to_dict(), json_path, search_tables(result))
+    record = result.record
+    show(result.to_dict(), json_path, search_tables(record))
     for point, reason in result.left_out.items():
         say(one_line(f"skipped: {result.named(point)}: {reason}"), err=True)
     say(f"report: {store.folder / 'search.html'}", err=True)
     if result.found.fails:
         raise FailedVerdictError(
-            f"the worst case is {result.case.ratio:.3g} times the limit; its scenario is in '{store.folder / CASE}'"
+            f"the worst point is {ratio_text(record.found.ratio)}; the smallest change of the scenario that misses the "
+            f"limit is in '{store.folder / CASE}'"
         )
 
 

@@ -25,7 +25,7 @@ from sfr_loc_map.suite.statistics.summary import SequentialDecision, Summary, su
 if TYPE_CHECKING:
     from distributed import Client
 
-    from sfr_loc_map.suite.search.run import SearchResult
+    from sfr_loc_map.suite.search.search import SearchResult
     from sfr_loc_map.suite.search.specification import SearchSpecification
 
 Say = Callable[[str], None]
@@ -92,7 +92,7 @@ def run_search(
     """
     # imported late, because the imports are slow
     from sfr_loc_map.suite.pages.search_page import render_search
-    from sfr_loc_map.suite.search.run import CASE, case_file, find_worst_case
+    from sfr_loc_map.suite.search.search import CASE, case_file, find_worst_case
 
     settings = specification.running
     slots = slots_for(settings, workers)
@@ -104,7 +104,7 @@ def run_search(
 
         result = find_worst_case(specification, store, run_points, at_random=at_random)
     write_text(json_line(result.to_dict()), store.folder / "search.json")
-    write_text(render_search(result), store.folder / "search.html")
+    write_text(render_search(result.record), store.folder / "search.html")
     write_text(case_file(result), store.folder / CASE)
     return result
 

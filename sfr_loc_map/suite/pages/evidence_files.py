@@ -17,20 +17,22 @@ from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check_result import CheckResult
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
-from sfr_loc_map.metrics.catalogue import statistic_title, title_of
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report.check_tables import check_tables
-from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
+from sfr_loc_map.report.tables import Table
 from sfr_loc_map.report.test_report import AdditionalEvidence
+from sfr_loc_map.suite.pages.search_page import case_table
 from sfr_loc_map.suite.pages.tables import budget_tables
+from sfr_loc_map.suite.search.record import SCHEMA as SEARCH_SCHEMA
+from sfr_loc_map.suite.search.record import SearchRecord, ratio_text
 from sfr_loc_map.suite.statistics.budget import Budget
+from sfr_loc_map.suite.statistics.summary import SCHEMA as SUITE_SCHEMA
 
 
 class CheckFile(msgspec.Struct):
     """The displayed part of the JSON of `sfr check`."""
 
-    schema: ClassVar = "sfr-check/1"
     heading: ClassVar = "Check without ground truth"
     results: dict[str, CheckResult]
     calibration: list[str]
@@ -52,7 +54,6 @@ class CheckFile(msgspec.Struct):
 class BudgetFile(msgspec.Struct):
     """The displayed part of `suite.json` of a suite with an error budget."""
 
-    schema: ClassVar = "sfr-suite/1"
     heading: ClassVar = "Error budget"
     budgets: list[Budget]
 
@@ -73,76 +74,37 @@ class BudgetFile(msgspec.Struct):
                 yield f"The fractions of the error budget over {over} do not add up to 100 %: sources interact."
 
 
-class PointRecord(msgspec.Struct):
-    """A point of a search: ratio of figure and limit, and the values of the parameters."""
+class SearchFile(SearchRecord, frozen=True, kw_only=True):
+    """`search.json`."""
 
-    ratio: float
-    point: dict[str, float]
-
-
-class ParameterRecord(msgspec.Struct):
-    """A parameter of a search with its range."""
-
-    name: str
-    low: float
-    high: float
-
-
-class SearchFile(msgspec.Struct):
-    """The displayed part of `search.json`."""
-
-    schema: ClassVar = "sfr-search/1"
     heading: ClassVar = "Worst case"
-    figure: str
-    statistic: str
-    condition: str
-    limit: float
-    parameters: list[ParameterRecord]
-    points: list[PointRecord]
-    usual: PointRecord
-    found: PointRecord
-    case: PointRecord
 
     def tables(self) -> list[Table]:
         """Return the worst case as a table."""
-        cases = (self.usual, self.found, self.case)
-        rows = [
-            (
-                Cell.head(parameter.name),
-                Cell.number(parameter.low),
-                Cell.number(parameter.high),
-                *(Cell.number(case.point.get(parameter.name)) for case in cases),
-            )
-            for parameter in self.parameters
-        ]
-        rows.append((Cell.head("figure over limit"), *[Cell(ABSENT)] * 2, *(Cell.number(case.ratio) for case in cases)))
-        columns = ("parameter", "low", "high", "usual", "worst point", "reduced case")
-        heads = tuple(Column(title, words=title == "parameter") for title in columns)
-        figure = f"{title_of(self.figure)}, {statistic_title(self.statistic)}, over {label_of(self.condition)}"
-        note = (
-            f"{figure}; limit {self.limit:g}. {len(self.points)} scenarios were run. The reduced case is the smallest "
-            "change of the usual scenario that misses the limit."
-        )
-        return [Table("case", "Worst case", heads, tuple(rows), note)]
+        return [case_table(self)]
 
     def open_points(self) -> Iterator[str]:
         """Yield an open point if any scenario misses the limit."""
-        missed = sum(item.ratio > 1.0 for item in self.points)
-        if missed:
+        if self.missed:
             yield (
-                f"The limit is missed in {missed} of {len(self.points)} searched scenarios; the worst has "
-                f"{self.found.ratio:.3g} times the limit."
+                f"The limit is missed in {self.missed} of {len(self.points)} searched scenarios; the worst has "
+                f"{ratio_text(self.found.ratio)}."
             )
 
 
-KINDS: tuple[type[CheckFile | BudgetFile | SearchFile], ...] = (CheckFile, BudgetFile, SearchFile)
-"""Kinds of evidence, in the order of a report."""
+KINDS: dict[str, type[CheckFile | BudgetFile | SearchFile]] = {
+    "sfr-check/1": CheckFile,
+    SUITE_SCHEMA: BudgetFile,
+    SEARCH_SCHEMA: SearchFile,
+}
+"""Kinds of evidence by their schema, in the order of a report."""
 
 
 def read_evidence(paths: Sequence[Path]) -> list[AdditionalEvidence]:
     """Return the evidence of files, in the order of a report; raise InputError for other files."""
     read = [(path, read_file(path)) for path in paths]
-    read.sort(key=lambda item: KINDS.index(type(item[1])))
+    order = [*KINDS.values()]
+    read.sort(key=lambda item: order.index(type(item[1])))
     return [
         AdditionalEvidence(
             heading=content.heading,
@@ -159,10 +121,9 @@ def read_file(path: Path) -> CheckFile | BudgetFile | SearchFile:
     """Return the content of a file by its schema; raise InputError for an unknown schema."""
     try:
         content = msgspec.json.decode(read_text(path, MAX_JSON_BYTES), type=dict[str, Any])
-        kinds = {kind.schema: kind for kind in KINDS}
-        kind = kinds.get(content.get("schema", ""))
+        kind = KINDS.get(content.get("schema", ""))
         if kind is None:
-            raise ValueError(f"its schema is {content.get('schema')!r}: one of {', '.join(kinds)} is required")
+            raise ValueError(f"its schema is {content.get('schema')!r}: one of {', '.join(KINDS)} is required")
         return msgspec.convert(content, kind)
     except (OSError, ValueError) as error:
         problem = error.strerror if isinstance(error, OSError) else error

@@ -4,52 +4,61 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sfr_loc_map.metrics.catalogue import statistic_title, title_of
-from sfr_loc_map.metrics.config import VerdictState, label_of
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.report.page import render_overview
 from sfr_loc_map.report.plots import Plot, axis, colour_bar, log_axis, marks, plain, span
 from sfr_loc_map.report.summary import Banner
 from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
-from sfr_loc_map.suite.search.run import SearchResult
-from sfr_loc_map.suite.search.worst_case import Coverage, Slice
+from sfr_loc_map.suite.search.record import CoverageRecord, SearchRecord
 
 WORST_SHOWN = 20  #: Maximum number of points in the table of the worst points.
 CELLS_SHOWN = 30  #: Maximum number of untested cells in the table.
+WITHOUT = "no figure"  #: Text of the ratio of a drive that lacks the figure.
 
 
-def search_tables(result: SearchResult) -> list[Table]:
+def search_tables(record: SearchRecord) -> list[Table]:
     """Return the tables: the worst case, the worst points, and untested cells."""
-    return [_case_table(result), _points_table(result), *_coverage_tables(result.coverage)]
+    return [case_table(record), _points_table(record), *_coverage_tables(record.coverage)]
 
 
-def _case_table(result: SearchResult) -> Table:
+def case_table(record: SearchRecord) -> Table:
+    """Return the ranges of the parameters, and their values in the usual scenario, the worst point and the case."""
     columns = ("parameter", "low", "high", "usual", "worst point", "reduced case", "rank correlation")
     heads = tuple(Column(title, words=title == "parameter") for title in columns)
+    cases = (record.usual, record.found, record.case)
     rows = []
-    for index, parameter in enumerate(result.specification.parameters):
-        found, case = result.found.point[index], result.case.point[index]
-        values = (parameter.low, parameter.high, parameter.usual, found, case, result.correlations[index])
+    for parameter, correlation in zip(record.parameters, record.correlations, strict=True):
+        of_cases = (case.point.get(parameter.name) for case in cases)
+        values = (parameter.low, parameter.high, *of_cases, correlation)
         rows.append((Cell.head(parameter.name), *map(Cell.number, values)))
-    ratios = (result.usual.ratio, result.found.ratio, result.case.ratio)
-    rows.append((Cell.head("figure over limit"), *[Cell(ABSENT)] * 2, *map(Cell.number, ratios), Cell(ABSENT)))
+    ratios = (_ratio(case.ratio) for case in cases)
+    rows.append((Cell.head("figure over limit"), *[Cell(ABSENT)] * 2, *ratios, Cell(ABSENT)))
     note = (
-        "The reduced case is the smallest change of the usual scenario that misses the limit. A drive without the "
-        "figure counts as 2. Rank correlation: between the parameter and the ratio over all points of the search."
+        f"{record.title}: limit {record.limit:g}. {len(record.points)} scenarios were run. The reduced case is the "
+        "smallest change of the usual scenario that misses the limit. A drive without the figure is worse than any "
+        "drive with the figure. Rank correlation: between the parameter and the ratio over all points of the search."
     )
     return Table("case", "Worst case", heads, tuple(rows), note)
 
 
-def _points_table(result: SearchResult) -> Table:
-    parameters = result.specification.parameters
-    heads = (Column("point"), Column("figure over limit"), *(Column(parameter.name) for parameter in parameters))
-    numbered = sorted(enumerate(result.tried, 1), key=lambda item: -item[1].ratio)[:WORST_SHOWN]
+def _ratio(ratio: float | None) -> Cell:
+    return Cell.number(ratio, undefined=WITHOUT)
+
+
+def _points_table(record: SearchRecord) -> Table:
+    names = [parameter.name for parameter in record.parameters]
+    heads = (Column("point"), Column("figure over limit"), *map(Column, names))
+    numbered = sorted(enumerate(record.points, 1), key=lambda item: -_shown(record, item[1].ratio))
+    numbered.sort(key=lambda item: item[1].ratio is not None)  # drives without the figure first
     rows = tuple(
-        (Cell.number(number), Cell.number(item.ratio), *map(Cell.number, item.point)) for number, item in numbered
+        (Cell.number(number), _ratio(item.ratio), *(Cell.number(item.point[name]) for name in names))
+        for number, item in numbered[:WORST_SHOWN]
     )
-    return Table("points", "Points with the smallest margin", heads, rows, f"{len(result.tried)} points were searched.")
+    note = f"{len(record.points)} points were searched."
+    return Table("points", "Points with the smallest margin", heads, rows, note)
 
 
-def _coverage_tables(coverage: Sequence[Coverage]) -> list[Table]:
+def _coverage_tables(coverage: Sequence[CoverageRecord]) -> list[Table]:
     tables = []
     for number, combination in enumerate(coverage, 1):
         heads = tuple(Column(name, words=True) for name in combination.parameters)
@@ -62,34 +71,41 @@ def _coverage_tables(coverage: Sequence[Coverage]) -> list[Table]:
     return tables
 
 
-def render_search(result: SearchResult) -> str:
+def render_search(record: SearchRecord) -> str:
     """Return the page of a search as HTML."""
-    chosen = result.specification.settings
-    figure = f"{title_of(chosen.figure)}, {statistic_title(chosen.statistic)}, over {label_of(chosen.condition)}"
-    missed = sum(item.fails for item in result.tried)
-    text = f"{figure}: limit {chosen.limit:g}, missed at {missed} of {len(result.tried)} points"
-    if result.until_first_miss is not None:
-        text += f", first at point {result.until_first_miss}"
-    if result.left_out:
-        text += f"; {len(result.left_out)} scenarios cannot be run and are skipped"
-    state = VerdictState.FAIL if missed else None
-    plots = [_course(result), *(_slice_plot(result, number) for number in range(len(result.slices)))]
+    text = f"{record.title}: limit {record.limit:g}, missed at {record.missed} of {len(record.points)} points"
+    if record.until_first_miss is not None:
+        text += f", first at point {record.until_first_miss}"
+    if record.left_out:
+        text += f"; {len(record.left_out)} scenarios cannot be run and are skipped"
+    state = VerdictState.FAIL if record.missed else None
+    plots = [_course(record), *(_slice_plot(record, number) for number in range(len(record.slices)))]
     banner = Banner.of(state, f"{text}.")
-    return render_overview("Search for the worst case", banner, search_tables(result), [("Search", plots)])
+    return render_overview("Search for the worst case", banner, search_tables(record), [("Search", plots)])
 
 
-def _course(result: SearchResult) -> Plot:
-    numbers = [float(number) for number in range(1, len(result.tried) + 1)]
-    ratios = [item.ratio for item in result.tried]
-    trace = marks("point", [numbers, ratios], "@one")
+def _shown(record: SearchRecord, ratio: float | None) -> float:
+    return record.lost_ratio if ratio is None else ratio
+
+
+def _course(record: SearchRecord) -> Plot:
+    numbered = list(enumerate(record.points, 1))
+    ratios = [_shown(record, item.ratio) for item in record.points]
+    traces = []
+    for name, colour, lost in (("point", "@one", False), (f"{WITHOUT}, shown at the top", "@bad", True)):
+        chosen = [
+            (float(number), _shown(record, item.ratio)) for number, item in numbered if (item.ratio is None) is lost
+        ]
+        if chosen:
+            traces.append(marks(name, [[x for x, _ in chosen], [y for _, y in chosen]], colour))
     layout = {"xaxis": axis("point"), "yaxis": log_axis("figure over limit", *span(ratios))}
-    return Plot("search-course", "Course of the search", "A point above 1 misses the limit.", [trace], layout)
+    return Plot("search-course", "Course of the search", "A point above 1 misses the limit.", traces, layout)
 
 
-def _slice_plot(result: SearchResult, number: int) -> Plot:
-    cut: Slice = result.slices[number]
-    first, second = (result.specification.parameters[index].name for index in (cut.first, cut.second))
-    grid = {"type": "contour", "x": list(cut.x), "y": list(cut.y), "z": [list(row) for row in cut.ratios]}
+def _slice_plot(record: SearchRecord, number: int) -> Plot:
+    cut = record.slices[number]
+    first, second = (record.parameters[index].name for index in (cut.first, cut.second))
+    grid = {"type": "contour", "x": cut.x, "y": cut.y, "z": cut.ratios}
     levels = {
         **grid,
         "colorscale": "@sequential",

@@ -33,6 +33,7 @@ class SuiteSettings:
         choices=("pose", "displacement", "position"),
     )
     partial: bool = param(False, doc="Judge an incomplete estimate as if it were complete, and report this.")
+    nominal: bool = param(True, doc="Run each source also without the faults of `perturb`.")
     stop_when_decided: bool = param(
         False, doc="Stop when sequential tests (`good` of a limit) have decided all limits."
     )
@@ -67,7 +68,7 @@ class SuiteSpecification:
     path: Path  #: File of the suite.
     sources: tuple[JobSource, ...]  #: One for each match and each seed, with unique names; files have no hashes yet.
     refusals: tuple[Refusal, ...]  #: Entries without a match, or with a server that does not answer.
-    faults: tuple[str, ...]  #: Injected faults; the source without faults comes first, as an empty text.
+    faults: tuple[str, ...]  #: Injected faults; first an empty text, if the source is also run without faults.
     configurations: Mapping[str, Mapping[str, object]]  #: Parameters of each configuration, by dotted name.
     tasks: tuple[JobKind, ...] | None  #: Requested tasks; None: those of `DEFAULT_TASKS` for which a source has data.
     budget: tuple[str, ...]  #: Names of the sources of error of a budget; empty if there is none.
@@ -98,6 +99,8 @@ def load_specification(path: Path) -> SuiteSpecification:
     if not lists["sources"]:
         raise ConfigError(f"{path}: no 'sources': give paths, globs or simulations")
     tasks = _tasks(lists["tasks"], path)
+    if not settings.nominal and not lists["perturb"]:
+        raise ConfigError(f"{path}: with 'nominal: false' at least one fault in 'perturb' is required")
     for faults in lists["perturb"]:
         for fault in str(faults).split("+"):
             parse_fault(fault)
@@ -116,7 +119,7 @@ def load_specification(path: Path) -> SuiteSpecification:
         path=path,
         sources=tuple(sources),
         refusals=tuple(refusals),
-        faults=("", *map(str, lists["perturb"])),
+        faults=(*([""] if settings.nominal else []), *map(str, lists["perturb"])),
         configurations=read_configurations(configurations, path),
         tasks=(JobKind.LOCALISE,) if budget else tasks,
         budget=tuple(source.name for source in budget),

@@ -24,7 +24,12 @@ from sfr_loc_map.suite.running.specification import SuiteSettings
 Point = tuple[float, ...]
 """Values of the parameters of a search, in the order of the file."""
 CHOICES = (*STATISTICS, "value")  #: Statistics that a search accepts.
-UNUSED = ("repeats", "stop_when_decided", "order_seed")  #: Settings of a suite that have no effect in a search.
+UNUSED = (
+    "repeats",
+    "stop_when_decided",
+    "order_seed",
+    "nominal",
+)  #: Settings of a suite that have no effect in a search.
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +62,9 @@ class SearchSettings:
     part: str = param("", doc="Part of the figure. Empty: the judged part.")
     condition: str = param("distance=5", doc="Condition of the sub-trajectories.")
     limit: float = param(0.1, doc="Upper limit of the figure, in its unit.", low=1e-12, high=1e12)
-    runs: int = param(100, doc="Number of points in the search, before the worst point is reduced.", low=1, high=10**6)
+    points: int = param(
+        100, doc="Number of points in the search, before the worst point is reduced.", low=1, high=10**6
+    )
     batch: int = param(
         4, doc="Number of points that are chosen and run together; the first is chosen uniformly.", low=2, high=1000
     )

@@ -6,6 +6,7 @@ continued, because points with results are not run again.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,14 +17,17 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from sfr_loc_map.errors import MissingExtraError
+from sfr_loc_map.suite.search.record import LOST_RATIO
 from sfr_loc_map.suite.search.specification import Parameter, Point
 
+WITHOUT_FIGURE = math.inf
+"""Ratio of a drive that lacks the figure, for example a lost drive: worse than any drive that has the figure."""
 BISECTIONS = 4  #: Number of bisections between the usual value and the found value.
 CELLS = 3  #: Number of cells per range in the coverage.
 MAX_SLICED = 3  #: Maximum number of parameters that are combined to slices.
 Evaluate = Callable[[Sequence[Point]], Sequence[float | None]]
-"""Runs points and returns the ratio of each: the figure divided by its limit, of the worst seed; None if the scenario
-cannot be run."""
+"""Runs points and returns the ratio of each: the figure divided by its limit, of the worst seed; `WITHOUT_FIGURE` if a
+drive lacks the figure; None if the scenario cannot be run."""
 
 
 class Chooser(Protocol):
@@ -83,6 +87,7 @@ class TreeChooser:
             sampler = optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True)
         self._study = optuna.create_study(sampler=sampler, direction="maximize")
         self._asked: list[optuna.trial.Trial] = []
+        self._lost_ratio = LOST_RATIO
         self._failed = optuna.trial.TrialState.FAIL
 
     def ask(self, count: int) -> list[Point]:
@@ -95,9 +100,15 @@ class TreeChooser:
         ]
 
     def tell(self, points: Sequence[Point], ratios: Sequence[float | None]) -> None:
-        """Add the ratios of the last points; the sampler ignores points without a result."""
+        """Add the ratios of the last points; the sampler ignores points without a result.
+
+        The sampler requires finite ratios. A drive without the figure has at least the largest ratio until now.
+        """
+        known = [ratio for ratio in ratios if ratio is not None and ratio != WITHOUT_FIGURE]
+        self._lost_ratio = max([self._lost_ratio, *known])
         for trial, ratio in zip(self._asked, ratios, strict=True):
-            self._study.tell(trial, ratio, state=self._failed if ratio is None else None)
+            told = None if ratio is None else min(ratio, self._lost_ratio)
+            self._study.tell(trial, told, state=self._failed if ratio is None else None)
 
     def _named(self, point: Point) -> dict[str, float]:
         return {parameter.name: value for parameter, value in zip(self._parameters, point, strict=True)}
@@ -108,7 +119,12 @@ class Tried:
     """A point and its ratio."""
 
     point: Point
-    ratio: float
+    ratio: float  #: `WITHOUT_FIGURE` if a drive lacks the figure.
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether a drive lacks the figure."""
+        return self.ratio == WITHOUT_FIGURE
 
     @property
     def fails(self) -> bool:

@@ -28,7 +28,7 @@ SEARCH = {
     },
     "condition": "frames=4",
     "limit": LIMIT_M,
-    "runs": 6,
+    "points": 6,
     "slices": 2,
     "running": {"spacing": 2},
 }
@@ -59,7 +59,7 @@ def searched(tmp_path_factory: pytest.TempPathFactory, scheduler: str) -> Search
 @pytest.mark.slow
 def test_a_search_finds_a_baseline_that_misses_the_limit(searched: Searched) -> None:
     result = searched.result
-    assert result["schema"] == "sfr-search/1"
+    assert result["schema"] == "sfr-search/2"
     assert result["case"]["ratio"] >= 1.0 > result["usual"]["ratio"]
     assert abs(result["case"]["point"]["baseline"] - 1.0) > 0.02
     assert "Worst case" in (searched.out / "search.html").read_text()
@@ -74,14 +74,14 @@ def test_a_repeated_search_has_the_same_result_and_runs_no_job(sfr: Sfr, searche
 
 
 @pytest.mark.slow
-def test_the_case_of_a_search_has_the_same_ratio_as_a_suite(
+def test_the_case_of_a_search_misses_the_limit_with_the_same_ratio_as_a_suite(
     sfr: Sfr, searched: Searched, tmp_path: Path, scheduler: str
 ) -> None:
     words = ("--out", tmp_path / "out", "--scheduler", scheduler, "--json", "-")
     case = sfr("suite", "run", searched.out / "case.yaml", *words)
-    assert case.code == 0, case.err
-    groups = json.loads(case.out)["groups"]
-    value = next(row["mean_plus_3sigma"] for row in groups[-1]["figures"] if row["figure"] == "position")
+    assert case.code == 1, "the case misses the limit of the search"
+    (group,) = json.loads(case.out)["groups"]
+    value = next(row["mean_plus_3sigma"] for row in group["figures"] if row["figure"] == "position")
     assert value / LIMIT_M == pytest.approx(searched.result["case"]["ratio"], rel=1e-6)
 
 

@@ -14,12 +14,13 @@ from sfr_loc_map.metrics.records import Association, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.metrics.table import figure_row
+from sfr_loc_map.suite.pages.search_page import render_search
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome
 from sfr_loc_map.suite.running.plan import make_plan
 from sfr_loc_map.suite.running.specification import load_specification
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.search.run import case_file, find_worst_case
+from sfr_loc_map.suite.search.search import case_file, find_worst_case
 from sfr_loc_map.suite.search.specification import SearchSpecification, load_search
 from sfr_loc_map.suite.search.worst_case import BISECTIONS
 
@@ -30,7 +31,7 @@ ASSOCIATION = Association(matched=100, estimate_poses=100, truth_poses=100)
 @pytest.fixture
 def specification(tmp_path: Path) -> SearchSpecification:
     (tmp_path / "scenario.yaml").write_text("light: {sun_elevation_deg: 40}\n")
-    content = {"scenario": "scenario.yaml", "limit": 0.1, "runs": 12, "slices": 0, "set": {"drive.pairs": 20}}
+    content = {"scenario": "scenario.yaml", "limit": 0.1, "points": 12, "slices": 0, "set": {"drive.pairs": 20}}
     content["ranges"] = {"light.sun_elevation_deg": [5, 60], "yaw": {"fault": "yaw", "range": [-0.2, 0.2]}}
     (tmp_path / "search.yaml").write_text(yaml.safe_dump(content))
     return load_search(tmp_path / "search.yaml")
@@ -79,7 +80,7 @@ def test_the_worst_case_is_reduced_and_runs_again(specification: SearchSpecifica
 def test_the_case_repeats_the_faults_and_the_settings_of_the_jobs(tmp_path: Path) -> None:
     """Faults of a fraction of the pairs hit the same pairs again, because the case states the seed of the faults."""
     running = {"seed": 7, "start": "identity", "spacing": 2, "rebase": "displacement", "partial": True, "threads": 2}
-    content = {"scenario": "scenario.yaml", "limit": 0.1, "runs": 4, "slices": 0, "seeds": [1, 2], "running": running}
+    content = {"scenario": "scenario.yaml", "limit": 0.1, "points": 4, "slices": 0, "seeds": [1, 2], "running": running}
     content["ranges"] = {"light.sun_elevation_deg": [5, 9], "blur": {"fault": "blurred:share=0.3", "range": [2, 4]}}
     (tmp_path / "scenario.yaml").write_text("light: {sun_elevation_deg: 6}\n")
     (tmp_path / "search.yaml").write_text(yaml.safe_dump(content))
@@ -89,12 +90,12 @@ def test_the_case_repeats_the_faults_and_the_settings_of_the_jobs(tmp_path: Path
     with_fault = replace(result, case=result.found)
     (tmp_path / "case.yaml").write_text(case_file(with_fault))
     planned, _ = make_plan(load_specification(tmp_path / "case.yaml"), store.facts_of, store.cache)
-    searched = specification.jobs_at(with_fault.case.point)
-    assert all(job.faults.startswith("blurred:share=0.3,amount=") for job in searched)
-    assert {job.key for job in searched} == {job.key for job in planned if job.faults}
+    assert all(job.faults.startswith("blurred:share=0.3,amount=") for job in planned)
+    searched = [job for job in specification.jobs_at(with_fault.case.point) if job.source.seed == result.case_seed]
+    assert [job.key for job in planned] == [job.key for job in searched]
 
 
-@pytest.mark.parametrize("name", ["repeats", "stop_when_decided", "order_seed"])
+@pytest.mark.parametrize("name", ["repeats", "stop_when_decided", "order_seed", "nominal"])
 def test_settings_without_effect_in_a_search_are_refused(specification: SearchSpecification, name: str) -> None:
     file = specification.path
     file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | {"running": {name: 1}}))
@@ -138,7 +139,7 @@ def test_a_scenario_that_cannot_be_run_is_no_worst_case(specification: SearchSpe
     assert result.left_out
     assert all(point[0] < 12.0 for point in result.left_out)
     assert set(result.left_out.values()) == {"the sun is too low"}
-    assert len(result.tried) + len(result.left_out) == specification.settings.runs
+    assert len(result.tried) + len(result.left_out) == specification.settings.points
     assert len(result.to_dict()["left_out"]) == len(result.left_out)
     assert not {item.point for item in result.tried} & set(result.left_out)
 
@@ -153,8 +154,35 @@ def test_a_lost_drive_is_a_miss(specification: SearchSpecification, tmp_path: Pa
             Host(store, has_pieces=elevation > 12.0).run([job])
 
     result = find_worst_case(specification, store, run)
-    assert result.found.ratio == 2.0
+    assert result.found.is_lost
     assert not result.left_out
+    assert result.record.found.ratio is None
+    assert "a drive without the figure" in case_file(replace(result, case=result.found))
+    page = render_search(result.record)
+    assert "no figure" in page
+
+
+def test_a_lost_drive_is_worse_than_any_drive_with_the_figure(
+    specification: SearchSpecification, tmp_path: Path
+) -> None:
+    """A low sun gives three times the limit, a very low sun no figure; the search approaches the lost drives."""
+    file = specification.path
+    file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | {"limit": 1 / 30}))
+    specification = load_search(file)
+    store = Store(tmp_path / "out")
+
+    def run(jobs: Sequence[Job]) -> None:
+        for job in jobs:
+            elevation = job.source.settings["light.sun_elevation_deg"]
+            assert isinstance(elevation, float)
+            Host(store, has_pieces=elevation > 8.0).run([job])
+
+    result = find_worst_case(specification, store, run)
+    finite = [item.ratio for item in result.tried if not item.is_lost]
+    assert max(finite) > 2.0
+    assert result.found.is_lost
+    assert result.found.point[0] <= 8.0
+    assert result.record.lost_ratio == max(finite)
 
 
 @pytest.mark.parametrize(("change", "has_pieces"), [({"figure": "nees", "statistic": "max"}, True), ({}, False)])

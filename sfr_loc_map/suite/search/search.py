@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import msgspec
 import yaml
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import one_line
+from sfr_loc_map.metrics.limits import LIMITED_NUMBERS, LimitSection
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobState
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.search.specification import UNUSED, Point, SearchSpecification
+from sfr_loc_map.suite.search.record import LOST_RATIO, SCHEMA, SearchRecord, ratio_text
+from sfr_loc_map.suite.search.specification import UNUSED, Point, SearchSettings, SearchSpecification
 from sfr_loc_map.suite.search.worst_case import (
+    WITHOUT_FIGURE,
     Coverage,
     RandomChooser,
     Slice,
@@ -29,11 +33,8 @@ from sfr_loc_map.suite.search.worst_case import (
     slices_of,
 )
 
-SCHEMA = "sfr-search/1"
 CASE = "case.yaml"
-WITHOUT_FIGURE = 2.0
-"""Ratio of a drive that lacks the figure, for example a lost drive. It misses the limit by an unknown amount."""
-RunJobs = Callable[[Sequence[Job]], None]
+RunWaitingJobs = Callable[[Sequence[Job]], None]
 """Runs jobs and stores their results in the folder of the suite."""
 
 
@@ -47,52 +48,61 @@ class SearchResult:
     tried: tuple[Tried, ...]  #: Points of the search with a result, in the order of the search.
     found: Tried  #: The point with the least margin.
     case: Tried  #: The smallest change of the scenario that still misses the limit; `found` if it meets the limit.
+    case_seed: int  #: Seed with the largest ratio at the case.
     slices: tuple[Slice, ...]
     coverage: tuple[Coverage, ...]
     correlations: tuple[float, ...]  #: Rank correlation of each parameter with the ratio.
 
     @property
-    def until_first_miss(self) -> int | None:
-        """Number of points up to the first miss; None without a miss."""
-        return next((number for number, item in enumerate(self.tried, 1) if item.fails), None)
+    def record(self) -> SearchRecord:
+        """The result as a record, for JSON and pages."""
+        specification, chosen = self.specification, self.specification.settings
+        largest = max([LOST_RATIO, *(item.ratio for item in self.tried if not item.is_lost)])
+        slices = [replace(cut, ratios=_limited(cut.ratios, largest)) for cut in self.slices]
+        content = {
+            "schema": SCHEMA,
+            "version": __version__,
+            "search": str(specification.path),
+            "figure": chosen.figure,
+            "statistic": chosen.statistic,
+            "condition": chosen.condition,
+            "limit": chosen.limit,
+            "lost_ratio": largest,
+            "parameters": to_plain(specification.parameters),
+            "points": [self._point(item) for item in self.tried],
+            "left_out": [{"point": self.named(point), "reason": reason} for point, reason in self.left_out.items()],
+            "usual": self._point(self.usual),
+            "found": self._point(self.found),
+            "case": self._point(self.case),
+            "slices": to_plain(slices),
+            "coverage": to_plain(self.coverage),
+            "correlations": to_plain(self.correlations),
+        }
+        return msgspec.convert(content, SearchRecord)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as JSON values."""
-        specification = self.specification
-        chosen = specification.settings
-        head = {"schema": SCHEMA, "version": __version__, "search": str(specification.path)}
-        head |= {name: getattr(chosen, name) for name in ("figure", "statistic", "condition", "limit")}
-        points = [
-            {"ratio": item.ratio, "jobs": [job.key for job in specification.jobs_at(item.point)]}
-            | {"point": self.named(item.point)}
-            for item in self.tried
-        ]
-        of_cases = {
-            name: {"ratio": item.ratio, "point": self.named(item.point)}
-            for name, item in (("usual", self.usual), ("found", self.found), ("case", self.case))
-        }
-        left_out = [{"point": self.named(point), "reason": reason} for point, reason in self.left_out.items()]
-        parts = {name: to_plain(getattr(self, name)) for name in ("slices", "coverage", "correlations")}
-        return {
-            **head,
-            "parameters": to_plain(specification.parameters),
-            "points": points,
-            "left_out": left_out,
-            **of_cases,
-            **parts,
-        }
+        return dict(to_plain(self.record))
 
     def named(self, point: Point) -> dict[str, float]:
         """Return the values of a point by parameter name."""
         pairs = zip(self.specification.parameters, point, strict=True)
         return {parameter.name: value for parameter, value in pairs}
 
+    def _point(self, item: Tried) -> dict[str, Any]:
+        jobs = [job.key for job in self.specification.jobs_at(item.point)]
+        return {"ratio": None if item.is_lost else item.ratio, "point": self.named(item.point), "jobs": jobs}
+
+
+def _limited(rows: Sequence[Sequence[float | None]], largest: float) -> tuple[tuple[float | None, ...], ...]:
+    return tuple(tuple(None if ratio is None else min(ratio, largest) for ratio in row) for row in rows)
+
 
 def find_worst_case(
-    specification: SearchSpecification, store: Store, run_jobs: RunJobs, *, at_random: bool = False
+    specification: SearchSpecification, store: Store, run_waiting_jobs: RunWaitingJobs, *, at_random: bool = False
 ) -> SearchResult:
     """Search, reduce the worst point and compute slices through it; points with results are not run again."""
-    points = _Points(specification, store, run_jobs)
+    points = _Points(specification, store, run_waiting_jobs)
     try:
         return _search(specification, points, at_random=at_random)
     finally:  # also after an interruption, the folder has the plan of its results
@@ -102,10 +112,10 @@ def find_worst_case(
 class _Points:
     """Runs the points of a search, and records their jobs and the points that cannot be run."""
 
-    def __init__(self, specification: SearchSpecification, store: Store, run_jobs: RunJobs) -> None:
+    def __init__(self, specification: SearchSpecification, store: Store, run_waiting_jobs: RunWaitingJobs) -> None:
         self.planned: dict[str, Job] = {}
         self.left_out: dict[Point, str] = {}
-        self._specification, self._store, self._run_jobs = specification, store, run_jobs
+        self._specification, self._store, self._run_waiting_jobs = specification, store, run_waiting_jobs
 
     def evaluate(self, points: Sequence[Point]) -> list[float | None]:
         """Return the largest ratio of the jobs of each point, None if its scenario cannot be run."""
@@ -114,7 +124,7 @@ class _Points:
         self.planned |= by_key
         waiting = [job for job in by_key.values() if _is_open(self._store, job)]
         if waiting:
-            self._run_jobs(waiting)
+            self._run_waiting_jobs(waiting)
         _check_host(self._store, [job for of_point in jobs.values() for job in of_point])
         return [self._ratio_at(point, jobs[point]) for point in points]
 
@@ -122,12 +132,16 @@ class _Points:
         if refused := [job for job in jobs if self._store.state(job) is JobState.FAILED]:
             self.left_out[point] = one_line(self._store.failure(refused[0]).message)
             return None
-        return _worst_ratio(self._specification, self._store, jobs)
+        return max(self._ratio_of(job) for job in jobs)
 
-    def has_figure(self, point: Point) -> bool:
-        """Return whether the results of a point have the figure of the search."""
-        jobs = self._specification.jobs_at(point)
-        return all(_ratio_of(self._specification, self._store, job) is not None for job in jobs)
+    def _ratio_of(self, job: Job) -> float:
+        """Return the ratio of a job; `WITHOUT_FIGURE` if its drive lacks the figure."""
+        ratio = self._specification.ratio_of(self._store.score(job))
+        return WITHOUT_FIGURE if ratio is None else ratio
+
+    def worst_seed(self, point: Point) -> int:
+        """Return the seed with the largest ratio at a point that was run."""
+        return max(self._specification.jobs_at(point), key=self._ratio_of).source.seed
 
 
 def _search(specification: SearchSpecification, points: _Points, *, at_random: bool) -> SearchResult:
@@ -137,12 +151,12 @@ def _search(specification: SearchSpecification, points: _Points, *, at_random: b
     if usual_ratio is None:
         reason = points.left_out[usual_point]
         raise InputError(f"{specification.path}: the unchanged scenario cannot be run: {reason}")
-    if not points.has_figure(usual_point):
+    if Tried(usual_point, usual_ratio).is_lost:
         raise InputError(
             f"{specification.path}: the unchanged scenario has no {chosen.figure} {chosen.statistic} over "
             f"{chosen.condition}; choose a figure and a condition that its drive has"
         )
-    tried = list(search_worst(chooser, points.evaluate, chosen.runs, chosen.batch))
+    tried = list(search_worst(chooser, points.evaluate, chosen.points, chosen.batch))
     if not tried:
         last_reason = [*points.left_out.values()][-1]
         raise InputError(f"{specification.path}: no point can be run; reason for the last point: {last_reason}")
@@ -156,6 +170,7 @@ def _search(specification: SearchSpecification, points: _Points, *, at_random: b
         tried=tuple(tried),
         found=found,
         case=case,
+        case_seed=points.worst_seed(case.point),
         slices=tuple(slices),
         coverage=tuple(coverage_of(parameters, [item.point for item in tried])),
         correlations=tuple(rank_correlations(tried, len(parameters))),
@@ -181,32 +196,35 @@ def _check_host(store: Store, jobs: Sequence[Job]) -> None:
             )
 
 
-def _worst_ratio(specification: SearchSpecification, store: Store, jobs: Sequence[Job]) -> float:
-    """Return the largest ratio of the jobs of a point; a drive that lacks the figure (lost) is a miss."""
-    ratios = [_ratio_of(specification, store, job) for job in jobs]
-    return max(WITHOUT_FIGURE if ratio is None else ratio for ratio in ratios)
-
-
-def _ratio_of(specification: SearchSpecification, store: Store, job: Job) -> float | None:
-    """Return the ratio of a job, None if the result or the figure is missing."""
-    return specification.ratio_of(store.score(job)) if store.state(job) is JobState.DONE else None
-
-
 def case_file(result: SearchResult) -> str:
-    """Return the text of a suite file that repeats the found case."""
+    """Return the text of a suite file that repeats the found case with its worst seed, and judges the case."""
     specification, point = result.specification, result.case.point
+    chosen = specification.settings
     settings = {**specification.changes, **specification.settings_at(point)}
     settings.pop("seed", None)
     content: dict[str, Any] = {
-        "sources": [
-            {"simulate": str(specification.scenario), "seeds": list(specification.seeds), "set": to_plain(settings)}
-        ],
+        "sources": [{"simulate": str(specification.scenario), "seeds": [result.case_seed], "set": to_plain(settings)}],
         "tasks": ["localise"],
         "conditions": list(specification.scoring.conditions),
         **{name: value for name, value in asdict(specification.running).items() if name not in UNUSED},
     }
     if faults := specification.faults_at(point):
-        content["perturb"] = [faults]
-    ratio = f"{result.case.ratio:.3g} times the limit of {specification.settings.limit:g}"
-    head = f"# Found by a search: {specification.settings.figure} {specification.settings.statistic} is {ratio}.\n"
+        content |= {"perturb": [faults], "nominal": False}
+    if limits := _limits_of(chosen, specification.scoring.conditions[0]):
+        content["limits"] = limits
+    ratio = ratio_text(None if result.case.is_lost else result.case.ratio)
+    head = f"# Found by a search for {chosen.figure} {chosen.statistic}, limit {chosen.limit:g}: {ratio}.\n"
     return head + yaml.safe_dump(content, sort_keys=False)
+
+
+def _limits_of(chosen: SearchSettings, condition: str) -> dict[str, Any]:
+    """Return the limit of a search as the limits of a suite; empty if no limit has its figure, statistic and part."""
+    for section, numbers in LIMITED_NUMBERS.items():
+        for name, number in numbers.items():
+            part = "" if number.part is None else str(number.part)
+            if (number.figure, number.statistic, part) == (chosen.figure, chosen.statistic, chosen.part):
+                block: dict[str, Any] = {name: chosen.limit}
+                if section is LimitSection.TRAJECTORY:
+                    return {"minimum_independent": 1, section.value: [{"condition": condition, **block}]}
+                return {section.value: block}
+    return {}
