@@ -207,11 +207,13 @@ def report(
     _present(summary, store, json_path, junit, mlflow, lenient=lenient)
 
 
-@app.command(epilog=examples("sfr suite plan --prob 0.95 --confidence 0.95 --power 0.9", "sfr suite plan runs/today"))
-def plan(
+@app.command(
+    epilog=examples("sfr suite drives --prob 0.95 --confidence 0.95 --power 0.9", "sfr suite drives runs/today")
+)
+def drives(
     context: Context,
     folder: Annotated[
-        Path | None, Argument(metavar="DIR", help="Folder of a suite: plan for the limits of this suite.")
+        Path | None, Argument(metavar="DIR", help="Folder of a suite: for the limits of this suite.")
     ] = None,
     prob: Annotated[
         float | None, Option(metavar="P", help="Fraction of drives that must meet the limit; default: 0.9973.")
@@ -227,7 +229,7 @@ def plan(
     """Compute how many independent drives a requirement with a probability and a confidence needs."""
     from sfr_loc_map.metrics.judging.limits_file import terms_of
     from sfr_loc_map.suite.pages.tables import drive_count_table
-    from sfr_loc_map.suite.statistics.drive_count import count_without_runs, drive_counts
+    from sfr_loc_map.suite.statistics.drive_count import count_without_suite, drive_counts
     from sfr_loc_map.suite.statistics.summary import summarise
 
     check_outputs(json_path, overwrite=overwrite)
@@ -237,7 +239,7 @@ def plan(
         terms, problem = terms_of({**given, "interpretation": "ensemble"})
         if problem is not None:
             raise ConfigError(problem)
-        counts = [count_without_runs(terms)]
+        counts = [count_without_suite(terms)]
     else:
         reason = "has no effect with a suite, because the limits of the suite define it: omit the option or the suite"
         refuse_given(context, asked, reason)
@@ -291,7 +293,7 @@ def _present(
     """Print the tables and the verdict; raise an error if a limit was missed, a job failed or a limit is not judged."""
     from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit
     from sfr_loc_map.suite.pages.tables import suite_tables
-    from sfr_loc_map.suite.statistics.outcome import outcome_of
+    from sfr_loc_map.suite.statistics.verdict_texts import verdict_texts_of
 
     if junit is not None:
         write_text(suite_junit(summary), junit)
@@ -305,7 +307,7 @@ def _present(
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)
     if summary.not_run:
         say(one_line(f"not run, because the limits are decided: {'; '.join(summary.not_run)}"), err=True)
-    outcome = outcome_of(summary)
+    outcome = verdict_texts_of(summary)
     for text in outcome.incomplete:
         say(text, err=True)
     if summary.verdict is not None:

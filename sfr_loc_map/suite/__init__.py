@@ -4,7 +4,7 @@
 
     SUITE.yaml
       running/specification.py    reads the file: SuiteSpecification (configurations.py, variants.py for budgets)
-        running/source_kinds.py   reads each entry of `sources` by its kind; source_names.py makes the names unique
+        running/source_readers.py   reads each entry of `sources` by its kind; source_names.py makes the names unique
       running/plan.py             hashes each source (digests.py), finds copies of drives (drive_copies.py) and combines
                                   sources, faults and configurations to jobs (job.py)
       running/store.py DIR/plan.json lists the jobs; a job without a file of its key is waiting running/cluster.py gives
@@ -24,17 +24,14 @@ Terms, each with one meaning in this package:
     source      an entry of the suite's file that a job reads: a recording, a remote recording, a simulation, or an
                 estimate with its truth
     drive       the path that sources show. Copies of a source, and repeats, are one drive and count once in statistics
-    task        what a job does with its source, an entry of `tasks`: localise, map, replay or score. The class is
-                `JobKind`, because `Task` is localisation or mapping in the other packages
+    task        what a job does with its source, an entry of `tasks`: localise, map, replay or score (`JobTask`).
+                `Task` of the other packages is localisation or mapping
     job         one source with one fault, one configuration and one repeat, for one task; job.py lists its identities
     result      the score of a job, in one file
     group       the results with the same task, configuration and faults; their errors are pooled
-    plan        the list of jobs. The command `sfr suite plan` is about the number of drives (statistics/drive_count.py)
+    plan        the list of jobs
     run         one execution of `sfr suite run` or `sfr suite search`, which may continue an earlier one
     point       one choice of the parameters of a search, with a job for each seed
-
-Some keys of files are older than these terms: in JSON, `counts.tasks` are jobs, `drives` of `suite.json` are results,
-and `runs` of a comparison and of `sfr suite plan` is a group. In the file of a search, `runs` are points.
 
 The files of a job determine its state (`Store.state`). `Store.left_over` finds results and failures of work that the
 plan does not contain. `Summary.counts` and `Summary.completeness` count the jobs. `SuiteWorkers` counts the finished

@@ -119,7 +119,7 @@ def main(arguments: list[str]) -> int:
                     true = {"three drives 5 times worse": 3, "one drive 10 times worse": 1}.get(
                         kind, 15 if name == ComparedKind.FAILED else DRIVES
                     )
-                    named = set(found.drives) if len(found.drives) < found.of else set(range(DRIVES))
+                    named = set(found.jobs) if len(found.jobs) < found.of else set(range(DRIVES))
                     right = (
                         len(named & set(range(true))) >= 0.8 * true and len(named - set(range(true))) <= 1 + 0.1 * true
                     )

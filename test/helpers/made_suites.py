@@ -13,12 +13,12 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.suite.running.job import Job, JobKind, JobSource, SourceKind
+from sfr_loc_map.suite.running.job import Job, JobSource, JobTask, SourceKind
 
 SFR = (sys.executable, "-m", "sfr_loc_map")
 MEASURED = ("timing", "memory")
 JOB = Job(
-    kind=JobKind.LOCALISE,
+    task=JobTask.LOCALISE,
     source=JobSource(name="a", kind=SourceKind.FILE, path="a.mcap", sha256="0"),
     fault_seed=0,
     configuration="default",

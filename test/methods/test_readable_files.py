@@ -13,7 +13,7 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.suite.running.job import Job, JobKind, JobSource, SourceKind
+from sfr_loc_map.suite.running.job import Job, JobSource, JobTask, SourceKind
 from sfr_loc_map.suite.running.job_run import run_job
 
 READER = """
@@ -87,7 +87,7 @@ def test_the_simulated_sources_of_a_suite_are_hidden(tmp_path: Path) -> None:
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     job = Job(
-        kind=JobKind.LOCALISE,
+        task=JobTask.LOCALISE,
         source=JobSource(name="x", kind=SourceKind.FILE, path=str(write_folder(tmp_path / "x", 12, 0)), sha256=""),
         fault_seed=0,
         configuration="reader",

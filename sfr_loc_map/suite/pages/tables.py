@@ -2,251 +2,276 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from operator import itemgetter
-from typing import Any
-
-from msgspec.structs import asdict
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from operator import attrgetter
+from typing import NamedTuple
 
 from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
 from sfr_loc_map.metrics.row_part import ANY, Scope
-from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.verdict import counts_of
-from sfr_loc_map.report.tables import (
-    ABSENT,
-    MIB,
-    MILLIMETRE,
-    MILLISECOND,
-    NONE,
-    PERCENT,
-    Cell,
-    Column,
-    Table,
-    Unit,
-    fitting,
-    number,
-)
+from sfr_loc_map.report.tables import MIB, MILLIMETRE, MILLISECOND, PERCENT, Cell, Column, Table, Unit, fitting, number
+from sfr_loc_map.report.typed_tables import RowColumn, heads, intervals, numbers, table_of, words
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.suite.running.job import SHORT_KEY
-from sfr_loc_map.suite.statistics.budget import Budget
-from sfr_loc_map.suite.statistics.comparison import SuiteComparison
+from sfr_loc_map.suite.running.job_outcome import WorkerRecord
+from sfr_loc_map.suite.statistics.budget import Budget, BudgetFigure
+from sfr_loc_map.suite.statistics.comparison import FigureComparison, SuiteComparison
 from sfr_loc_map.suite.statistics.drive_count import DriveCount
 from sfr_loc_map.suite.statistics.figures import map_error_of
-from sfr_loc_map.suite.statistics.history import MIN_REFERENCE, History
-from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
+from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
+from sfr_loc_map.suite.statistics.history import MIN_REFERENCE, Change, History
+from sfr_loc_map.suite.statistics.summary import Group, JobCounts, ReplacedTruth, ScoredJob, Summary
 
 PAGES = "pages"  #: Folder of the pages of single results, beside the page of the suite.
 MAX_PAGES = 200  #: Maximum number of pages of results. `sfr report` makes pages of the other scores.
-HEAD, WORDS, INTERVAL, FILE, SHOWN = "head", "words", "interval", "file", "shown"
-"""Kinds of columns without a common unit. For `SHOWN`, each row names its unit."""
-Columns = tuple[tuple[str, Unit | str, str], ...]
-"""Title, unit or kind, and path of keys to the value in a row, joined by dots."""
-GROUPS: Columns = (
-    ("number", NONE, "number"),
-    ("task", HEAD, "task"),
-    ("configuration", WORDS, "configuration"),
-    ("faults", WORDS, "faults"),
-    ("results", NONE, "drives"),
-    ("frames", NONE, "matched"),
-    ("lost", NONE, "lost"),
-)
-VERDICTS = (
-    *(Column("verdict", words=True), Column("group", words=True), Column("figure", words=True)),
-    *(Column("unit", words=True), Column("value"), Column("limit"), Column("margin"), Column("95 % interval")),
-    *(Column("of", words=True), Column("n"), Column("drives that miss it"), Column("shown by", words=True)),
-)
-POOLED: Columns = (
-    ("group", HEAD, "group"),
-    ("over", WORDS, "over"),
-    ("error", WORDS, "error"),
-    ("mean", SHOWN, "mean"),
-    ("sigma", SHOWN, "sigma"),
-    ("mean + 3 sigma", SHOWN, "mean_plus_3sigma"),
-    ("95 % interval", INTERVAL, "ci95"),
-    ("unit", WORDS, "unit"),
-    ("sub-trajectories", NONE, "n"),
-    ("drives", NONE, "independent"),
-)
-OF_DRIVES: tuple[tuple[str, Unit, str, str, str | None], ...] = (
-    ("covered", PERCENT, "judged", "value", Scope.DRIVE),
-    ("n", NONE, "position", "n", ANY),
-    ("lost", NONE, "lost", "value", "count"),
-    ("call p95", MILLISECOND, "localisation", "p95", None),
-    ("peak", MIB, "peak", "value", CallKind.LOCALISATION),
-)
-"""Columns of the table of drives, right of those of the compared errors: title, unit, figure, statistic, part."""
-BUDGET: Columns = (
-    ("source of error", HEAD, "source"),
-    ("fraction alone", PERCENT, "alone.value"),
-    ("95 % interval", INTERVAL, "alone.ci95"),
-    ("fraction removed", PERCENT, "removed.value"),
-    ("95 % interval", INTERVAL, "removed.ci95"),
-    ("interaction", PERCENT, "interaction.value"),
-    ("95 % interval", INTERVAL, "interaction.ci95"),
-    ("mean, x", MILLIMETRE, "mean_x"),
-    ("mean, y", MILLIMETRE, "mean_y"),
-    ("mean, z", MILLIMETRE, "mean_z"),
-    ("sigma, x", MILLIMETRE, "sigma_x"),
-    ("sigma, y", MILLIMETRE, "sigma_y"),
-    ("sigma, z", MILLIMETRE, "sigma_z"),
-)
-WORKERS: Columns = (
-    ("worker", HEAD, "worker"),
-    ("host", WORDS, "host"),
-    ("version", WORDS, "version"),
-    ("code", WORDS, "code"),
-    ("jobs done", NONE, "done"),
-    ("set aside", WORDS, "set_aside"),
-)
-FAILURES: Columns = (
-    ("job", HEAD, "label"),
-    ("cause", WORDS, "cause"),
-    ("message", WORDS, "message"),
-    ("result", FILE, "key"),
-)
-COMPARISON: Columns = (
-    ("group", HEAD, "runs"),
-    ("figure", WORDS, "figure"),
-    ("drives", NONE, "drives"),
-    ("ratio", NONE, "ratio"),
-    ("95 % interval", INTERVAL, "ci95"),
-    ("p", NONE, "p"),
-    ("p, corrected", NONE, "p_corrected"),
-    ("the other is", WORDS, "outcome"),
-    ("largest ratio", NONE, "largest"),
-    ("at", WORDS, "worst.label"),
-)
-HISTORY: Columns = (
-    ("since", HEAD, "night"),
-    ("commits", WORDS, "range"),
-    ("figure", WORDS, "figure"),
-    ("is", WORDS, "outcome"),
-    ("drives", WORDS, "which"),
-    ("before", NONE, "before"),
-    ("after", NONE, "after"),
-    ("ratio", NONE, "ratio"),
-    ("95 % interval", INTERVAL, "ci95"),
-    ("see", WORDS, "command"),
-)
 FIRST_TABLES = ("verdicts", "failures", "counts", "groups")  #: Tables above the plots of the page of a suite.
-NAMED = 5  #: Maximum number of named drives of a change.
-
-
-def _table(name: str, title: str, columns: Columns, rows: Iterable[Mapping[str, Any]], note: str = "") -> Table:
-    heads = tuple(
-        Column(title, kind if isinstance(kind, Unit) else NONE, kind in (HEAD, WORDS, FILE))
-        for title, kind, _ in columns
-    )
-    cells = tuple(tuple(_cell(row, kind, keys) for _, kind, keys in columns) for row in rows)
-    return Table(name, title, heads, cells, note)
-
-
-def _cell(row: Mapping[str, Any], kind: Unit | str, keys: str) -> Cell:
-    value: Any = row
-    for key in keys.split("."):
-        value = value.get(key) if isinstance(value, Mapping) else None
-    text = ABSENT if value in (None, "") else str(value)
-    if isinstance(kind, Unit) or kind == SHOWN:
-        return Cell.number(value, keys, kind if isinstance(kind, Unit) else row["shown"], ABSENT)
-    if kind == INTERVAL:
-        return Cell.interval(value, keys, row.get("shown", NONE))
-    if kind == HEAD:
-        return replace(Cell.head(text), link=row.get("link", ""))
-    if kind == FILE:
-        return Cell(text[:SHORT_KEY], link="" if text == ABSENT else f"{row.get('folder', 'results')}/{text}.json")
-    return Cell(text)
-
-
-def verdict_table(summary: Summary) -> Table:
-    """Return the verdicts over all drives, worst first."""
-    verdicts = []
-    for place, group in enumerate(summary.groups):
-        for row, item in enumerate(group.verdicts):
-            view = VerdictView.of(item, f"groups.{place}.verdicts.{row}")
-            name = replace(Cell.head(group.key.text), link="suite.json")
-            numbers = (view.value, view.limit, view.margin, view.interval, Cell(item.over), view.count)
-            shown_by = Cell(ABSENT if item.proof is None else view.confidence)
-            head = (Cell.verdict(item.state.value), name, Cell(view.title), Cell(view.unit.symbol or ABSENT))
-            verdicts.append((item.state.severity, (*head, *numbers, Cell.number(item.missed_by), shown_by)))
-    rows = tuple(cells for _, cells in sorted(verdicts, key=itemgetter(0)))
-    note = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
-    return Table("verdicts", "Verdicts over all drives", VERDICTS, rows, note)
-
-
+NAMED = 5  #: Maximum number of named jobs of a change.
 DECIDED = "the sequential tests decided all limits before this job"
+SUITE_JSON = "suite.json"
 
 
 def suite_tables(summary: Summary) -> list[Table]:
     """Return the tables of a suite: verdicts, failures, budgets, counts, pooled errors, maps and drives, workers."""
-    groups, pooled = [], []
-    for place, group in enumerate(summary.groups, 1):
-        head = {"group": group.key.text, "link": "suite.json"}
-        row = {**to_plain(group), **head, "number": place, "faults": group.faults or "none"}
-        groups.append(row if group.figures else row | {"matched": None, "lost": None})  # maps have no frames
-        for figure in group.figures:
-            if figure.figure != "chord":
-                shown = fitting(Unit(figure.unit), figure.mean_plus_3sigma)
-                named = {"over": label_of(figure.condition), "error": figure.figure, "unit": shown.symbol}
-                pooled.append(figure.as_dict() | head | named | {"ci95": figure.interval, "shown": shown})
-    failures = [to_plain(item) | {"folder": "failures"} for item in summary.failures]
-    failures += [{"label": item.path, "cause": "source refused", "message": item.reason} for item in summary.refusals]
-    failures += [{"label": label, "cause": "not run", "message": DECIDED} for label in summary.not_run]
     pages = {result.job.key for result in linked(summary)}
     maps = [result for result in summary.results if result.score.has(Subject.MAP)]
     maps.sort(key=lambda result: -map_error_of(result.score))
-    counts = {**asdict(summary.counts), "sources refused": len(summary.refusals)}
-    of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; at least five drives are required."
-    of_workers = "Workers with different code were excluded and received no jobs."
     of_drives = "Errors over the sub-trajectories of the first condition."
     tables = (
         verdict_table(summary),
-        _table("failures", "Jobs without a result", FAILURES, failures),
+        table_of("failures", "Jobs without a result", FAILURES, failure_rows(summary)),
         *budget_tables(summary.budgets),
-        _table("counts", "Jobs", tuple((name, NONE, name) for name in counts), [counts]),
-        _table("groups", "Groups", GROUPS, groups, "The results of a group have the same task, configuration, faults."),
+        table_of("counts", "Jobs", COUNTS, [CountRow(summary.counts, len(summary.refusals))]),
+        group_table(summary.groups),
         copies_table(summary.copies),
-        _table("pooled", "Errors over the sub-trajectories of all drives", POOLED, pooled, of_pooled),
+        table_of("truths", "Ground truth in place of that of the recording", TRUTHS, summary.replaced_truths),
+        pooled_table(summary.groups),
         result_table("maps", "Maps, the worst first", maps, pages, Subject.MAP),
         result_table("drives", "Drives, the worst first", worst_first(summary), pages, Subject.TRAJECTORY, of_drives),
-        _table("workers", "Workers", WORKERS, map(to_plain, summary.workers), of_workers),
+        table_of("workers", "Workers", WORKERS, summary.workers, "Workers with different code were excluded and received no jobs."),
     )
     return [table for table in tables if table.rows]
 
 
+class VerdictRow(NamedTuple):
+    """A verdict over the drives of a group."""
+
+    group: Group
+    item: GroupVerdict
+    view: VerdictView
+
+
+VERDICTS: tuple[RowColumn[VerdictRow], ...] = (
+    RowColumn(Column("verdict", words=True), lambda row: Cell.verdict(row.item.state.value)),
+    heads("group", lambda row: row.group.key.text, link=lambda row: SUITE_JSON),
+    words("figure", lambda row: row.view.title),
+    words("unit", lambda row: row.view.unit.symbol),
+    RowColumn(Column("value"), lambda row: row.view.value),
+    RowColumn(Column("limit"), lambda row: row.view.limit),
+    RowColumn(Column("margin"), lambda row: row.view.margin),
+    RowColumn(Column("95 % interval"), lambda row: row.view.interval),
+    words("of", lambda row: row.item.over),
+    RowColumn(Column("n"), lambda row: row.view.count),
+    numbers("drives that miss it", lambda row: row.item.missed_by),
+    words("shown by", lambda row: None if row.item.proof is None else row.view.confidence),
+)
+
+
+def verdict_table(summary: Summary) -> Table:
+    """Return the verdicts over all drives, worst first."""
+    rows = [
+        VerdictRow(group, item, VerdictView.of(item, f"groups.{place}.verdicts.{number_in_group}"))
+        for place, group in enumerate(summary.groups)
+        for number_in_group, item in enumerate(group.verdicts)
+    ]
+    rows.sort(key=lambda row: row.item.state.severity)
+    note = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
+    return table_of("verdicts", "Verdicts over all drives", VERDICTS, rows, note)
+
+
+class FailureRow(NamedTuple):
+    """A job without a result, or a refused source."""
+
+    label: str
+    cause: str
+    message: str
+    key: str = ""  #: Key of a failed job; empty if there is no file.
+
+
+FAILURES: tuple[RowColumn[FailureRow], ...] = (
+    heads("job", lambda row: row.label),
+    words("cause", lambda row: row.cause),
+    words("message", lambda row: row.message),
+    words("result", lambda row: row.key[:SHORT_KEY], link=lambda row: f"failures/{row.key}.json" if row.key else ""),
+)
+
+
+def failure_rows(summary: Summary) -> Iterator[FailureRow]:
+    """Yield the failed jobs, the refused sources, and the jobs that were not needed."""
+    for failure in summary.failures:
+        yield FailureRow(failure.label, failure.cause, failure.message, failure.key)
+    for refusal in summary.refusals:
+        yield FailureRow(refusal.path, "source refused", refusal.reason)
+    for label in summary.not_run:
+        yield FailureRow(label, "not run", DECIDED)
+
+
+class CountRow(NamedTuple):
+    """Numbers of jobs and of refused sources."""
+
+    jobs: JobCounts
+    refused: int
+
+
+COUNTS: tuple[RowColumn[CountRow], ...] = (
+    numbers("jobs", lambda row: row.jobs.jobs),
+    numbers("done", lambda row: row.jobs.done),
+    numbers("failed", lambda row: row.jobs.failed),
+    numbers("waiting", lambda row: row.jobs.waiting),
+    numbers("sources refused", lambda row: row.refused),
+)
+
+
+class GroupRow(NamedTuple):
+    """A group with its number in the plots."""
+
+    number: int
+    group: Group
+
+    @property
+    def has_frames(self) -> bool:
+        """Whether the group has trajectories; maps have no frames."""
+        return bool(self.group.figures)
+
+
+GROUPS: tuple[RowColumn[GroupRow], ...] = (
+    numbers("number", lambda row: row.number),
+    heads("task", lambda row: row.group.task, link=lambda row: SUITE_JSON),
+    words("configuration", lambda row: row.group.configuration),
+    words("faults", lambda row: row.group.faults or "none"),
+    numbers("results", lambda row: row.group.results),
+    numbers("frames", lambda row: row.group.matched if row.has_frames else None),
+    numbers("lost", lambda row: row.group.lost if row.has_frames else None),
+)
+
+
+def group_table(groups: Sequence[Group]) -> Table:
+    """Return the groups of a suite."""
+    rows = [GroupRow(place, group) for place, group in enumerate(groups, 1)]
+    note = "The results of a group have the same task, configuration, faults."
+    return table_of("groups", "Groups", GROUPS, rows, note)
+
+
+COPIES: tuple[RowColumn[Sequence[str]], ...] = (
+    heads("drive", lambda names: names[0]),
+    numbers("sources", len),
+    words("copies", lambda names: ", ".join(names[1:])),
+)
+
+
 def copies_table(copies: Sequence[Sequence[str]]) -> Table:
     """Return the sources that are copies of one drive."""
-    columns = (Column("drive", words=True), Column("sources"), Column("copies", words=True))
-    rows = tuple((Cell.head(first), Cell.number(1 + len(others)), Cell(", ".join(others))) for first, *others in copies)
     note = (
         "The ground truths of these sources, and their first images if they have images, show one drive. The sources "
         "count as one drive in intervals, tests and numbers of drives. Of their errors, only the largest are pooled."
     )
-    return Table("copies", "Sources that are copies of one drive", columns, rows, note)
+    return table_of("copies", "Sources that are copies of one drive", COPIES, copies, note)
+
+
+TRUTHS: tuple[RowColumn[ReplacedTruth], ...] = (
+    heads("source", lambda row: row.source),
+    words("ground truth (truth.source)", lambda row: row.path),
+)
+
+
+class PooledRow(NamedTuple):
+    """A pooled figure of a group."""
+
+    group: Group
+    figure: Figure
+
+    @property
+    def unit(self) -> Unit:
+        """Displayed unit."""
+        return fitting(Unit(self.figure.unit), self.figure.mean_plus_3sigma)
+
+
+POOLED: tuple[RowColumn[PooledRow], ...] = (
+    heads("group", lambda row: row.group.key.text, link=lambda row: SUITE_JSON),
+    words("over", lambda row: label_of(row.figure.condition)),
+    words("error", lambda row: row.figure.figure),
+    numbers("mean", lambda row: row.figure.mean, attrgetter("unit")),
+    numbers("sigma", lambda row: row.figure.sigma, attrgetter("unit")),
+    numbers("mean + 3 sigma", lambda row: row.figure.mean_plus_3sigma, attrgetter("unit")),
+    intervals("95 % interval", lambda row: row.figure.interval, attrgetter("unit")),
+    words("unit", lambda row: row.unit.symbol),
+    numbers("sub-trajectories", lambda row: row.figure.n),
+    numbers("drives", lambda row: row.figure.independent),
+)
+
+
+def pooled_table(groups: Sequence[Group]) -> Table:
+    """Return the pooled errors of all groups."""
+    rows = [PooledRow(group, figure) for group in groups for figure in group.figures if figure.figure != "chord"]
+    note = "95 % interval of mean + 3 sigma by resampling whole drives; at least five drives are required."
+    return table_of("pooled", "Errors over the sub-trajectories of all drives", POOLED, rows, note)
+
+
+class BudgetTableRow(NamedTuple):
+    """A source of error, the rest, or the sum; the rest and the sum have only the fraction `alone`."""
+
+    source: str
+    alone: BudgetFigure
+    removed: BudgetFigure = BudgetFigure()
+    interaction: BudgetFigure = BudgetFigure()
+    mean_m: tuple[float, ...] | None = None
+    sigma_m: tuple[float, ...] | None = None
+
+
+def _by_axis(
+    title: str, of: Callable[[BudgetTableRow], tuple[float, ...] | None]
+) -> Iterator[RowColumn[BudgetTableRow]]:
+    def value_of(row: BudgetTableRow, axis: int) -> float | None:
+        values = of(row)
+        return values[axis] if values else None
+
+    for number_of_axis, name in enumerate("xyz"):
+        yield numbers(f"{title}, {name}", partial(value_of, axis=number_of_axis), MILLIMETRE)
+
+
+BUDGET: tuple[RowColumn[BudgetTableRow], ...] = (
+    heads("source of error", lambda row: row.source),
+    numbers("fraction alone", lambda row: row.alone.value, PERCENT),
+    intervals("95 % interval", lambda row: row.alone.ci95, PERCENT),
+    numbers("fraction removed", lambda row: row.removed.value, PERCENT),
+    intervals("95 % interval", lambda row: row.removed.ci95, PERCENT),
+    numbers("interaction", lambda row: row.interaction.value, PERCENT),
+    intervals("95 % interval", lambda row: row.interaction.ci95, PERCENT),
+    *_by_axis("mean", lambda row: row.mean_m),
+    *_by_axis("sigma", lambda row: row.sigma_m),
+)
 
 
 def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
     """Return a table for each error budget: sources by decreasing fraction, the rest, and the sum."""
     tables = []
     for place, budget in enumerate(budgets, 1):
-        rows: list[dict[str, Any]] = []
-        for row in sorted(budget.rows, key=lambda row: -(row.alone.value or 0.0)):
-            by_axis = [("mean", row.mean_m), ("sigma", row.sigma_m)]
-            axes: dict[str, float] = {}
-            for name, values in by_axis:
-                axes |= {f"{name}_{axis}": value for axis, value in zip("xyz", values or (), strict=False)}
-            rows.append(to_plain(row) | axes | {"shown": PERCENT})
-        rows.append({"source": "not named in the budget", "alone": to_plain(budget.rest), "shown": PERCENT})
-        rows.append({"source": "sum", "alone": to_plain(budget.total), "shown": PERCENT})
+        rows = [
+            BudgetTableRow(row.source, row.alone, row.removed, row.interaction, row.mean_m, row.sigma_m)
+            for row in budget.rows
+        ]
+        rows.sort(key=lambda row: -(row.alone.value or 0.0))
+        rows.append(BudgetTableRow("not named in the budget", budget.rest))
+        rows.append(BudgetTableRow("sum", budget.total))
         note = (
             f"Fractions of the mean square position error over {label_of(budget.condition)}; {budget.drives} drives, "
             f"{budget.left_out} skipped because a variant has no result. Mean and sigma: effect of the source alone."
         )
-        title = f"Error budget, {budget.configuration}: root mean square " + (
-            "unknown" if budget.rms_m is None else number(budget.rms_m, unit=MILLIMETRE) + " mm"
-        )
-        tables.append(_table(f"budget-{place}", title, BUDGET, rows, note))
+        rms = "unknown" if budget.rms_m is None else number(budget.rms_m, unit=MILLIMETRE) + " mm"
+        title = f"Error budget, {budget.configuration}: root mean square {rms}"
+        tables.append(table_of(f"budget-{place}", title, BUDGET, rows, note))
     return tables
 
 
@@ -266,34 +291,47 @@ def result_table(
     name: str, title: str, drives: Sequence[ScoredJob], pages: set[str], subject: Subject, note: str = ""
 ) -> Table:
     """Return a table with a row per result: the compared errors over the first condition, and the resources."""
-    errors = [kind for kind in KINDS.values() if TOTAL in kind.compared and kind.subject is subject]
-    columns = [Column("drive", words=True), Column("group", words=True)]
-    for kind in errors:
-        named, unit = kind.name.replace("_", " "), shown_unit(kind.unit)
-        columns += [Column(f"{named}, {statistic_title(statistic)}", unit) for statistic in kind.compared]
-    if subject is Subject.MAP:
-        columns.append(Column("coverage", PERCENT))
-    else:
-        columns += [Column(title, unit) for title, unit, *_ in OF_DRIVES]
-    columns += [Column("limits missed"), Column("result", words=True)]
-    rows = []
-    for result in drives:
-        job, score = result.job, result.score
-        group = f"{job.group.text}, repeat {job.repeat}" if job.repeat else job.group.text
-        link = f"{PAGES}/{job.key}.html" if job.key in pages else ""
-        cells = [replace(Cell.head(job.source.name), link=link), Cell(group)]
-        for kind in errors:
-            values = [score.number(kind.name, statistic) for statistic in kind.compared]
-            cells += [Cell.number(value, kind.name, shown_unit(kind.unit), ABSENT) for value in values]
-        if subject is Subject.MAP:
-            cells.append(Cell.number(score.number("coverage"), "coverage", PERCENT, ABSENT))
-        else:
-            for _, unit, figure, statistic, part in OF_DRIVES:
-                cells.append(Cell.number(score.number(figure, statistic, part=part), figure, unit, ABSENT))
-        cells.append(Cell.number(counts_of(score.on_limits).missed))
-        cells.append(Cell(job.key[:SHORT_KEY], link=f"results/{job.key}.json"))
-        rows.append(tuple(cells))
-    return Table(name, title, tuple(columns), tuple(rows), note)
+
+    def page_of(row: ScoredJob) -> str:
+        return f"{PAGES}/{row.job.key}.html" if row.job.key in pages else ""
+
+    def group_of(row: ScoredJob) -> str:
+        return f"{row.job.group.text}, repeat {row.job.repeat}" if row.job.repeat else row.job.group.text
+
+    columns: list[RowColumn[ScoredJob]] = [
+        heads("drive", lambda row: row.job.source.name, link=page_of),
+        words("group", group_of),
+        *_compared_errors(subject),
+        *(OF_MAPS if subject is Subject.MAP else OF_DRIVES),
+        numbers("limits missed", lambda row: counts_of(row.score.on_limits).missed),
+        words("result", lambda row: row.job.key[:SHORT_KEY], link=lambda row: f"results/{row.job.key}.json"),
+    ]
+    return table_of(name, title, columns, drives, note)
+
+
+OF_MAPS: tuple[RowColumn[ScoredJob], ...] = (numbers("coverage", lambda row: row.score.number("coverage"), PERCENT),)
+OF_DRIVES: tuple[RowColumn[ScoredJob], ...] = (
+    numbers("covered", lambda row: row.score.number("judged", part=Scope.DRIVE), PERCENT),
+    numbers("n", lambda row: row.score.number("position", "n", part=ANY)),
+    numbers("lost", lambda row: row.score.number("lost", part="count")),
+    numbers("call p95", lambda row: row.score.number("localisation", "p95", part=None), MILLISECOND),
+    numbers("peak", lambda row: row.score.number("peak", part=CallKind.LOCALISATION), MIB),
+)
+"""Columns of maps and of drives, right of the compared errors."""
+
+
+def _compared_errors(subject: Subject) -> Iterator[RowColumn[ScoredJob]]:
+    for kind in KINDS.values():
+        if TOTAL not in kind.compared or kind.subject is not subject:
+            continue
+        for statistic in kind.compared:
+            yield _error(
+                f"{kind.name.replace('_', ' ')}, {statistic_title(statistic)}", kind.name, statistic, kind.unit
+            )
+
+
+def _error(title: str, figure: str, statistic: str, unit: str) -> RowColumn[ScoredJob]:
+    return numbers(title, lambda row: row.score.number(figure, statistic), shown_unit(unit))
 
 
 def shown_unit(unit: str) -> Unit:
@@ -301,55 +339,100 @@ def shown_unit(unit: str) -> Unit:
     return MILLIMETRE if unit == "m" else Unit(unit)
 
 
+WORKERS: tuple[RowColumn[WorkerRecord], ...] = (
+    heads("worker", lambda row: row.worker),
+    words("host", lambda row: row.host),
+    words("version", lambda row: row.version),
+    words("code", lambda row: row.code),
+    numbers("jobs done", lambda row: row.done),
+    words("set aside", lambda row: row.set_aside),
+)
+COMPARISON: tuple[RowColumn[FigureComparison], ...] = (
+    heads("group", lambda row: row.group),
+    words("figure", lambda row: row.figure),
+    numbers("drives", lambda row: row.drives),
+    numbers("ratio", lambda row: row.ratio),
+    intervals("95 % interval", lambda row: row.ci95),
+    numbers("p", lambda row: row.p),
+    numbers("p, corrected", lambda row: row.p_corrected),
+    words("the other is", lambda row: row.outcome),
+    numbers("largest ratio", lambda row: row.worst.other / row.worst.first),
+    words("at", lambda row: row.worst.label),
+)
+
+
 def comparison_tables(result: SuiteComparison) -> list[Table]:
     """Return the table of a comparison of suites."""
-    rows = [{**to_plain(item), "largest": item.worst.other / item.worst.first} for item in result.figures]
     note = (
         "Ratio: geometric mean over the drives of mean + 3 sigma, or of the cost; below 1 the second suite is better. "
         f"Corrected for {len(result.figures)} comparisons (Holm). Not in both: {result.left_out[0]} and "
         f"{result.left_out[1]}."
     )
     title = f"{result.names[1]} relative to {result.names[0]}, {result.common} results in both"
-    return [_table("comparison", title, COMPARISON, rows, note)]
+    return [table_of("comparison", title, COMPARISON, result.figures, note)]
+
+
+def _changed_jobs(change: Change) -> str:
+    count = f"{len(change.jobs)} of {change.of}"
+    if len(change.jobs) == change.of:
+        return count
+    more = ", ..." if len(change.jobs) > NAMED else ""
+    return f"{count}: {', '.join(change.jobs[:NAMED])}{more}"
+
+
+HISTORY: tuple[RowColumn[Change], ...] = (
+    heads("since", lambda row: row.night),
+    words("commits", lambda row: row.range),
+    words("figure", lambda row: row.figure),
+    words("is", lambda row: row.outcome),
+    words("jobs", _changed_jobs),
+    numbers("before", lambda row: row.before),
+    numbers("after", lambda row: row.after),
+    numbers("ratio", lambda row: row.ratio),
+    intervals("95 % interval", lambda row: row.ci95),
+    words("see", lambda row: row.command),
+)
 
 
 def history_tables(history: History) -> list[Table]:
     """Return the table of a history with every change of a figure."""
     note = (
-        f"Nights: {len(history.nights)}. Before and after: means over the drives named. Without "
+        f"Nights: {len(history.nights)}. Before and after: means over the jobs named. Without "
         f"changes, at most one night in {1.0 / history.false_alarm_rate:g} gives an alarm."
     )
     if len(history.nights) <= MIN_REFERENCE:
-        note += f" With fewer than {MIN_REFERENCE + 1} nights, only changes of most drives are found."
-    rows: list[dict[str, Any]] = []
-    for change in history.changes:
-        named = ", ".join(change.drives[:NAMED]) + (", ..." if len(change.drives) > NAMED else "")
-        which = f"{len(change.drives)} of {change.of}" + ("" if len(change.drives) == change.of else f": {named}")
-        rows.append(to_plain(change) | {"range": change.range, "which": which, "command": change.command})
-    return [_table("history", "Changes" if rows else "No figure changed", HISTORY, rows, note)]
+        note += f" With fewer than {MIN_REFERENCE + 1} nights, only changes of most jobs are found."
+    title = "Changes" if history.changes else "No figure changed"
+    return [table_of("history", title, HISTORY, history.changes, note)]
+
+
+NO_NUMBER = "no number"  #: No number of drives is enough.
+DRIVE_COUNTS: tuple[RowColumn[DriveCount], ...] = (
+    heads("requirement", lambda row: row.text),
+    numbers("without a failure", lambda row: row.without_failure),
+    numbers("fixed plan", lambda row: row.fixed),
+    numbers("may fail", lambda row: row.allowed),
+    numbers("sequential, expected", lambda row: row.sequential),
+    numbers("sequential, no failure", lambda row: row.sequential_at_none),
+)
+OF_SUITE: tuple[RowColumn[DriveCount], ...] = (
+    numbers("drives", lambda row: row.drives),
+    numbers("failed", lambda row: row.failures),
+    numbers("at the observed rate", lambda row: row.at_the_rate_seen, undefined=NO_NUMBER),
+    numbers("if normal", lambda row: row.if_normal, undefined=NO_NUMBER),
+    RowColumn(
+        Column("sequential test", words=True), lambda row: Cell.verdict(row.state or VerdictState.NOT_ENOUGH_DATA)
+    ),
+)
+"""Further columns of the numbers of drives for the limits of a suite."""
 
 
 def drive_count_table(counts: Sequence[DriveCount]) -> Table:
     """Return the required numbers of drives as a table."""
-    columns = [Column("requirement", words=True), Column("without a failure"), Column("fixed plan"), Column("may fail")]
-    columns += [Column("sequential, expected"), Column("sequential, no failure")]
     has_suite = any(count.drives is not None for count in counts)
-    if has_suite:
-        columns += [Column("drives"), Column("failed"), Column("at the observed rate"), Column("if normal")]
-        columns += [Column("sequential test", words=True)]
-    rows = []
-    for place, count in enumerate(counts):
-        terms = f"{100.0 * count.prob:g} % with {100.0 * count.confidence:g} %, power {100.0 * count.power:g} % at "
-        terms += f"{100.0 * count.good:g} % failures"
-        row = [Cell.head(": ".join(text for text in (count.group, count.limit, terms) if text))]
-        names: tuple[str, ...] = ("without_failure", "fixed", "allowed", "sequential", "sequential_at_none")
-        if has_suite:
-            names = (*names, "drives", "failures", "at_the_rate_seen", "if_normal")
-        row += [Cell.number(getattr(count, name), f"{place}.{name}", undefined="no number") for name in names]
-        row += [Cell.verdict(count.state or VerdictState.NOT_ENOUGH_DATA)] if has_suite else []
-        rows.append(tuple(row))
+    columns = (*DRIVE_COUNTS, *(OF_SUITE if has_suite else ()))
     note = (
         "Numbers of independent drives. A fixed plan is judged at its end and passes with at most the failures in "
         "'may fail'. The sequential test is judged after each drive and has the same risks."
     )
-    return Table("plan", "Number of drives", tuple(columns), tuple(rows), note)
+    return table_of("drives", "Number of drives", columns, counts, note)

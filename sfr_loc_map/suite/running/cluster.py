@@ -231,7 +231,7 @@ def run_jobs(
             future = client.submit(
                 run_on_worker,
                 *(job, timeout_s, str(cache.absolute())),
-                key=(f"sfr-{job.kind}", job.key, time.time_ns()),
+                key=(f"sfr-{job.task}", job.key, time.time_ns()),
                 resources={workers.resource: 1},
                 retries=TRIES - 1,
                 pure=False,

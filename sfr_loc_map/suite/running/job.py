@@ -30,11 +30,11 @@ OF_SUITE = "suite."  #: Prefix of the description of a job in the provenance of 
 NO_CONFIGURATION = "-"  #: Name of the configuration of jobs without parameters.
 
 
-class JobKind(StrEnum):
+class JobTask(StrEnum):
     """Task of a job: an entry of `tasks` of the suite's file, or `score` for estimates.
 
-    A further kind is a member here with its row in `PARAMETERS_OF_KIND` and in `kinds_for`, and a function in
-    `RUN_OF_KIND` (`job_run.py`).
+    A further task is a member here with its row in `PARAMETERS_OF_TASK` and in `tasks_for`, and a function in
+    `RUN_OF_TASK` (`job_run.py`).
     """
 
     LOCALISE = "localise"
@@ -43,18 +43,18 @@ class JobKind(StrEnum):
     REPLAY = "replay"
 
 
-PARAMETERS_OF_KIND = {JobKind.LOCALISE: "localisation.", JobKind.MAP: "mapping.", JobKind.REPLAY: "", JobKind.SCORE: ""}
-"""Prefix of the parameters that change a job of each kind. Other parameters are not part of the job."""
+PARAMETERS_OF_TASK = {JobTask.LOCALISE: "localisation.", JobTask.MAP: "mapping.", JobTask.REPLAY: "", JobTask.SCORE: ""}
+"""Prefix of the parameters that change a job of each task. Other parameters are not part of the job."""
 
 
-def kinds_for(*, has_drive: bool, has_panorama: bool) -> tuple[JobKind, ...]:
-    """Return the kinds of jobs for which a source with localisation pairs or mapping pairs has data."""
-    has_data = {JobKind.LOCALISE: has_drive, JobKind.MAP: has_panorama, JobKind.REPLAY: has_drive or has_panorama}
-    return tuple(kind for kind, has in has_data.items() if has)
+def tasks_for(*, has_drive: bool, has_panorama: bool) -> tuple[JobTask, ...]:
+    """Return the tasks for which a source with localisation pairs or mapping pairs has data."""
+    has_data = {JobTask.LOCALISE: has_drive, JobTask.MAP: has_panorama, JobTask.REPLAY: has_drive or has_panorama}
+    return tuple(task for task, has in has_data.items() if has)
 
 
 class SourceKind(StrEnum):
-    """Origin of the data of a source. A further kind is a member here and a class in `source_kinds.py`."""
+    """Origin of the data of a source. A further kind is a member here and a class in `source_readers.py`."""
 
     FILE = "file"
     REMOTE = "remote"  #: Only before the plan, which fetches the source and makes it a `FILE`.
@@ -150,7 +150,7 @@ class JobDescription:
 class Job:
     """One unit of work of a suite: a pure function of its fields."""
 
-    kind: JobKind  #: Kind of the job.
+    task: JobTask
     source: JobSource  #: The data.
     faults: str = ""  #: Injected faults, joined by `+`; empty if there are none.
     fault_seed: int  #: Seed that selects the affected pairs.
@@ -174,13 +174,13 @@ class Job:
         """
         faults = [self.faults, self.fault_seed if self.faults else 0]
         how = [self.parameters, self.start, self.scoring, self.kept_errors, self.repeat, self.threads]
-        return digest([self.kind, [self.source.kind, self.source.sha256], *faults, *how, self.code])
+        return digest([self.task, [self.source.kind, self.source.sha256], *faults, *how, self.code])
 
     @property
     def description(self) -> JobDescription:
         """Names and inputs that the result and the failure of the job state."""
         return JobDescription(
-            task=self.kind.value,
+            task=self.task.value,
             source=self.source.name,
             source_sha256=self.source.sha256,
             path=self.source.path,
@@ -196,13 +196,13 @@ class Job:
     @property
     def pairing(self) -> str:
         """Hash of work and data, by which jobs of two suites are paired in a comparison."""
-        data = [self.kind, self.source.kind, self.source.sha256, self.faults, self.fault_seed, self.repeat]
+        data = [self.task, self.source.kind, self.source.sha256, self.faults, self.fault_seed, self.repeat]
         return digest([*data, self.start, self.scoring])
 
     @property
     def group(self) -> GroupKey:
         """Group of the job."""
-        return GroupKey(self.kind.value, self.configuration, self.alteration)
+        return GroupKey(self.task.value, self.configuration, self.alteration)
 
     @property
     def drive_key(self) -> str:
@@ -211,7 +211,7 @@ class Job:
         With `order_seed` 0 the order of the hashes follows from the data of the drives.
         """
         seed = [self.order_seed] if self.order_seed else []
-        return digest([self.kind, *self.source.drive_identity, self.faults, *seed])
+        return digest([self.task, *self.source.drive_identity, self.faults, *seed])
 
     @property
     def alteration(self) -> str:
@@ -224,7 +224,7 @@ class Job:
         faults = f" + {self.alteration}" if self.alteration else ""
         repeat = f", repeat {self.repeat}" if self.repeat else ""
         configuration = "" if self.configuration == NO_CONFIGURATION else f", {self.configuration}"
-        return f"{self.kind} {self.source.name}{faults}{configuration}{repeat}"
+        return f"{self.task} {self.source.name}{faults}{configuration}{repeat}"
 
 
 def digest(value: object) -> str:

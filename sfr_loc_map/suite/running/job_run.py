@@ -41,8 +41,8 @@ from sfr_loc_map.scoring.inputs import CloudToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.running.configurations import METHOD_KEYS, chosen_method
-from sfr_loc_map.suite.running.job import Job, JobKind
-from sfr_loc_map.suite.running.source_kinds import SOURCE_KINDS
+from sfr_loc_map.suite.running.job import Job, JobTask
+from sfr_loc_map.suite.running.source_readers import SOURCE_READERS
 
 REPLAY_FOLDER = "replay"  #: Folder of the output of a replay.
 THREAD_VARIABLES = (
@@ -61,8 +61,8 @@ def run_job(job: Job, scratch: Path, cache: Path) -> Score:
     Paths in the score are relative to `scratch`, an empty folder. Sources are stored in `cache`.
     """
     use_threads(job.threads)
-    path = SOURCE_KINDS[job.source.kind].local_path(job.source, cache)
-    score = RUN_OF_KIND[job.kind](job, path, scratch, cache)
+    path = SOURCE_READERS[job.source.kind].local_path(job.source, cache)
+    score = RUN_OF_TASK[job.task](job, path, scratch, cache)
     return struct_replace(score, provenance=_provenance(job, score.provenance, scratch))
 
 
@@ -166,13 +166,13 @@ def replay_options(job: Job, scratch: Path) -> list[str]:
     return options
 
 
-RUN_OF_KIND: Mapping[JobKind, Callable[[Job, Path, Path, Path], Score]] = {
-    JobKind.LOCALISE: _localise,
-    JobKind.MAP: _map,
-    JobKind.SCORE: _score,
-    JobKind.REPLAY: _replay,
+RUN_OF_TASK: Mapping[JobTask, Callable[[Job, Path, Path, Path], Score]] = {
+    JobTask.LOCALISE: _localise,
+    JobTask.MAP: _map,
+    JobTask.SCORE: _score,
+    JobTask.REPLAY: _replay,
 }
-"""Function of each kind of job, of the job, the local path of its source, the empty folder and the cache."""
+"""Function of each task, of the job, the local path of its source, the empty folder and the cache."""
 
 
 def _source_with_faults(job: Job, path: Path) -> Source:

@@ -10,11 +10,11 @@ from pathlib import Path
 from sfr_loc_map.errors import ConfigError, SfrError
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.drive_copies import with_drives
-from sfr_loc_map.suite.running.job import NO_CONFIGURATION, PARAMETERS_OF_KIND, Job, JobKind, JobSource
-from sfr_loc_map.suite.running.source_kinds import SOURCE_KINDS, ReadySource, SourceFacts
+from sfr_loc_map.suite.running.job import NO_CONFIGURATION, PARAMETERS_OF_TASK, Job, JobSource, JobTask
+from sfr_loc_map.suite.running.source_readers import SOURCE_READERS, ReadySource, SourceFacts
 from sfr_loc_map.suite.running.specification import Refusal, SuiteSpecification
 
-DEFAULT_TASKS = (JobKind.LOCALISE, JobKind.MAP)
+DEFAULT_TASKS = (JobTask.LOCALISE, JobTask.MAP)
 READER_THREADS = 8
 """Number of sources hashed or fetched in parallel. For many large sources, hashing takes longer than the jobs."""
 
@@ -25,7 +25,7 @@ def make_plan(
     """Return the jobs of a suite in the order of its file, without duplicates, and the unreadable sources."""
 
     def inspected(source: JobSource) -> ReadySource:
-        return SOURCE_KINDS[source.kind].ready(source, facts_of, cache)
+        return SOURCE_READERS[source.kind].ready(source, facts_of, cache)
 
     with ThreadPoolExecutor(READER_THREADS) as readers:
         found = [readers.submit(inspected, source) for source in specification.sources]
@@ -48,22 +48,22 @@ def make_plan(
 
 
 def _jobs(
-    specification: SuiteSpecification, code: str, source: JobSource, possible: tuple[JobKind, ...]
+    specification: SuiteSpecification, code: str, source: JobSource, possible: tuple[JobTask, ...]
 ) -> Iterator[Job]:
     settings = specification.settings
     tasks = DEFAULT_TASKS if specification.tasks is None else specification.tasks
-    for kind in possible:
+    for task in possible:
         faults, configurations = specification.faults, specification.configurations
-        if kind is JobKind.SCORE:
+        if task is JobTask.SCORE:
             faults, configurations = ("",), {NO_CONFIGURATION: {}}
-        elif kind not in tasks:
+        elif task not in tasks:
             continue
         elif source.variant:
             faults = (source.faults,)
-        prefix = PARAMETERS_OF_KIND[kind]
+        prefix = PARAMETERS_OF_TASK[task]
         for fault, (name, parameters), repeat in product(faults, configurations.items(), range(settings.repeats)):
             yield Job(
-                kind=kind,
+                task=task,
                 source=source,
                 faults=fault,
                 fault_seed=settings.seed,

@@ -14,9 +14,9 @@ from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.suite.running.configurations import read_configurations
-from sfr_loc_map.suite.running.job import JobKind, JobSource
-from sfr_loc_map.suite.running.source_kinds import read_sources, simulated_source
+from sfr_loc_map.suite.running.job import JobSource, JobTask
 from sfr_loc_map.suite.running.source_names import with_unique_names
+from sfr_loc_map.suite.running.source_readers import read_sources, simulated_source
 from sfr_loc_map.suite.running.variants import ErrorSource, parse_budget, variants_of
 
 LISTS = ("sources", "perturb", "tasks", "conditions")
@@ -70,7 +70,7 @@ class SuiteSpecification:
     refusals: tuple[Refusal, ...]  #: Entries without a match, or with a server that does not answer.
     faults: tuple[str, ...]  #: Injected faults; first an empty text, if the source is also run without faults.
     configurations: Mapping[str, Mapping[str, object]]  #: Parameters of each configuration, by dotted name.
-    tasks: tuple[JobKind, ...] | None  #: Requested tasks; None: those of `DEFAULT_TASKS` for which a source has data.
+    tasks: tuple[JobTask, ...] | None  #: Requested tasks; None: those of `DEFAULT_TASKS` for which a source has data.
     budget: tuple[str, ...]  #: Names of the sources of error of a budget; empty if there is none.
     scoring: TrajectoryScoreConfig  #: Settings of the scores, including conditions that only the limits name.
     limits: Limits | None  #: Limits; None if there are none.
@@ -121,7 +121,7 @@ def load_specification(path: Path) -> SuiteSpecification:
         refusals=tuple(refusals),
         faults=(*([""] if settings.nominal else []), *map(str, lists["perturb"])),
         configurations=read_configurations(configurations, path),
-        tasks=(JobKind.LOCALISE,) if budget else tasks,
+        tasks=(JobTask.LOCALISE,) if budget else tasks,
         budget=tuple(source.name for source in budget),
         scoring=TrajectoryScoreConfig(conditions, settings.spacing, settings.rebase, settings.partial),
         limits=limits,
@@ -137,11 +137,11 @@ def limits_in(path: Path) -> Mapping[str, Any]:
     return _stated_limits(load_yaml(path).get("limits"), path)
 
 
-def _tasks(names: Sequence[object], path: Path) -> tuple[JobKind, ...] | None:
+def _tasks(names: Sequence[object], path: Path) -> tuple[JobTask, ...] | None:
     try:
-        return tuple(JobKind(str(name)) for name in names) or None
+        return tuple(JobTask(str(name)) for name in names) or None
     except ValueError as error:
-        raise ConfigError(f"{path}: 'tasks' may contain {', '.join(JobKind)}: {error}") from error
+        raise ConfigError(f"{path}: 'tasks' may contain {', '.join(JobTask)}: {error}") from error
 
 
 def _sources(entries: Sequence[object], path: Path) -> tuple[list[JobSource], list[Refusal]]:

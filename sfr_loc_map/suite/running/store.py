@@ -29,7 +29,7 @@ from sfr_loc_map.suite.running.digests import code_fingerprint, file_state, file
 from sfr_loc_map.suite.running.job import OF_SUITE, Job, JobDescription, digest
 from sfr_loc_map.suite.running.job_outcome import JobFailure, JobOutcome, JobState, WorkerRecord
 from sfr_loc_map.suite.running.provenance import about_run
-from sfr_loc_map.suite.running.source_kinds import SourceFacts, inspect_file
+from sfr_loc_map.suite.running.source_readers import SourceFacts, inspect_file
 from sfr_loc_map.suite.running.specification import Refusal, limits_in
 
 PLAN, WORKERS = "plan.json", "workers.json"

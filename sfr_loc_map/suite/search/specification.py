@@ -17,8 +17,8 @@ from sfr_loc_map.metrics.row_part import ANY
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
-from sfr_loc_map.suite.running.job import Job, JobKind
-from sfr_loc_map.suite.running.source_kinds import scenario_settings, simulated_source
+from sfr_loc_map.suite.running.job import Job, JobTask
+from sfr_loc_map.suite.running.source_readers import scenario_settings, simulated_source
 from sfr_loc_map.suite.running.specification import SuiteSettings
 
 Point = tuple[float, ...]
@@ -115,7 +115,7 @@ class SearchSpecification:
     def _job(self, point: Point, seed: int) -> Job:
         settings = {**self.base, **self.settings_at(point)}
         return Job(
-            kind=JobKind.LOCALISE,
+            task=JobTask.LOCALISE,
             source=simulated_source(self.scenario, settings, seed, str(self.path)),
             faults=self.faults_at(point),
             fault_seed=self.running.seed,

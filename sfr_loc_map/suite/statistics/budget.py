@@ -42,7 +42,7 @@ class DriveErrors:
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class BudgetFigure:
     """A figure of the budget and its 95 % interval."""
 
     value: float | None = None  #: None if unknown.
@@ -54,9 +54,9 @@ class BudgetRow:
     """Contribution of an error source."""
 
     source: str
-    alone: Estimate  #: First-order fraction of the mean square.
-    removed: Estimate  #: Fraction of the mean square that vanishes without the source.
-    interaction: Estimate  #: `removed` less `alone`.
+    alone: BudgetFigure  #: First-order fraction of the mean square.
+    removed: BudgetFigure  #: Fraction of the mean square that vanishes without the source.
+    interaction: BudgetFigure  #: `removed` less `alone`.
     mean_m: tuple[float, ...] | None  #: Mean error by axis due to the source alone.
     sigma_m: tuple[float, ...] | None  #: Root of the variance by axis that the source alone adds, at least 0.
 
@@ -71,8 +71,8 @@ class Budget:
     left_out: int  #: Drives that lack the result of a variant.
     rms_m: float | None  #: Root mean square error with all sources.
     rows: tuple[BudgetRow, ...]
-    rest: Estimate  #: Fraction due to sources that the budget does not name.
-    total: Estimate  #: Sum of the fractions `alone` and the rest; 1 if the sources do not interact.
+    rest: BudgetFigure  #: Fraction due to sources that the budget does not name.
+    total: BudgetFigure  #: Sum of the fractions `alone` and the rest; 1 if the sources do not interact.
 
 
 def budget_of(
@@ -97,8 +97,8 @@ def budget_of(
             left_out=len(begun),
             rms_m=None,
             rows=tuple(rows),
-            rest=Estimate(),
-            total=Estimate(),
+            rest=BudgetFigure(),
+            total=BudgetFigure(),
         )
     drawn = _weights(len(drives))
     moments = {name: _moments(drawn @ np.array([errors[name][drive].sums for drive in drives])) for name in needed}
@@ -115,9 +115,9 @@ def budget_of(
         rows.append(
             BudgetRow(
                 source=name,
-                alone=_estimate(alone, len(drives)),
-                removed=_estimate(removed, len(drives)),
-                interaction=_estimate(removed - alone, len(drives)),
+                alone=_figure(alone, len(drives)),
+                removed=_figure(removed, len(drives)),
+                interaction=_figure(removed - alone, len(drives)),
                 mean_m=tuple((only.mean[0] - none.mean[0]).tolist()),
                 sigma_m=tuple(np.sqrt(variance).tolist()),
             )
@@ -129,8 +129,8 @@ def budget_of(
         left_out=len(begun) - len(drives),
         rms_m=float(np.sqrt(whole.mean_square[0])),
         rows=tuple(rows),
-        rest=_estimate(rest, len(drives)),
-        total=_estimate(total, len(drives)),
+        rest=_figure(rest, len(drives)),
+        total=_figure(total, len(drives)),
     )
 
 
@@ -156,15 +156,15 @@ def _weights(drives: int) -> FloatArray:
     return once if drives < MIN_DRIVES else np.vstack([once, drawn_weights(drives)])
 
 
-def _estimate(values: FloatArray, drives: int) -> Estimate:
+def _figure(values: FloatArray, drives: int) -> BudgetFigure:
     """Return a figure with its interval from its value and the values of the resamplings `(1 + R,)`."""
     value = float(values[0])
     if len(values) == 1:
-        return Estimate(value)
+        return BudgetFigure(value)
     half = half_width(values[1:], drives)
-    return Estimate(value, (value - half, value + half))
+    return BudgetFigure(value, (value - half, value + half))
 
 
 def _unknown(source: str) -> BudgetRow:
-    unknown = Estimate()
+    unknown = BudgetFigure()
     return BudgetRow(source=source, alone=unknown, removed=unknown, interaction=unknown, mean_m=None, sigma_m=None)

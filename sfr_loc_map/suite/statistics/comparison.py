@@ -41,13 +41,13 @@ class DriveRatio:
     other: float
 
 
-class FigureComparison(Struct, frozen=True, kw_only=True, rename={"group": "runs"}):
+class FigureComparison(Struct, frozen=True, kw_only=True):
     """A figure over the common drives of two suites.
 
     `ratio` is the second suite divided by the first, the baseline; below 1, the second suite is better.
     """
 
-    group: str  #: Task, configuration and faults; the key `runs` of the JSON.
+    group: str  #: Task, configuration and faults.
     baseline: str  #: Name of the reference suite.
     kind: ComparedKind
     figure: str  #: Name with unit.
@@ -71,7 +71,7 @@ class SuiteComparison:
 
     def to_dict(self) -> dict[str, object]:
         """Return the comparison as JSON values."""
-        return {"schema": "sfr-suite-comparison/1", **to_plain(self)}
+        return {"schema": "sfr-suite-comparison/2", **to_plain(self)}
 
 
 def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> SuiteComparison:

@@ -1,4 +1,4 @@
-"""`sfr suite plan`: the number of drives that a requirement needs, from its terms and observed errors."""
+"""`sfr suite drives`: the number of drives that a requirement needs, from its terms and observed errors."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from sfr_loc_map.suite.statistics.group_verdicts import samples_by_drive
 from sfr_loc_map.suite.statistics.summary import ScoredJob, by_group
 
 
-class DriveCount(Struct, frozen=True, kw_only=True, rename={"group": "runs"}):
+class DriveCount(Struct, frozen=True, kw_only=True):
     """The number of drives needed to prove a requirement. A field is None if unknown or if no number suffices."""
 
-    group: str  #: Group of the suite, the key `runs` of the JSON; empty without a suite.
+    group: str  #: Group of the suite; empty without a suite.
     limit: str  #: Name of the limit; empty without a suite.
     prob: float
     confidence: float
@@ -38,8 +38,15 @@ class DriveCount(Struct, frozen=True, kw_only=True, rename={"group": "runs"}):
     if_normal: int | None = None  #: Required number of drives for normal errors with the observed moments.
     state: VerdictState | None = None  #: Decision of the sequential test.
 
+    @property
+    def text(self) -> str:
+        """The requirement in words."""
+        terms = f"{100.0 * self.prob:g} % with {100.0 * self.confidence:g} %, power {100.0 * self.power:g} % at "
+        terms += f"{100.0 * self.good:g} % failures"
+        return ": ".join(text for text in (self.group, self.limit, terms) if text)
 
-def count_without_runs(terms: Terms) -> DriveCount:
+
+def count_without_suite(terms: Terms) -> DriveCount:
     """Return the number of drives that terms require."""
     test = sequential_test(terms)
     plan = test.fixed_plan()
@@ -76,7 +83,7 @@ def drive_counts(results: Sequence[ScoredJob], limits: Limits | None) -> Iterato
             known = moments(sample)
             has_failed = sample.sizes > limit.limit
             yield replace(
-                count_without_runs(terms),
+                count_without_suite(terms),
                 group=key.text,
                 limit=f"{limited_name(limit.limited.figure, None, limit.condition, BOUND)}, {interpretation}",
                 drives=len(sample.errors),

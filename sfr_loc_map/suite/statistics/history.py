@@ -1,12 +1,12 @@
 """Detect changes of a suite's figures from night to night (docs/decisions/0008-history.md).
 
-The last night and the mean of the last four nights are compared with up to 30 reference nights. Each figure of a drive
-is divided by its mean over the reference nights (paired ratio). The mean over all drives is divided likewise, so that a
-small change that is common to all drives is detected. Each ratio has a prediction interval of Student's t from the
+The last night and the mean of the last four nights are compared with up to 30 reference nights. Each figure of a job
+is divided by its mean over the reference nights (paired ratio). The mean over all jobs is divided likewise, so that a
+small change that is common to all jobs is detected. Each ratio has a prediction interval of Student's t from the
 scatter of the reference nights. A change is reported if the interval excludes 1. The level of the intervals is divided
 by the number of ratios of a night (Bonferroni), so that without a change at most one night in 365 raises an alarm.
 
-In this module a drive is a job: a source with its task, faults, configuration and repeat, which each night runs again.
+A job is a source with its task, faults, configuration and repeat, which each night runs again.
 """
 
 from __future__ import annotations
@@ -30,14 +30,15 @@ from sfr_loc_map.metrics.intervals import Interval
 from sfr_loc_map.metrics.score_json import MAX_NUMBER, to_plain
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
 from sfr_loc_map.suite.statistics.pairing import PairKey, have_one_configuration, without_configuration
+from sfr_loc_map.suite.statistics.summary import SCHEMA
 
 WINDOWS = (1, 4)  #: Lengths of the mean, nights: 1 detects large changes immediately, 4 detects small changes later.
-FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and drives.
+FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and jobs.
 REFERENCE = 30  #: Maximum number of reference nights.
 MIN_REFERENCE = 5  #: Minimum number of reference nights to estimate their scatter.
-MIN_DRIVES_OF_SCATTER = 6  #: Minimum number of drives whose scatter replaces that of too few nights.
+MIN_JOBS_OF_SCATTER = 6  #: Minimum number of jobs whose scatter replaces that of too few nights.
 MAX_FREEDOM = 5.0  #: Upper bound of the degrees of freedom: nights have heavier tails than a normal distribution.
-FALSE_NAMES = 0.1  #: Probability that an alarm names any drive that did not change.
+FALSE_NAMES = 0.1  #: Probability that an alarm names any job that did not change.
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +48,8 @@ class Scale:
     apply: Callable[[FloatArray], FloatArray]  #: Converts values to the scale; NaN if undefined.
     #: Converts a mean on the scale to the reported mean; None if the reported mean is that of the values.
     undo: Callable[[float], float] | None
-    floor: float  #: Minimum standard deviation of a drive from night to night.
-    of_host: bool = False  #: Whether the figure depends on the host, which all drives of a night share.
+    floor: float  #: Minimum standard deviation of a job from night to night.
+    of_host: bool = False  #: Whether the figure depends on the host, which all jobs of a night share.
 
 
 def log_scale(floor: float, *, of_host: bool = False) -> Scale:
@@ -59,9 +60,9 @@ def log_scale(floor: float, *, of_host: bool = False) -> Scale:
 COUNT = Scale(lambda x: 2.0 * np.sqrt(x + 0.375), None, 1.0)
 """Scale of a count n: `2 sqrt(n + 3/8)`, whose standard deviation is about 1 for Poisson counts (Anscombe 1948).
 
-The scale is for the test only, because a mean of roots is far below the mean of counts that differ between drives.
+The scale is for the test only, because a mean of roots is far below the mean of counts that differ between jobs.
 """
-#: The floors are chosen: changes of 5 % of an error or a time, 10 % of a NEES, 2 % of memory and 10 % of the drives
+#: The floors are chosen: changes of 5 % of an error or a time, 10 % of a NEES, 2 % of memory and 10 % of the jobs
 #: count as noise.
 SCALES: Mapping[ComparedKind, Scale] = {
     ComparedKind.ACCURACY: log_scale(0.05),
@@ -74,7 +75,7 @@ SCALES: Mapping[ComparedKind, Scale] = {
     ComparedKind.MEMORY: log_scale(0.02, of_host=True),
 }
 SHORT_COMMIT = 9
-WITHOUT_RESULT = FigureName(ComparedKind.FAILED, "drives without a result, share")
+WITHOUT_RESULT = FigureName(ComparedKind.FAILED, "jobs without a result, share")
 
 
 def _figure(value: object) -> float:
@@ -85,7 +86,7 @@ def _figure(value: object) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Night:
-    """One suite of a history. Labels, paths and figures are by drive; a drive without a result has no figures."""
+    """One suite of a history. Labels, paths and figures are by job; a job without a result has no figures."""
 
     name: str
     commit: str | None
@@ -99,7 +100,9 @@ class Night:
         path = folder / "suite.json"
         with refusing(f"no figures in '{path}'", f"make it with sfr suite report '{folder}'"):
             content = json.loads(path.read_text(encoding="utf-8"))
-            results = {PairKey(item["pairing"], item["configuration"]): item for item in content["drives"]}
+            if content["schema"] != SCHEMA:
+                raise ValueError(f"its schema is {content['schema']}, {SCHEMA} is required")
+            results = {PairKey(item["pairing"], item["configuration"]): item for item in content["results"]}
             failures = {PairKey(item["pairing"], item["configuration"]): item for item in content["failures"]}
             jobs = results | failures
             labels = {key: item["label"] for key, item in jobs.items()}
@@ -112,10 +115,10 @@ class Night:
         return cls(str(folder), commit, labels, paths, figures)
 
     def without_configurations(self) -> Night:
-        """Return the night with drives that are identified by their work and data only, not by their configuration."""
+        """Return the night with jobs that are identified by their work and data only, not by their configuration."""
         labels = {without_configuration(key): label for key, label in self.labels.items()}
         paths = {without_configuration(key): path for key, path in self.paths.items()}
-        figures = {without_configuration(key): of_drive for key, of_drive in self.figures.items()}
+        figures = {without_configuration(key): of_job for key, of_job in self.figures.items()}
         return Night(self.name, self.commit, labels, paths, figures)
 
 
@@ -124,16 +127,16 @@ class Change:
     """A change of a figure from one night to the next."""
 
     night: str  #: First night after the change.
-    before_night: str  #: Last night before the change in which a changed drive has the figure.
+    before_night: str  #: Last night before the change in which a changed job has the figure.
     commits: tuple[str | None, str | None]  #: Commits of these two nights; a commit between them made the change.
     kind: ComparedKind
     figure: str  #: Name with unit.
     outcome: Outcome
-    drives: tuple[str, ...]  #: Changed drives; all drives if no single drive or more than half of them show the change.
-    paths: tuple[str, ...]  #: Sources of the changed drives.
-    of: int  #: Number of drives that have the figure.
-    before: float  #: Mean over the changed drives before the change; geometric except for counts and fractions.
-    after: float  #: Mean over the changed drives after the change.
+    jobs: tuple[str, ...]  #: Changed jobs; all jobs if no single job or more than half of them show the change.
+    paths: tuple[str, ...]  #: Sources of the changed jobs.
+    of: int  #: Number of jobs that have the figure.
+    before: float  #: Mean over the changed jobs before the change; geometric except for counts and fractions.
+    after: float  #: Mean over the changed jobs after the change.
     ratio: float | None  #: `after / before`; None if `before` is 0.
     ci95: Interval | None  #: 95 % interval of the ratio; None for counts.
 
@@ -145,7 +148,7 @@ class Change:
     @property
     def text(self) -> str:
         """The change in words."""
-        which = "all drives" if len(self.drives) == self.of else ", ".join(self.drives)
+        which = "all jobs" if len(self.jobs) == self.of else ", ".join(self.jobs)
         size = f"{self.before:.4g} to {self.after:.4g}"
         return f"{self.figure} {self.outcome} since {self.night} ({self.range}), {size}, of {which}; {self.command}"
 
@@ -163,22 +166,22 @@ class History:
     commits: tuple[str | None, ...]
     false_alarm_rate: float  #: Maximum probability of an alarm in a night without a change.
     changes: tuple[Change, ...]  #: Changes in the order of the nights.
-    figures: Mapping[str, tuple[float | None, ...]]  #: Mean over the drives of each night, by figure.
+    figures: Mapping[str, tuple[float | None, ...]]  #: Mean over the jobs of each night, by figure.
 
     @property
     def worse(self) -> tuple[Change, ...]:
-        """The changes for the worse that are the last change of the figure for at least one of their drives.
+        """The changes for the worse that are the last change of the figure for at least one of their jobs.
 
-        A change for the better therefore closes a change for the worse only for the drives that became better.
+        A change for the better therefore closes a change for the worse only for the jobs that became better.
         """
-        last = {(change.figure, drive): change for change in self.changes for drive in change.drives}
+        last = {(change.figure, job): change for change in self.changes for job in change.jobs}
         worse = [change for change in self.changes if change.outcome is Outcome.WORSE]
-        return tuple(change for change in worse if any(last[change.figure, drive] is change for drive in change.drives))
+        return tuple(change for change in worse if any(last[change.figure, job] is change for job in change.jobs))
 
     def to_dict(self) -> dict[str, object]:
         """Return the history as JSON values."""
         changes = [to_plain(change) | {"command": change.command} for change in self.changes]
-        return {"schema": "sfr-history/3", **to_plain(replace(self, changes=())), "changes": changes}
+        return {"schema": "sfr-history/4", **to_plain(replace(self, changes=())), "changes": changes}
 
 
 def find_changes(nights: Sequence[Night]) -> History:
@@ -200,12 +203,12 @@ def find_changes(nights: Sequence[Night]) -> History:
     for name, table in tables.items():
         scale = SCALES[name.kind]
         has_figure = np.asarray(np.isfinite(table).any(axis=1))
-        drives = [key for key, has in zip(keys, has_figure, strict=True) if has]
+        jobs = [key for key, has in zip(keys, has_figure, strict=True) if has]
         x = scale.apply(table[has_figure])
         means = _mean(table[has_figure]) if scale.undo is None else np.array([*map(scale.undo, _mean(x).tolist())])
         series[name.name] = tuple(mean if np.isfinite(mean) else None for mean in means.tolist())
         for found in changes_of(x, scale, FALSE_ALARM_RATE / len(tables)):
-            changed = [drives[index] for index in found.drives]
+            changed = [jobs[index] for index in found.jobs]
             labels = [last_night[key].labels[key] for key in changed]
             paths = [last_night[key].paths[key] for key in changed]
             changes.append((found.night, _described_change(found, table[has_figure], name, nights, labels, paths)))
@@ -219,7 +222,7 @@ def find_changes(nights: Sequence[Night]) -> History:
 
 
 def _figure_tables(nights: Sequence[Night], keys: Sequence[PairKey]) -> dict[FigureName, FloatArray]:
-    """Return the values `(drive, night)` of each figure, NaN if missing, and whether a drive has no result."""
+    """Return the values `(job, night)` of each figure, NaN if missing, and whether a job has no result."""
     names = sorted({name for night in nights for figures in night.figures.values() for name in figures})
     tables = {
         name: np.array([[night.figures.get(key, {}).get(name, np.nan) for night in nights] for key in keys])
@@ -228,7 +231,7 @@ def _figure_tables(nights: Sequence[Night], keys: Sequence[PairKey]) -> dict[Fig
     has_result = np.array([[key in night.figures for night in nights] for key in keys])
     is_planned = np.array([[key in night.labels for night in nights] for key in keys])
     since_planned = np.maximum.accumulate(is_planned, axis=1)
-    tables[WITHOUT_RESULT] = np.where(since_planned, 1.0 - has_result, np.nan)  # an omitted drive has no result, either
+    tables[WITHOUT_RESULT] = np.where(since_planned, 1.0 - has_result, np.nan)  # an omitted job has no result, either
     return tables
 
 
@@ -240,13 +243,13 @@ def _described_change(
     labels: Sequence[str],
     paths: Sequence[str],
 ) -> Change:
-    """Return a change of a figure `(drive, night)` in its unit, with the labels and paths of the changed drives."""
+    """Return a change of a figure `(job, night)` in its unit, with the labels and paths of the changed jobs."""
     undo = SCALES[name.kind].undo
     is_nees = name.kind is ComparedKind.NEES
     is_worse = abs(found.after) > abs(found.before) if is_nees else found.after > found.before
     ci95 = None
     if undo is None:
-        changed = table[list(found.drives)]
+        changed = table[list(found.jobs)]
         before, after = (
             float(_mean(_mean(changed[:, first:end].T))) for first, end in (found.nights_before, found.nights_after)
         )
@@ -262,7 +265,7 @@ def _described_change(
         kind=name.kind,
         figure=name.name,
         outcome=Outcome.WORSE if is_worse else Outcome.BETTER,
-        drives=tuple(labels),
+        jobs=tuple(labels),
         paths=tuple(dict.fromkeys(paths)),
         of=found.of,
         before=before,
@@ -276,9 +279,9 @@ def _described_change(
 class Shift:
     """A change of the mean of nights relative to reference nights, on the scale of the comparison."""
 
-    drives: tuple[int, ...]  #: Changed drives.
-    of: int  #: Number of drives with values before and after.
-    before: float  #: Mean over the changed drives before the change.
+    jobs: tuple[int, ...]  #: Changed jobs.
+    of: int  #: Number of jobs with values before and after.
+    before: float  #: Mean over the changed jobs before the change.
     after: float
     half_width: float  #: Half-width of the 95 % prediction interval of `after` from the reference nights.
     window: int  #: Number of nights whose mean revealed the change.
@@ -286,10 +289,10 @@ class Shift:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundChange(Shift):
-    """A change of values `(drive, night)` with its nights."""
+    """A change of values `(job, night)` with its nights."""
 
     night: int  #: First night after the change.
-    last_before: int  #: Last night before the change in which a changed drive has a value.
+    last_before: int  #: Last night before the change in which a changed job has a value.
     detected: int  #: Night at which the change was detected.
     nights_before: tuple[int, int]  #: First night of the values before the change, and the night after the last one.
     nights_after: tuple[int, int]  #: The same for the values after the change.
@@ -297,11 +300,11 @@ class FoundChange(Shift):
 
 
 def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[FoundChange]:
-    """Return the changes of values `(D, T)` of drives and nights, NaN if missing.
+    """Return the changes of values `(D, T)` of jobs and nights, NaN if missing.
 
     Without a change, each night is compared with the nights since `start`. The nights after a change are compared with
     the same reference as the change. If the figure returns to its old level within `MIN_REFERENCE` nights, the return
-    is a second change. Otherwise the new level becomes the reference. A night without a value of the changed drives
+    is a second change. Otherwise the new level becomes the reference. A night without a value of the changed jobs
     is not evidence of a return.
     """
     found: list[FoundChange] = []
@@ -311,7 +314,7 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
             start, changed_at = changed_at, None
         if changed_at is not None:
             last = found[-1]
-            changed = x[list(last.drives)]
+            changed = x[list(last.jobs)]
             if not np.isfinite(changed[:, night]).any():
                 continue
             after = x[:, max(changed_at, night + 1 - last.window) : night + 1]
@@ -331,7 +334,7 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
             reference = x[:, begin:first]
             change = compare_nights(reference, x[:, first : night + 1], scale, false_alarm_rate / len(WINDOWS))
             if change is not None:
-                changed = x[list(change.drives)]
+                changed = x[list(change.jobs)]
                 changed_at = first + _start_of_change(changed[:, begin:first], changed[:, first : night + 1])
                 found.append(
                     FoundChange(
@@ -350,49 +353,49 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
 def compare_nights(before: FloatArray, after: FloatArray, scale: Scale, false_alarm_rate: float) -> Shift | None:
     """Return the change of the mean of nights `(D, W)` relative to reference nights `(D, N)`, None without a change.
 
-    Half of the false-alarm rate is assigned to the mean over the drives, the other half to the single drives.
+    Half of the false-alarm rate is assigned to the mean over the jobs, the other half to the single jobs.
     """
-    drives = _DriveShifts.of(before, after, scale)
-    count = len(drives.indices)
+    jobs = _JobShifts.of(before, after, scale)
+    count = len(jobs.indices)
     if not count:
         return None
-    sigma, freedom = drives.scatter_of_mean(scale)
-    has_mean_changed = abs(float(drives.shifts.mean())) > sigma * float(_quantile(false_alarm_rate / 2, freedom))
-    if not has_mean_changed and not drives.exceeding(false_alarm_rate / 2).any():
+    sigma, freedom = jobs.scatter_of_mean(scale)
+    has_mean_changed = abs(float(jobs.shifts.mean())) > sigma * float(_quantile(false_alarm_rate / 2, freedom))
+    if not has_mean_changed and not jobs.exceeding(false_alarm_rate / 2).any():
         return None
-    named = drives.exceeding(FALSE_NAMES)
+    named = jobs.exceeding(FALSE_NAMES)
     number_named = int(named.sum())
     if 0 < number_named <= count / 2:
-        sigma = float(np.sqrt(np.mean(np.square(drives.sigmas[named])) / number_named))
-        freedom = float(drives.nights.max() - 1)
+        sigma = float(np.sqrt(np.mean(np.square(jobs.sigmas[named])) / number_named))
+        freedom = float(jobs.nights.max() - 1)
     else:
         named = np.ones(count, np.bool_)
         sigma = sigma if np.isfinite(sigma) else scale.floor / np.sqrt(count)
     return Shift(
-        drives=tuple(drives.indices[named].tolist()),
+        jobs=tuple(jobs.indices[named].tolist()),
         of=count,
-        before=float(drives.usual[named].mean()),
-        after=float(drives.present[named].mean()),
+        before=float(jobs.usual[named].mean()),
+        after=float(jobs.present[named].mean()),
         half_width=sigma * float(_quantile(0.05, freedom)),
-        window=drives.window,
+        window=jobs.window,
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _DriveShifts:
-    """Shifts of the drives that have values in the reference nights and in the compared nights."""
+class _JobShifts:
+    """Shifts of the jobs that have values in the reference nights and in the compared nights."""
 
     indices: NDArray[np.intp]
-    usual: FloatArray  #: Mean of each drive over the reference nights.
-    present: FloatArray  #: Mean of each drive over the compared nights.
-    deviations: FloatArray  #: Values of the reference nights minus their mean, `(drive, night)`.
-    nights: FloatArray  #: Number of reference nights of each drive.
-    per_compared_night: FloatArray  #: Inverse of the number of compared nights in which a drive has a value.
+    usual: FloatArray  #: Mean of each job over the reference nights.
+    present: FloatArray  #: Mean of each job over the compared nights.
+    deviations: FloatArray  #: Values of the reference nights minus their mean, `(job, night)`.
+    nights: FloatArray  #: Number of reference nights of each job.
+    per_compared_night: FloatArray  #: Inverse of the number of compared nights in which a job has a value.
     sigmas: FloatArray  #: Standard deviation of each shift.
     window: int  #: Number of compared nights.
 
     @classmethod
-    def of(cls, before: FloatArray, after: FloatArray, scale: Scale) -> _DriveShifts:
+    def of(cls, before: FloatArray, after: FloatArray, scale: Scale) -> _JobShifts:
         """Return the shifts of the compared nights, `after` `(D, W)`, from the reference nights, `before` `(D, N)`."""
         usual, present = _mean(before.T), _mean(after.T)
         indices = np.flatnonzero(np.isfinite(present - usual))
@@ -400,7 +403,7 @@ class _DriveShifts:
         nights = np.asarray(np.isfinite(deviations).sum(axis=1), np.float64)
         variances = np.nansum(np.square(deviations), axis=1) / np.maximum(nights - 1, 1)
         is_long = nights >= MIN_REFERENCE
-        if is_long.any():  # variances below the median, such as that of a drive that never varied, become the median
+        if is_long.any():  # variances below the median, such as that of a job that never varied, become the median
             variances = np.maximum(variances, np.median(variances[is_long]))
         variances = np.maximum(variances, scale.floor**2)
         per_compared_night = 1.0 / np.isfinite(after[indices]).sum(axis=1)
@@ -418,37 +421,37 @@ class _DriveShifts:
 
     @property
     def shifts(self) -> FloatArray:
-        """Shift of each drive."""
+        """Shift of each job."""
         return self.present - self.usual
 
     def exceeding(self, false_alarm_rate: float) -> NDArray[np.bool_]:
-        """Return which drives changed, with the given rate of false alarms over all drives together."""
+        """Return which jobs changed, with the given rate of false alarms over all jobs together."""
         sizes = np.where(self.nights >= MIN_REFERENCE, np.abs(self.shifts) / self.sigmas, 0.0)
         return np.asarray(sizes > _quantile(false_alarm_rate / len(self.indices), self.nights - 1.0))
 
     def scatter_of_mean(self, scale: Scale) -> tuple[float, float]:
         """Return the standard deviation of the mean shift and its degrees of freedom; infinity if unknown.
 
-        The scatter follows from the reference nights, or from the drives if there are too few nights. The scatter of
-        the drives does not contain the speed of the host, which all drives of a night share.
+        The scatter follows from the reference nights, or from the jobs if there are too few nights. The scatter of
+        the jobs does not contain the speed of the host, which all jobs of a night share.
         """
         means = _mean(self.deviations)
         means = means[np.isfinite(means)]
-        nights, drives = len(means), len(self.indices)
+        nights, jobs = len(means), len(self.indices)
         if nights >= MIN_REFERENCE:
             per_night = float(self.per_compared_night.mean())
             sigma, freedom = float(np.std(means, ddof=1)) * np.sqrt(per_night + 1.0 / nights), nights - 1.0
-        elif drives >= MIN_DRIVES_OF_SCATTER and not scale.of_host:
-            sigma, freedom = float(np.std(self.shifts, ddof=1) / np.sqrt(drives)), drives - 1.0
+        elif jobs >= MIN_JOBS_OF_SCATTER and not scale.of_host:
+            sigma, freedom = float(np.std(self.shifts, ddof=1) / np.sqrt(jobs)), jobs - 1.0
         else:
             sigma, freedom = np.inf, 1.0
-        return max(sigma, scale.floor / np.sqrt(drives)), freedom
+        return max(sigma, scale.floor / np.sqrt(jobs)), freedom
 
 
 def _start_of_change(before: FloatArray, after: FloatArray) -> int:
     """Return the night of `after` `(D, W)` from which the shift from the reference nights `(D, N)` is most significant.
 
-    The shift of a night is relative to the level of each drive, so that a night without the result of a drive is not
+    The shift of a night is relative to the level of each job, so that a night without the result of a job is not
     shifted. A change cannot start in a night without a value.
     """
     levels = _mean(before.T)
@@ -461,7 +464,7 @@ def _start_of_change(before: FloatArray, after: FloatArray) -> int:
 
 
 def _last_with_value(x: FloatArray) -> int:
-    """Return the last night in which a drive has a value."""
+    """Return the last night in which a job has a value."""
     return int(np.flatnonzero(np.isfinite(x).any(axis=0))[-1])
 
 

@@ -32,7 +32,7 @@ from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
 from sfr_loc_map.suite.statistics.pooling import AXES, DriveScore, axis_row, pool
 
-SCHEMA = "sfr-suite/1"
+SCHEMA = "sfr-suite/2"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class ScoredJob:
         return {
             "key": job.key,
             "label": job.label,
-            "task": job.kind.value,
+            "task": job.task.value,
             "source": job.source.name,
             "configuration": job.configuration,
             "faults": job.faults,
@@ -68,13 +68,21 @@ class ScoredJob:
         }
 
 
-class Group(Struct, frozen=True, kw_only=True, rename={"results": "drives"}):
+@dataclass(frozen=True, slots=True)
+class ReplacedTruth:
+    """A source whose ground truth is another file than that of the recording."""
+
+    source: str  #: Name of the source.
+    path: str  #: File of the ground truth (`truth.source` in `sfr.yaml`).
+
+
+class Group(Struct, frozen=True, kw_only=True):
     """The results with the same task, configuration and faults: counts, pooled errors, verdicts."""
 
     task: str
     configuration: str
     faults: str
-    results: int  #: Number of results, each repeat counted; the key `drives` of the JSON.
+    results: int  #: Number of results, each repeat counted.
     lost: int
     matched: int
     figures: tuple[Figure, ...]  #: Errors over the sub-trajectories of all drives, by condition.
@@ -86,10 +94,10 @@ class Group(Struct, frozen=True, kw_only=True, rename={"results": "drives"}):
         return GroupKey(self.task, self.configuration, self.faults)
 
 
-class JobCounts(Struct, frozen=True, kw_only=True, rename={"jobs": "tasks"}):
+class JobCounts(Struct, frozen=True, kw_only=True):
     """Numbers of jobs by their state."""
 
-    jobs: int  #: Number of planned jobs; the key `tasks` of the JSON.
+    jobs: int  #: Number of planned jobs.
     done: int
     failed: int
     waiting: int
@@ -117,6 +125,7 @@ class Summary:
     waiting_jobs: tuple[str, ...] = ()  #: Labels of the jobs that were not run yet.
     planned_groups: tuple[GroupKey, ...] = ()  #: Groups of all planned jobs, also groups without a result.
     copies: tuple[tuple[str, ...], ...] = ()  #: Names of the sources that are copies, for each drive with copies.
+    replaced_truths: tuple[ReplacedTruth, ...] = ()
 
     @property
     def counts(self) -> JobCounts:
@@ -158,8 +167,8 @@ class Summary:
         return expected_row(RowPart(Scope.SUITE), len(self.results), planned or None)
 
     def to_dict(self) -> dict[str, object]:
-        """Return the summary as JSON values, for each drive with names, figures, verdicts and the file of its score."""
-        named = ("verdict", "groups", "failures", "refusals", "workers", "budgets", "copies")
+        """Return the summary as JSON values; each result has its names, figures, verdicts and the file of its score."""
+        named = ("verdict", "groups", "failures", "refusals", "workers", "budgets", "copies", "replaced_truths")
         parts = {name: to_plain(getattr(self, name)) for name in named}
         results = [
             result.names()
@@ -174,7 +183,7 @@ class Summary:
             for result in self.results
         ]
         head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": to_plain(self.counts)}
-        return {**head, **self.run, **parts, "drives": results}
+        return {**head, **self.run, **parts, "results": results}
 
 
 def are_decided(groups: Sequence[Group], planned: Collection[GroupKey]) -> bool:
@@ -246,6 +255,7 @@ def summarise(store: Store) -> Summary:
         waiting_jobs=tuple(job.label for job in in_state[JobState.WAITING]),
         planned_groups=planned_groups_of(jobs),
         copies=tuple(copies_in(jobs)),
+        replaced_truths=replaced_truths_in(results),
     )
 
 
@@ -255,6 +265,17 @@ def copies_in(jobs: Sequence[Job]) -> Iterator[tuple[str, ...]]:
     for job in jobs:
         names.setdefault(job.source.drive_identity, {})[job.source.name] = None
     yield from (tuple(of_drive) for of_drive in names.values() if len(of_drive) > 1)
+
+
+def replaced_truths_in(results: Sequence[ScoredJob]) -> tuple[ReplacedTruth, ...]:
+    """Return the sources whose results have another ground truth than that of the recording, each once."""
+    found: dict[ReplacedTruth, None] = {}
+    for result in results:
+        provenance = result.score.provenance
+        file = None if provenance is None else provenance.inputs.get("truth_file")
+        if file is not None:
+            found[ReplacedTruth(result.job.source.name, file.path)] = None
+    return tuple(found)
 
 
 def budgets_of(results: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator[Budget]:

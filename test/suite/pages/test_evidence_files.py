@@ -16,7 +16,7 @@ from sfr_loc_map.evidence.overlap import Overlap, overlap_rows
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.suite.pages.evidence_files import read_evidence
-from sfr_loc_map.suite.statistics.budget import Budget, BudgetRow, Estimate
+from sfr_loc_map.suite.statistics.budget import Budget, BudgetFigure, BudgetRow
 
 
 def write(path: Path, content: dict[str, Any]) -> Path:
@@ -32,12 +32,12 @@ def check_file(folder: Path) -> Path:
     return write(folder / "check.json", content | {"calibration": ["yaw is off"], "figures": figures})
 
 
-def budget_file(folder: Path, total: Estimate) -> Path:
+def budget_file(folder: Path, total: BudgetFigure) -> Path:
     row = BudgetRow(
         source="<b>noise</b>",
-        alone=Estimate(0.75, (0.5, 1.0)),
-        removed=Estimate(0.5),
-        interaction=Estimate(0.0),
+        alone=BudgetFigure(0.75, (0.5, 1.0)),
+        removed=BudgetFigure(0.5),
+        interaction=BudgetFigure(0.0),
         mean_m=(0.0, 0.0, 0.0),
         sigma_m=(0.001, 0.0, 0.0),
     )
@@ -48,10 +48,10 @@ def budget_file(folder: Path, total: Estimate) -> Path:
         left_out=1,
         rms_m=0.01,
         rows=(row,),
-        rest=Estimate(0.25),
+        rest=BudgetFigure(0.25),
         total=total,
     )
-    return write(folder / "suite.json", {"schema": "sfr-suite/1", "budgets": [to_plain(budget)]})
+    return write(folder / "suite.json", {"schema": "sfr-suite/2", "budgets": [to_plain(budget)]})
 
 
 def search_file(folder: Path, *ratios: float) -> Path:
@@ -66,7 +66,11 @@ def search_file(folder: Path, *ratios: float) -> Path:
 
 
 def test_evidence_is_in_the_order_of_a_review_with_its_open_points(tmp_path: Path) -> None:
-    paths = [search_file(tmp_path, 0.5, 1.5), budget_file(tmp_path, Estimate(0.8, (0.7, 0.9))), check_file(tmp_path)]
+    paths = [
+        search_file(tmp_path, 0.5, 1.5),
+        budget_file(tmp_path, BudgetFigure(0.8, (0.7, 0.9))),
+        check_file(tmp_path),
+    ]
     found = read_evidence(paths)
     assert [item.heading for item in found] == ["Check without ground truth", "Error budget", "Worst case"]
     assert [item.sha256 for item in found] == [hash_path(path) for path in reversed(paths)]
@@ -112,7 +116,7 @@ def test_the_test_report_shows_the_evidence_and_keeps_the_verdict(sfr: Sfr, tmp_
     score = tmp_path / "score.json"
     score.write_text(json.dumps(json_of(whole_score())))
     plain, shown = tmp_path / "plain.html", tmp_path / "shown.html"
-    paths = [search_file(tmp_path, 0.5, 1.5), budget_file(tmp_path, Estimate(1.0)), check_file(tmp_path)]
+    paths = [search_file(tmp_path, 0.5, 1.5), budget_file(tmp_path, BudgetFigure(1.0)), check_file(tmp_path)]
     options = [word for path in paths for word in ("--evidence", path)]
     usual = sfr("report", score, "--test-report", plain)
     found = sfr("report", score, "--test-report", shown, *options)

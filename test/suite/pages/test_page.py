@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from sfr_loc_map.suite.pages.page import budget_plot
-from sfr_loc_map.suite.statistics.budget import Budget, BudgetRow, Estimate
+from sfr_loc_map.suite.statistics.budget import Budget, BudgetFigure, BudgetRow
 
 
 def row(source: str, alone: float, half: float) -> BudgetRow:
-    estimate = Estimate(alone, (alone - half, alone + half))
+    estimate = BudgetFigure(alone, (alone - half, alone + half))
     return BudgetRow(
-        source=source, alone=estimate, removed=estimate, interaction=Estimate(0.0), mean_m=None, sigma_m=None
+        source=source, alone=estimate, removed=estimate, interaction=BudgetFigure(0.0), mean_m=None, sigma_m=None
     )
 
 
@@ -22,8 +22,8 @@ def test_bars_have_the_names_of_their_sources_as_plain_text() -> None:
         left_out=0,
         rms_m=0.01,
         rows=rows,
-        rest=Estimate(0.3),
-        total=Estimate(1.0),
+        rest=BudgetFigure(0.3),
+        total=BudgetFigure(1.0),
     )
     alone, removed = budget_plot(budget).data
     assert alone["x"] == removed["x"] == ["&lt;a href='x'&gt;noise&lt;/a&gt;", "stamps"]

@@ -14,10 +14,10 @@ from helpers.made_suites import JOB
 from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.limits import LIMITED_NUMBERS, LimitSection
 from sfr_loc_map.suite.running import job_run
-from sfr_loc_map.suite.running.job import JobKind
+from sfr_loc_map.suite.running.job import JobTask
 from sfr_loc_map.suite.running.job_run import replay_options, run_job, use_threads
 
-REPLAY = replace(JOB, kind=JobKind.REPLAY, threads=3)
+REPLAY = replace(JOB, task=JobTask.REPLAY, threads=3)
 BOUNDS = [name for name, item in LIMITED_NUMBERS[LimitSection.TRAJECTORY].items() if item.statistic == "bound"]
 
 

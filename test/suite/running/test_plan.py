@@ -9,10 +9,10 @@ import pytest
 import yaml
 
 from sfr_loc_map.errors import ConfigError, InputError
-from sfr_loc_map.suite.running.job import Job, JobKind, SourceKind
+from sfr_loc_map.suite.running.job import Job, JobTask, SourceKind
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome
 from sfr_loc_map.suite.running.plan import make_plan
-from sfr_loc_map.suite.running.source_kinds import SourceFacts
+from sfr_loc_map.suite.running.source_readers import SourceFacts
 from sfr_loc_map.suite.running.specification import Refusal, load_specification
 from sfr_loc_map.suite.running.store import Store
 
@@ -39,8 +39,8 @@ def test_every_combination_once(tmp_path: Path) -> None:
         configurations={"a": {}, "b": {"localisation": {"max_features": 400}}},
         repeats=2,
     )
-    localise = [job for job in jobs if job.kind is JobKind.LOCALISE]
-    mapped = [job for job in jobs if job.kind is JobKind.MAP]
+    localise = [job for job in jobs if job.task is JobTask.LOCALISE]
+    mapped = [job for job in jobs if job.task is JobTask.MAP]
     assert len(localise) == 3 * 2 * 2 * 2
     assert len(mapped) == 1 * 2 * 1 * 2, "a parameter of the localiser changes no map: configuration b is a"
     assert len({job.key for job in jobs}) == len(jobs)

@@ -10,7 +10,7 @@ import yaml
 
 from helpers import ROOT
 from sfr_loc_map.errors import SfrError
-from sfr_loc_map.suite.running.job import JobKind
+from sfr_loc_map.suite.running.job import JobTask
 from sfr_loc_map.suite.running.specification import load_specification
 
 GOOD = {
@@ -48,7 +48,7 @@ def test_every_key_means_something(tmp_path: Path) -> None:
         "localisation.method_sha256": hashlib.sha256(b"class Mine: pass").hexdigest(),
     }
     assert made.configurations == {"default": {}, "few": {"localisation.max_features": 400}, "mine": mine}
-    assert made.tasks == (JobKind.LOCALISE,)
+    assert made.tasks == (JobTask.LOCALISE,)
     assert made.scoring.conditions == ("distance=5", "time=60", "frames=10")
     assert (made.settings.memory_mb, made.settings.repeats) == (500, 1)
 

@@ -17,7 +17,7 @@ from sfr_loc_map.suite.running import store as store_module
 from sfr_loc_map.suite.running.digests import files_hash
 from sfr_loc_map.suite.running.job import Job, SourceKind
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobOutcome
-from sfr_loc_map.suite.running.source_kinds import SourceFacts
+from sfr_loc_map.suite.running.source_readers import SourceFacts
 from sfr_loc_map.suite.running.store import Store
 
 CRASHED = JobOutcome(cause=FailureCause.DIED, message="its worker process was killed or crashed")

@@ -23,6 +23,7 @@ from sfr_loc_map.suite.statistics.history import (
     find_changes,
 )
 from sfr_loc_map.suite.statistics.pairing import PairKey
+from sfr_loc_map.suite.statistics.summary import SCHEMA
 
 DRIVES = [f"drive {number}" for number in range(45)]
 NAMES = {
@@ -79,7 +80,7 @@ def test_a_change_of_a_few_drives_names_these_drives(drives: list[str], factor: 
     first = DRIVES.index(drives[0])
     tables[ACCURACY][first : first + len(drives), CHANGED_NIGHT:] *= factor
     change = change_of(found(tables), NAMES[ACCURACY])
-    assert set(change.drives) == set(drives)
+    assert set(change.jobs) == set(drives)
     assert change.after / change.before == pytest.approx(factor, rel=0.1)
 
 
@@ -91,7 +92,7 @@ def test_a_change_of_all_drives_names_all_drives(kind: ComparedKind, factor: flo
     tables = nights(20)
     tables[kind][:, CHANGED_NIGHT:] = tables[kind][:, CHANGED_NIGHT:] * factor + more
     change = change_of(found(tables), NAMES[kind])
-    assert len(change.drives) > 0.9 * len(DRIVES)
+    assert len(change.jobs) > 0.9 * len(DRIVES)
     assert (change.after > change.before) == (kind is not NEES)
 
 
@@ -116,7 +117,7 @@ def test_a_missing_result_before_a_change_widens_the_range_of_commits(seed: int)
     tables[ACCURACY][4, CHANGED_NIGHT:] *= 4.0
     tables[ACCURACY][4, CHANGED_NIGHT - 1] = np.nan
     (change,) = found(tables).worse
-    assert (change.drives, change.night, change.range) == ((DRIVES[4],), "night 12", "commit10..commit12")
+    assert (change.jobs, change.night, change.range) == ((DRIVES[4],), "night 12", "commit10..commit12")
     assert change.command == "sfr report night 10 night 12"
 
 
@@ -135,12 +136,12 @@ def test_a_missing_result_after_a_change_is_not_a_return(night: int) -> None:
     tables[ACCURACY][4, CHANGED_NIGHT:] *= 5.0
     tables[ACCURACY][4, night] = np.nan
     history = found(tables)
-    assert [(item.night, item.drives) for item in history.changes] == [("night 12", (DRIVES[4],))]
+    assert [(item.night, item.jobs) for item in history.changes] == [("night 12", (DRIVES[4],))]
 
 
 def test_drives_without_a_result_are_a_change_and_are_named() -> None:
-    change = change_of(found(nights(20), gone=(15, CHANGED_NIGHT)), "drives without a result, share")
-    assert set(change.drives) == set(DRIVES[:15])
+    change = change_of(found(nights(20), gone=(15, CHANGED_NIGHT)), "jobs without a result, share")
+    assert set(change.jobs) == set(DRIVES[:15])
 
 
 def test_slower_calls_need_more_nights_since_nights_differ() -> None:
@@ -165,10 +166,10 @@ def test_an_improvement_of_another_drive_closes_no_regression() -> None:
     tables[ACCURACY][4, 12:] *= 5.0
     tables[ACCURACY][10, 30:] /= 5.0
     history = found(tables)
-    assert [(item.outcome, item.drives) for item in history.changes] == [
+    assert [(item.outcome, item.jobs) for item in history.changes] == [
         (Outcome.WORSE, ("drive 4",)), (Outcome.BETTER, ("drive 10",)),
     ]  # fmt: skip
-    assert [change.drives for change in history.worse] == [("drive 4",)]
+    assert [change.jobs for change in history.worse] == [("drive 4",)]
     tables[ACCURACY][4, 45:] /= 5.0
     assert not found(tables).worse
 
@@ -214,7 +215,7 @@ def written(folder: Path, commits: list[str], tables: dict[ComparedKind, np.ndar
             for number, key in enumerate(DRIVES)
         ]  # fmt: skip
         (folder / f"night{night:02}").mkdir()
-        content = {"git": {"commit": commit}, "drives": drives, "failures": []}
+        content = {"schema": SCHEMA, "git": {"commit": commit}, "results": drives, "failures": []}
         (folder / f"night{night:02}" / "suite.json").write_text(json.dumps(content))
     return sorted(folder.glob("night*"))
 
@@ -230,6 +231,16 @@ def test_a_night_with_other_configurations_loses_no_drive(names: list[str]) -> N
     assert not find_changes(made).changes
 
 
+def test_a_night_of_an_earlier_version_is_refused_in_one_line(sfr: Sfr, tmp_path: Path) -> None:
+    folders = written(tmp_path, ["a" * 40] * 2, nights(2))
+    path = folders[0] / "suite.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"schema": "sfr-suite/1"}))
+    done = sfr("suite", "history", *folders)
+    assert done.code == 2
+    assert len(done.err.strip().splitlines()) == 1
+    assert "its schema is sfr-suite/1, sfr-suite/2 is required" in done.err
+
+
 def test_the_command_names_commits_and_its_json_the_interval(sfr: Sfr, tmp_path: Path) -> None:
     tables = nights(20)
     tables[ComparedKind.ACCURACY][3:5, 12:] *= 6.0
@@ -238,6 +249,6 @@ def test_the_command_names_commits_and_its_json_the_interval(sfr: Sfr, tmp_path:
     assert done.code == 1
     assert f"since {folders[12]} (aaaaaaaaa..bbbbbbbbb)" in done.err
     (change,) = json.loads(done.out)["changes"]
-    assert change["drives"] == ["drive 3", "drive 4"]
+    assert change["jobs"] == ["drive 3", "drive 4"]
     assert change["ci95"][0] < change["ratio"] < change["ci95"][1]
     assert change["ratio"] == pytest.approx(6.0, rel=0.1)

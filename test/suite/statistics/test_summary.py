@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 
 import pytest
@@ -10,11 +11,13 @@ from msgspec.structs import replace as struct_replace
 
 from helpers.made_suites import JOB
 from helpers.random_drives import drive, score_of
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.records import Provenance
+from sfr_loc_map.metrics.records import InputFile, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.suite.pages.tables import suite_tables
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import JobOutcome
 from sfr_loc_map.suite.running.store import Store
@@ -51,6 +54,30 @@ def test_a_planned_group_without_a_result_is_undecided(tmp_path: Path) -> None:
     assert not any(states[:12])
     assert states[-1]
     assert summarise(store).verdict == "pass"
+
+
+def test_a_plan_of_an_earlier_version_is_refused_in_one_line(tmp_path: Path) -> None:
+    """The key `task` of a job was `kind`."""
+    store = Store(tmp_path)
+    store.save_plan([JOB])
+    plan = json.loads((tmp_path / "plan.json").read_text())
+    plan["jobs"][0]["kind"] = plan["jobs"][0].pop("task")
+    (tmp_path / "plan.json").write_text(json.dumps(plan))
+    with pytest.raises(InputError, match="run the suite again") as caught:
+        summarise(Store(tmp_path))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_ground_truth_in_place_of_that_of_the_recording_is_listed(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.save_plan([JOB])
+    inputs = {"truth_file": InputFile(path="survey.csv", sha256="0")}
+    provenance = Provenance(version="", configuration={"suite.key": JOB.key}, inputs=inputs)
+    store.save(JOB, JobOutcome(result=to_json(Score(figures=(), provenance=provenance))))
+    summary = summarise(store)
+    assert [(item.source, item.path) for item in summary.replaced_truths] == [("a", "survey.csv")]
+    (table,) = (table for table in suite_tables(summary) if table.name == "truths")
+    assert [cell.text for cell in table.rows[0]] == ["a", "survey.csv"]
 
 
 def test_a_sequential_decision_reads_each_result_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

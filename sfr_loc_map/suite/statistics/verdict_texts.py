@@ -15,7 +15,7 @@ UNDECIDED = (VerdictState.NOT_ENOUGH_DATA, VerdictState.NOT_JUDGED)
 
 
 @dataclass(frozen=True, slots=True)
-class SuiteOutcome:
+class VerdictTexts:
     """What prevents a suite from passing, one text each; all are empty if the suite passes or has no limits.
 
     Failures take precedence over jobs without a result, and these over missing judgements.
@@ -28,11 +28,11 @@ class SuiteOutcome:
     undecided: tuple[str, ...]  #: Limits that could not be judged.
 
 
-def outcome_of(summary: Summary) -> SuiteOutcome:
+def verdict_texts_of(summary: Summary) -> VerdictTexts:
     """Return the outcome of a suite."""
     verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
     is_waiting = bool(summary.waiting and verdicts) and not summary.is_decided
-    return SuiteOutcome(
+    return VerdictTexts(
         failures=tuple(_failures(summary)),
         failed_jobs=len(summary.failures) + len(summary.refusals),
         waiting=(f"{summary.waiting} of {summary.jobs} jobs have no result yet",) if is_waiting else (),

@@ -1,6 +1,6 @@
-"""The kinds of sources: which entries of a suite's file they read, and how a plan and a job access the data.
+"""The readers of sources, one for each kind: the entries of a suite's file, and how a plan and a job access the data.
 
-A further kind is a member of `SourceKind` (job.py) and a class here with its row in `SOURCE_KINDS`.
+A further kind is a member of `SourceKind` (job.py) and a class here with its row in `SOURCE_READERS`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import estimate_hash, files_hash
 from sfr_loc_map.suite.running.drive_copies import DriveTrace, trace_of_estimate, trace_of_source
-from sfr_loc_map.suite.running.job import JobKind, JobSource, SourceKind, digest, kinds_for
+from sfr_loc_map.suite.running.job import JobSource, JobTask, SourceKind, digest, tasks_for
 from sfr_loc_map.suite.running.source_cache import expand, fetch, rendered
 
 
@@ -35,12 +35,12 @@ class ReadySource(NamedTuple):
     """A source that is on this host and was inspected."""
 
     source: JobSource
-    possible: tuple[JobKind, ...]  #: Kinds of jobs for which the source has data.
+    possible: tuple[JobTask, ...]  #: Tasks for which the source has data.
     trace: DriveTrace = DriveTrace()  #: Features that copies of the drive share.
 
 
-class KindOfSource(ABC):
-    """One kind of source."""
+class SourceReader(ABC):
+    """Reads the sources of one kind."""
 
     @abstractmethod
     def accepts(self, entry: object) -> bool:
@@ -59,7 +59,7 @@ class KindOfSource(ABC):
         return Path(source.path)
 
 
-class FileSource(KindOfSource):
+class FileSource(SourceReader):
     """A recording on this host: a path or a glob."""
 
     def accepts(self, entry: object) -> bool:
@@ -77,7 +77,7 @@ class FileSource(KindOfSource):
     def ready(self, source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
         """Inspect the file."""
         facts = facts_of(Path(source.path))
-        possible = kinds_for(has_drive=facts.pairs > 0, has_panorama=facts.nav_pairs > 0)
+        possible = tasks_for(has_drive=facts.pairs > 0, has_panorama=facts.nav_pairs > 0)
         return ReadySource(replace(source, sha256=facts.sha256), possible, facts.trace)
 
 
@@ -102,7 +102,7 @@ class RemoteSource(FileSource):
         return super().ready(replace(source, kind=SourceKind.FILE, path=str(path)), facts_of, cache)
 
 
-class EstimateSource(KindOfSource):
+class EstimateSource(SourceReader):
     """An estimate with its ground truth, for a score."""
 
     def accepts(self, entry: object) -> bool:
@@ -119,10 +119,10 @@ class EstimateSource(KindOfSource):
         """Hash the files."""
         estimate, truth = Path(source.path), Path(source.truth)
         hashed = replace(source, sha256=estimate_hash(estimate, truth), truth_sha256=files_hash(truth))
-        return ReadySource(hashed, (JobKind.SCORE,), trace_of_estimate(estimate, truth))
+        return ReadySource(hashed, (JobTask.SCORE,), trace_of_estimate(estimate, truth))
 
 
-class SimulatedSource(KindOfSource):
+class SimulatedSource(SourceReader):
     """A drive or a panorama that is rendered from the settings of a scenario, one for each seed."""
 
     def accepts(self, entry: object) -> bool:
@@ -144,7 +144,7 @@ class SimulatedSource(KindOfSource):
     def ready(self, source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> ReadySource:
         """Return the source unchanged, because its settings identify the data."""
         config = build(SimulationConfig, source.settings)
-        possible = kinds_for(has_drive=config.drive.enabled, has_panorama=config.panorama.enabled)
+        possible = tasks_for(has_drive=config.drive.enabled, has_panorama=config.panorama.enabled)
         return ReadySource(source, possible)
 
     def local_path(self, source: JobSource, cache: Path) -> Path:
@@ -152,23 +152,23 @@ class SimulatedSource(KindOfSource):
         return rendered(source, cache)
 
 
-SOURCE_KINDS: Mapping[SourceKind, KindOfSource] = {
+SOURCE_READERS: Mapping[SourceKind, SourceReader] = {
     SourceKind.REMOTE: RemoteSource(),
     SourceKind.FILE: FileSource(),
     SourceKind.ESTIMATE: EstimateSource(),
     SourceKind.SIMULATED: SimulatedSource(),
 }
-"""The kinds of sources. The first kind that accepts an entry reads it, so URLs precede paths."""
+"""The reader of each kind. The first reader that accepts an entry is used, so that URLs precede paths."""
 
 
 def read_sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
     """Yield the sources of an entry of a suite's file; raise ConfigError if no kind accepts the entry."""
-    kind = next((kind for kind in SOURCE_KINDS.values() if kind.accepts(entry)), None)
-    if kind is None:
+    reader = next((reader for reader in SOURCE_READERS.values() if reader.accepts(entry)), None)
+    if reader is None:
         raise ConfigError(
             f"{origin}: a path, a URL, 'simulate: SCENARIO', or 'estimate: EST' with 'truth: TRUTH' is required"
         )
-    yield from kind.sources(entry, folder, origin)
+    yield from reader.sources(entry, folder, origin)
 
 
 def inspect_file(path: Path) -> SourceFacts:
