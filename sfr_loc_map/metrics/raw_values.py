@@ -40,7 +40,7 @@ WITHOUT_RESULT: dict[str, tuple[str, Subject]] = {
 def raw_contradiction(score: Score) -> str | None:
     """Return the first contradiction between the figures and the raw values of a score; None if there is none."""
     of_raw = (*_required(score), *_of_sub_trajectories(score), *_of_points(score), *_of_calls(score))
-    of_table = (*_of_pairs(score), *_of_first_calls(score), *_of_counts(score), *_of_judged(score))
+    of_table = (*_of_axes(score), *_of_pairs(score), *_of_first_calls(score), *_of_counts(score), *_of_judged(score))
     return next(iter((*of_raw, *of_table)), None)
 
 
@@ -138,6 +138,24 @@ def _of_sub_trajectories(score: Score) -> Iterator[str]:
             yield from _computed_again(row, errors, rounding_m)
         elif (rows := thinned.get(row.condition)) is not None:
             yield from _of_thinned(row, rows)
+
+
+def _of_axes(score: Score) -> Iterator[str]:
+    """Yield the contradictions between the judged position errors and those of their axes, which a suite pools."""
+    for row in score.rows("position", part=score.reading):
+        axes = [score.figure("position", condition=row.condition, part=axis) for axis in "xyz"]
+        known = [axis for axis in axes if axis is not None]
+        if len(known) < len(axes):
+            continue
+        if any(axis.n != row.n for axis in known):
+            yield f"the axes of {row.label} have other numbers of values"
+        for statistic in ("mean", "sigma"):
+            value, of_axes = row.statistic(statistic), [axis.statistic(statistic) for axis in known]
+            if value is None or None in of_axes:
+                continue
+            norm = float(np.linalg.norm(np.array(of_axes, np.float64)))
+            if abs(norm - value) > EXACT * max(norm, value):
+                yield f"{statistic} of {row.label} is {value:.9g}, but that of its axes gives {norm:.9g}"
 
 
 def _of_thinned(row: Figure, rows: SubTrajectoryRows) -> Iterator[str]:

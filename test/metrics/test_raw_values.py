@@ -67,6 +67,16 @@ def test_a_statistic_that_was_made_smaller_contradicts_the_raw_values(
         assert problem.startswith(f"{statistic} of {figure}"), problem
 
 
+@pytest.mark.parametrize("statistic", ["mean", "sigma"])
+def test_an_axis_that_was_made_smaller_contradicts_the_position_error(statistic: str) -> None:
+    """A suite pools the axes."""
+    score = scored(300, 8)
+    assert raw_contradiction(score) is None
+    problem = raw_contradiction(edited(score, "position", statistic, 0.9, "x"))
+    assert problem is not None
+    assert "axes" in problem
+
+
 @pytest.mark.parametrize("frames", [300, 5000])
 def test_a_score_that_is_older_than_a_statistic_does_not_contradict_itself(frames: int) -> None:
     """A row without the statistic is accepted; a row without its number of values is not."""

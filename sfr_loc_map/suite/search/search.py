@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import msgspec
 import yaml
+from msgspec.structs import replace
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError
@@ -17,13 +18,20 @@ from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobState
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.search.record import LOST_RATIO, SCHEMA, SearchRecord, ratio_text
+from sfr_loc_map.suite.search.record import (
+    LOST_RATIO,
+    CoverageRecord,
+    LeftOutRecord,
+    ParameterRecord,
+    PointRecord,
+    SearchRecord,
+    SliceRecord,
+    ratio_text,
+)
 from sfr_loc_map.suite.search.specification import UNUSED, Point, SearchSettings, SearchSpecification
 from sfr_loc_map.suite.search.worst_case import (
     WITHOUT_FIGURE,
-    Coverage,
     RandomChooser,
-    Slice,
     TreeChooser,
     Tried,
     coverage_of,
@@ -49,8 +57,8 @@ class SearchResult:
     found: Tried  #: The point with the least margin.
     case: Tried  #: The smallest change of the scenario that still misses the limit; `found` if it meets the limit.
     case_seed: int  #: Seed with the largest ratio at the case.
-    slices: tuple[Slice, ...]
-    coverage: tuple[Coverage, ...]
+    slices: tuple[SliceRecord, ...]
+    coverage: tuple[CoverageRecord, ...]
     correlations: tuple[float, ...]  #: Rank correlation of each parameter with the ratio.
 
     @property
@@ -58,27 +66,24 @@ class SearchResult:
         """The result as a record, for JSON and pages."""
         specification, chosen = self.specification, self.specification.settings
         largest = max([LOST_RATIO, *(item.ratio for item in self.tried if not item.is_lost)])
-        slices = [replace(cut, ratios=_limited(cut.ratios, largest)) for cut in self.slices]
-        content = {
-            "schema": SCHEMA,
-            "version": __version__,
-            "search": str(specification.path),
-            "figure": chosen.figure,
-            "statistic": chosen.statistic,
-            "condition": chosen.condition,
-            "limit": chosen.limit,
-            "lost_ratio": largest,
-            "parameters": to_plain(specification.parameters),
-            "points": [self._point(item) for item in self.tried],
-            "left_out": [{"point": self.named(point), "reason": reason} for point, reason in self.left_out.items()],
-            "usual": self._point(self.usual),
-            "found": self._point(self.found),
-            "case": self._point(self.case),
-            "slices": to_plain(slices),
-            "coverage": to_plain(self.coverage),
-            "correlations": to_plain(self.correlations),
-        }
-        return msgspec.convert(content, SearchRecord)
+        return SearchRecord(
+            version=__version__,
+            search=str(specification.path),
+            figure=chosen.figure,
+            statistic=chosen.statistic,
+            condition=chosen.condition,
+            limit=chosen.limit,
+            lost_ratio=largest,
+            parameters=msgspec.convert(to_plain(specification.parameters), list[ParameterRecord]),
+            points=[self._point(item) for item in self.tried],
+            left_out=[LeftOutRecord(self.named(point), reason) for point, reason in self.left_out.items()],
+            usual=self._point(self.usual),
+            found=self._point(self.found),
+            case=self._point(self.case),
+            slices=[replace(cut, ratios=_limited(cut.ratios, largest)) for cut in self.slices],
+            coverage=list(self.coverage),
+            correlations=list(self.correlations),
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as JSON values."""
@@ -89,13 +94,13 @@ class SearchResult:
         pairs = zip(self.specification.parameters, point, strict=True)
         return {parameter.name: value for parameter, value in pairs}
 
-    def _point(self, item: Tried) -> dict[str, Any]:
+    def _point(self, item: Tried) -> PointRecord:
         jobs = [job.key for job in self.specification.jobs_at(item.point)]
-        return {"ratio": None if item.is_lost else item.ratio, "point": self.named(item.point), "jobs": jobs}
+        return PointRecord(None if item.is_lost else item.ratio, self.named(item.point), jobs)
 
 
-def _limited(rows: Sequence[Sequence[float | None]], largest: float) -> tuple[tuple[float | None, ...], ...]:
-    return tuple(tuple(None if ratio is None else min(ratio, largest) for ratio in row) for row in rows)
+def _limited(rows: Sequence[Sequence[float | None]], largest: float) -> list[list[float | None]]:
+    return [[None if ratio is None else min(ratio, largest) for ratio in row] for row in rows]
 
 
 def find_worst_case(

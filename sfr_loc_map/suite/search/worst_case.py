@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from sfr_loc_map.errors import MissingExtraError
-from sfr_loc_map.suite.search.record import LOST_RATIO
+from sfr_loc_map.suite.search.record import LOST_RATIO, CoverageRecord, SliceRecord
 from sfr_loc_map.suite.search.specification import Parameter, Point
 
 WITHOUT_FIGURE = math.inf
@@ -182,28 +182,17 @@ def _with(point: Point, index: int, value: float) -> Point:
     return (*point[:index], value, *point[index + 1 :])
 
 
-@dataclass(frozen=True, slots=True)
-class Slice:
-    """Ratios over a grid of two parameters, with all other parameters as in the found case."""
-
-    first: int  #: Index of the parameter along x.
-    second: int  #: Index of the parameter along y.
-    x: tuple[float, ...]
-    y: tuple[float, ...]
-    ratios: tuple[tuple[float | None, ...], ...]  #: One row for each y; None if the scenario cannot be run.
-
-
 def slices_of(
     parameters: Sequence[Parameter], case: Tried, tried: Sequence[Tried], count: int, evaluate: Evaluate
-) -> list[Slice]:
+) -> list[SliceRecord]:
     """Return slices through a case for each pair of the most important parameters."""
     made = []
     for first, second in combinations(most_important(parameters, case, tried), 2):
         x, y = (_grid(parameters[index], count) for index in (first, second))
         points = [_with(_with(case.point, first, at_x), second, at_y) for at_y, at_x in product(y, x)]
         ratios = evaluate(points)
-        rows = tuple(tuple(ratios[begin : begin + len(x)]) for begin in range(0, len(ratios), len(x)))
-        made.append(Slice(first, second, x, y, rows))
+        rows = [list(ratios[begin : begin + len(x)]) for begin in range(0, len(ratios), len(x))]
+        made.append(SliceRecord(first, second, list(x), list(y), rows))
     return made
 
 
@@ -233,16 +222,7 @@ def rank_correlations(tried: Sequence[Tried], count: int) -> list[float]:
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class Coverage:
-    """Which cells of a combination of parameter ranges have a point; each range has three cells."""
-
-    parameters: tuple[str, ...]  #: One parameter of each group: faults, terrain, light and so on.
-    cells: int
-    missing: tuple[tuple[tuple[float, float], ...], ...]  #: Parameter ranges of each cell without a point.
-
-
-def coverage_of(parameters: Sequence[Parameter], points: Sequence[Point]) -> list[Coverage]:
+def coverage_of(parameters: Sequence[Parameter], points: Sequence[Point]) -> list[CoverageRecord]:
     """Return the coverage of each combination of parameters, one from each of the first three groups."""
     groups: dict[str, list[int]] = {}
     for index, parameter in enumerate(parameters):
@@ -251,7 +231,7 @@ def coverage_of(parameters: Sequence[Parameter], points: Sequence[Point]) -> lis
     return [_combination([parameters[index] for index in indices], indices, points) for indices in product(*chosen)]
 
 
-def _combination(parameters: Sequence[Parameter], indices: Sequence[int], points: Sequence[Point]) -> Coverage:
+def _combination(parameters: Sequence[Parameter], indices: Sequence[int], points: Sequence[Point]) -> CoverageRecord:
     edges = [np.linspace(parameter.low, parameter.high, CELLS + 1) for parameter in parameters]
     tested = {
         tuple(
@@ -261,9 +241,9 @@ def _combination(parameters: Sequence[Parameter], indices: Sequence[int], points
         for point in points
     }
     cells = list(product(range(CELLS), repeat=len(indices)))
-    missing = tuple(
-        tuple((float(edge[part]), float(edge[part + 1])) for edge, part in zip(edges, cell, strict=True))
+    missing = [
+        [(float(edge[part]), float(edge[part + 1])) for edge, part in zip(edges, cell, strict=True)]
         for cell in cells
         if cell not in tested
-    )
-    return Coverage(tuple(parameter.name for parameter in parameters), len(cells), missing)
+    ]
+    return CoverageRecord([parameter.name for parameter in parameters], len(cells), missing)

@@ -95,4 +95,4 @@ def test_cells_that_were_never_run_are_named() -> None:
     (card,) = coverage_of(three, corner)
     assert (card.cells, len(card.missing)) == (27, 26)
     everywhere = [(x, y, z) for x in (0.1, 0.5, 0.9) for y in (0.1, 0.5, 0.9) for z in (0.1, 0.5, 1.0)]
-    assert coverage_of(three, everywhere)[0].missing == ()
+    assert not coverage_of(three, everywhere)[0].missing
