@@ -39,8 +39,8 @@ WITHOUT_RESULT: dict[str, tuple[str, Subject]] = {
 
 def raw_contradiction(score: Score) -> str | None:
     """Return the first contradiction between the figures and the raw values of a score; None if there is none."""
-    of_raw = (*_required(score), *_of_sub_trajectories(score), *_of_points(score), *_of_calls(score))
-    of_table = (*_of_axes(score), *_of_pairs(score), *_of_first_calls(score), *_of_counts(score), *_of_judged(score))
+    of_raw = (*_required(score), *_of_sub_trajectories(score), *_of_points(score), *_of_calls(score), *_of_axes(score))
+    of_table = (*_of_pairs(score), *_of_first_calls(score), *_of_counts(score), *_of_judged(score))
     return next(iter((*of_raw, *of_table)), None)
 
 
@@ -147,8 +147,6 @@ def _of_axes(score: Score) -> Iterator[str]:
         known = [axis for axis in axes if axis is not None]
         if len(known) < len(axes):
             continue
-        if any(axis.n != row.n for axis in known):
-            yield f"the axes of {row.label} have other numbers of values"
         for statistic in ("mean", "sigma"):
             value, of_axes = row.statistic(statistic), [axis.statistic(statistic) for axis in known]
             if value is None or None in of_axes:
