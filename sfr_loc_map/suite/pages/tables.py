@@ -50,7 +50,13 @@ def suite_tables(summary: Summary) -> list[Table]:
         pooled_table(summary.groups),
         result_table("maps", "Maps, the worst first", maps, pages, Subject.MAP),
         result_table("drives", "Drives, the worst first", worst_first(summary), pages, Subject.TRAJECTORY, of_drives),
-        table_of("workers", "Workers", WORKERS, summary.workers, "Workers with different code were excluded and received no jobs."),
+        table_of(
+            "workers",
+            "Workers",
+            WORKERS,
+            summary.workers,
+            "Workers with different code were excluded and received no jobs.",
+        ),
     )
     return [table for table in tables if table.rows]
 
