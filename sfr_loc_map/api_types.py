@@ -1,6 +1,6 @@
 """Types of the Python interface: sources, poses, clouds and scores with methods that load, save, draw and display them.
 
-Each type extends the type of the same name of a lower layer, which has only the values. Functions of all layers
+Each type extends the type of the same name of a lower layer, which contains only the values. Functions of all layers
 therefore accept objects of these types.
 """
 

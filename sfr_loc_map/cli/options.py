@@ -278,7 +278,7 @@ OverwriteOption = Annotated[
 
 
 def require_ros(command: str) -> None:
-    """Raise MissingExtraError if ROS, which a subcommand needs, cannot be imported."""
+    """Raise MissingExtraError if ROS, which a subcommand requires, cannot be imported."""
     try:
         from sfr_loc_map.nodes.lifecycle import endpoints  # noqa: F401 - does it import?
         from sfr_loc_map.ros import messages  # noqa: F401

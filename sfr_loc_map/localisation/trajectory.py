@@ -99,8 +99,8 @@ class AcceptedPair(NamedTuple):
     landmark_map: LandmarkMap  #: Map in which the pose was estimated.
     calibration: OnlineCalibration  #: The calibration, updated by the pair.
     chi_median: float  #: Median squared Mahalanobis residual per degree of freedom; NaN without residuals.
-    was_known: bool  #: Whether the pose before this pair was known (tracked or kept, not lost).
-    shear_chi2: float  #: Squared shear of the image rows over its variance, per degree of freedom.
+    was_known: bool  #: Whether the previous pose was known (tracked or kept, not lost).
+    shear_chi2: float  #: Squared shear of the image rows divided by its variance, per degree of freedom.
     inflation: Inflation  #: What the findings of the pair add to the covariance.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
 
@@ -278,7 +278,7 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
     """Return the path that continues from the adjusted pose of the last pair.
 
     A change of the yaw correction displaces the pose. The covariance of the next step to a new pose grows by the square
-    of this displacement. If the pose is kept before, the displacement itself is in the step to the kept pose, whose
+    of this displacement. If the pose is kept first, the step to the kept pose contains the displacement itself, and its
     covariance is that of an unobserved motion.
     """
     T_world_left = Transform(*pose)
@@ -294,7 +294,7 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
 def _past_pose(
     last: LastPose, errors: PathErrors, window_number: int, model: RoverModel, *, was_known: bool
 ) -> PastPose:
-    """Return the last pose for the history; `was_known` is True if the pose before it was tracked or kept, not lost."""
+    """Return the last pose for the history; `was_known` is True if the previous pose was tracked or kept, not lost."""
     position = last.T_world_left.translation
     since_map_was_placed = errors.since_map_was_placed(position, model.sources.adjustment_inflation)
     return PastPose(

@@ -1,6 +1,6 @@
 """Tables of a check without a ground truth (`sfr check`), from its figures.
 
-Each line of a table has the figures with the same condition and part. Cells name their keys in the figures.
+Each line of a table shows the figures with the same condition and part. Cells name their keys in the figures.
 """
 
 from __future__ import annotations

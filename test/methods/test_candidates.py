@@ -205,7 +205,7 @@ def test_the_warnings_of_the_pairs_and_of_the_fusion_are_reported(drive: Path, t
     [
         (
             "disparity",
-            "invalid result: the mapper must return from 'fuse' a PointCloud, or an object with a PointCloud",
+            "invalid result: the mapper returned ndarray of shape (120, 160): a PointCloud, or an object with",
         ),
         ("stamp", "wrong stamp: answered for stamp 1, asked for "),
     ],
@@ -276,8 +276,8 @@ def test_a_class_may_map_a_set_in_one_call_and_ours_gives_the_bits_of_its_stages
     for config, finding in (
         (
             "disparity",
-            "invalid result: the mapper must return for a set a PointCloud, or an object with a PointCloud as 'cloud': "
-            "returned ndarray of shape (120, 160)",
+            "invalid result: the mapper returned ndarray of shape (120, 160): a PointCloud, or an object with a "
+            "PointCloud as 'cloud', is required for a set",
         ),
         ("pair", "invalid result: a point names pair 2: there are 2, counted from 0"),
     ):

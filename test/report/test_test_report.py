@@ -188,7 +188,7 @@ def test_the_reason_of_an_open_bound_is_what_it_needs() -> None:
     item = score.on_limits[0]
     assert item.state == "not enough data"
     text = render_test_report([score])
-    assert "needed: 58 more drives" in text
+    assert "required: 58 more drives" in text
     assert "values)" not in text
     place = next(place for place, row in enumerate(score.figures) if row.figure == "bound")
     assert item.row == place
