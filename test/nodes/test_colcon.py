@@ -55,7 +55,7 @@ def test_what_ros2_run_and_launch_look_for_is_installed(installed: Path) -> None
         assert (share / "launch_scripts" / f"{name}.launch.py").is_file()
     for path in (ROOT / "config").rglob("*.yaml"):
         assert (share / "config" / path.relative_to(ROOT / "config")).read_bytes() == path.read_bytes()
-    profile = ROOT / PACKAGE / "nodes" / "ros" / "profiles" / "fastdds_shm.xml"
+    profile = ROOT / PACKAGE / "ros" / "profiles" / "fastdds_shm.xml"
     assert (share / "config" / "fastdds_shm.xml").read_bytes() == profile.read_bytes()
 
 
