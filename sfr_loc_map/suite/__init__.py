@@ -4,18 +4,19 @@
 
     SUITE.yaml
       running/specification.py    reads the file: SuiteSpecification (configurations.py, variants.py for budgets)
-        running/source_readers.py   reads each entry of `sources` by its kind; source_names.py makes the names unique
+        running/source_readers.py reads each entry of `sources` by its kind; source_names.py makes the names unique
       running/plan.py             hashes each source (digests.py), finds copies of drives (drive_copies.py) and combines
                                   sources, faults and configurations to jobs (job.py)
-      running/store.py DIR/plan.json lists the jobs; a job without a file of its key is waiting running/cluster.py gives
-      the waiting jobs to Dask workers, with limits of time and memory
+      running/store.py            DIR/plan.json lists the jobs; a job without a file of its key is waiting
+      running/cluster.py          gives the waiting jobs to Dask workers, with limits of time and memory
         running/job_run.py        on a worker: opens or renders the source, executes and scores the job: Score
       running/store.py            DIR/results/KEY.json or DIR/failures/KEY.json (job_outcome.py)
       statistics/summary.py       groups, pooled errors (pooling.py), verdicts (group_verdicts.py), error budgets
                                   (budget.py): Summary
       pages/page.py               suite.json, report.html, pages/, results.parquet (tables.py, export.py)
 
-`search/` chooses points of a scenario, runs their jobs in the same way and reads their results from the folder.
+`search/` chooses points of a scenario, runs their jobs in the same way and reads their results from the folder. Its
+page, `search.json` and the evidence of a test report are made from one record (`search/record.py`).
 `statistics/comparison.py` compares two summaries, and `statistics/history.py` the `suite.json` of many nights. Both
 pair jobs by `statistics/pairing.py`.
 
