@@ -1,4 +1,4 @@
-"""Results of checks without a ground truth, and how the results of a drive and of maps are combined."""
+"""Results of checks without a ground truth, and how the results of comparisons are combined."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from sfr_loc_map.config import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check import check_drive
-from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
+from sfr_loc_map.evidence.check_result import Check, CheckResult
 from sfr_loc_map.evidence.overlap import check_maps
 from sfr_loc_map.evidence.variants import DriveRun, calls_of
 from sfr_loc_map.io.sequence import Source, drive_of
@@ -47,6 +47,13 @@ class RecordingCheck:
         return {subject: check.result for subject, check in self.checks.items()}
 
     @property
+    def result(self) -> CheckResult:
+        """The result of the recording: not enough data if a subject could not be checked and no other disagrees."""
+        found = set(self.results.values())
+        order = (CheckResult.INCONSISTENT, CheckResult.NOT_ENOUGH_DATA, CheckResult.CONSISTENT)
+        return next((result for result in order if result in found), CheckResult.NOT_ENOUGH_DATA)
+
+    @property
     def checked(self) -> dict[str, str]:
         """The number of comparisons with enough data of each subject, and of all its comparisons."""
         return {subject: f"{check.checked} of {len(check.results)}" for subject, check in self.checks.items()}
@@ -70,7 +77,7 @@ class RecordingCheck:
         """Return the check for JSON."""
         return {
             "schema": SCHEMA,
-            "result": combined(self.results.values()).value,
+            "result": self.result.value,
             "results": {subject: result.value for subject, result in self.results.items()},
             "checked": self.checked,
             "calibration": list(self.calibration),

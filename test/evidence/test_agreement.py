@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation, Slerp
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import compare, results_of
 from sfr_loc_map.evidence.calibration import Advice, advice_of, offset_rows, right_camera_offsets
-from sfr_loc_map.evidence.check_result import CheckResult, combined
+from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
 from sfr_loc_map.evidence.other_estimates import at_pairs_of, scale_row, three_cornered_hat
+from sfr_loc_map.evidence.recording import RecordingCheck
 from sfr_loc_map.evidence.variants import DriveRun
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -206,3 +207,19 @@ def test_a_right_camera_that_is_off_is_named_with_its_cost() -> None:
 def test_the_advice_follows_from_all_runs(px: float, extremes: tuple[float, float], advice: str) -> None:
     assert advice_of("pitch", px, *extremes) == advice
     assert advice_of("yaw", px, *extremes) == ("redo" if advice == "redo" else "unclear")
+
+
+@pytest.mark.parametrize(
+    ("drive", "maps", "overall"),
+    [
+        ("consistent", "consistent", "consistent"),
+        ("consistent", "not enough data", "not enough data"),
+        ("inconsistent", "not enough data", "inconsistent"),
+    ],
+)
+def test_a_recording_is_consistent_only_if_each_of_its_subjects_is(drive: str, maps: str, overall: str) -> None:
+    checks = {
+        subject: Check(results=(CheckResult(result),), figures=(), disagreements=())
+        for subject, result in (("drive", drive), ("maps", maps))
+    }
+    assert RecordingCheck(checks).to_dict()["result"] == overall
