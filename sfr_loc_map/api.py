@@ -22,7 +22,6 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.hashes import hash_arrays
-from sfr_loc_map.inputs import OURS, Task
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source, drive_of, panorama_of
@@ -43,6 +42,7 @@ from sfr_loc_map.scoring.inputs import CloudToScore, Correction, Run, ScoreInput
 from sfr_loc_map.scoring.load import load_map_truth, load_run, with_fusion_flag
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.scoring.settings import ScoreSettings, score_settings
+from sfr_loc_map.suite_names import OURS, Task
 
 C = TypeVar("C")
 SourceLike = PathLike | Source

@@ -22,11 +22,12 @@ from sfr_loc_map.atomic import write_text
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError
 from sfr_loc_map.geometry import cloud, trajectory
-from sfr_loc_map.inputs import NS_PER_S, printable
 from sfr_loc_map.io import sequence
 from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics import score
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.metrics.details import columns_of

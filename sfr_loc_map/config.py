@@ -17,8 +17,9 @@ import msgspec
 import yaml
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.inputs import MONITOR_NODE, SUITE_NODES, Task, read_text
+from sfr_loc_map.inputs import read_text
 from sfr_loc_map.json_yaml import parse_yaml
+from sfr_loc_map.suite_names import MONITOR_NODE, SUITE_NODES, Task
 
 C = TypeVar("C")
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.issues import Cause, Issue
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import COMPRESSED, IMAGE
 
 MUCH_LOST = 0.1  #: Fraction of lost messages above which the transport is not configured for them.

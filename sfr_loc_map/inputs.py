@@ -1,4 +1,4 @@
-"""Input from outside: shared names of data and programs, bounded reading of files, and texts for messages.
+"""Input from outside: bounded reading of files, and the errors of a broken input.
 
 All files of other programs are read through this module. A rejected file raises the error that the system itself would
 raise (`OSError`, `ValueError`). Each reader adds, by `refusing`, which file it requires. `json_yaml` parses the texts.
@@ -11,73 +11,14 @@ import csv
 import errno
 import io
 import os
-import re
 import stat
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal
 
 import yaml
 
 from sfr_loc_map.errors import GeometryError, InputError
-
-# ---- shared names
-
-NS_PER_S = 1_000_000_000  #: Nanoseconds in a second.
-Side = Literal["left", "right"]
-SIDES: tuple[Side, Side] = ("left", "right")  #: The cameras of a stereo rig, in the order of all files and topics.
-LOST_VARIANCE = 9999.0  #: Diagonal of the covariance of an unknown pose, m^2 and rad^2.
-JUMP_BACK_NS = NS_PER_S  #: Minimum backward jump of stamps that indicates a reset clock or a restarted bag, ns.
-IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".pgm", ".ppm")  #: Suffixes of image files, in lower case.
-OURS = "sfr"  #: Name of the suite's own localiser and mapper among the methods.
-MONITOR_NODE = "monitor_node"
-PLAYER_NODE = "sfr_player"  #: Node of a replay.
-
-
-class Task(StrEnum):
-    """The two tasks of the suite, each with its own rig."""
-
-    LOCALISATION = "localisation"
-    MAPPING = "mapping"
-
-    @classmethod
-    def of_rig(cls, rig: str) -> Task:
-        """Return the task of a rig, `loc` or `nav`."""
-        return next(task for task in cls if task.rig == rig)
-
-    @property
-    def rig(self) -> str:
-        """Prefix of the task's image topics and name of its part of a data set: `loc` or `nav`."""
-        return "loc" if self is Task.LOCALISATION else "nav"
-
-    @property
-    def node(self) -> str:
-        """Name of the task's node."""
-        return f"{self}_node"
-
-
-SUITE_NODES = (*(task.node for task in Task), MONITOR_NODE)
-
-
-def stamp_of(message: Any) -> int:  # noqa: ANN401 - any message with a header
-    """Return the stamp in the header of a message, nanoseconds."""
-    stamp = message.header.stamp
-    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
-
-
-def serialised_stamp(raw: bytes) -> int:
-    """Return the stamp of a serialised message that begins with a header, nanoseconds (CDR, XTypes 1.3, 7.4)."""
-    seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
-    return int(seconds) * NS_PER_S + int(nanoseconds)
-
-
-def jumped_back(latest_ns: int, stamp_ns: int) -> bool:
-    """Return whether a stamp is so far before the latest one that the clock was reset or a new run has begun."""
-    return latest_ns - stamp_ns >= JUMP_BACK_NS
-
 
 # ---- errors of a broken input
 
@@ -226,32 +167,3 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
 def expansion_limit(compressed: int) -> int:
     """Return the maximum decompressed size, bytes, of data with a compressed size in bytes."""
     return max(FREE_BYTES, LARGEST_RATIO * compressed)
-
-
-# ---- texts in messages
-
-MAX_MESSAGE = 600  #: Maximum length of a message, characters. The middle of a longer text is omitted.
-_TAIL = 200
-_UNPRINTABLE = re.compile(
-    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff\ufffe\uffff]"
-)
-"""Control characters (C0 without tab and line feed, DEL, C1), direction marks, line separators, surrogates, byte order
-marks and noncharacters."""
-
-
-def printable(text: str) -> str:
-    r"""Return a text with unprintable characters written as in Python: ESC becomes `\x1b`.
-
-    A file can contain escape sequences that rename a window or overwrite lines, characters that change the direction of
-    writing, and halves of surrogate pairs, which cannot be encoded.
-    """
-    return _UNPRINTABLE.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
-
-
-def one_line(text: str) -> str:
-    """Return a message as one printable line of bounded length. The middle of a longer message is omitted."""
-    line = printable(" ".join(text.split()))
-    if len(line) <= MAX_MESSAGE:
-        return line
-    left_out = len(line) - MAX_MESSAGE
-    return f"{line[: MAX_MESSAGE - _TAIL]} ... ({left_out} characters omitted) ... {line[-_TAIL:]}"

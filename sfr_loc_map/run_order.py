@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Generic, TypeVar
 
-from sfr_loc_map.inputs import JUMP_BACK_NS, jumped_back
+from sfr_loc_map.message_stamps import JUMP_BACK_NS, jumped_back
 
 T = TypeVar("T")
 LEAP_NS = 3600 * 1_000_000_000

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from sfr_loc_map import message_types
-from sfr_loc_map.inputs import SIDES, Task
+from sfr_loc_map.suite_names import SIDES, Task
 
 RECTIFIED, RAW = "image_rect", "image_raw"
 COMPRESSED_END = "/compressed"  #: Suffix of topics with compressed images, in ROS and in the suite.

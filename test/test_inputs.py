@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.hashes import hash_path
-from sfr_loc_map.inputs import one_line, read_bytes
+from sfr_loc_map.inputs import read_bytes
 from sfr_loc_map.json_yaml import MAX_DEPTH, parse_json
+from sfr_loc_map.message_text import one_line
 
 
 @pytest.mark.parametrize(

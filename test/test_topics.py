@@ -4,7 +4,7 @@ import re
 import xml.etree.ElementTree as ET
 
 from helpers import ROOT
-from sfr_loc_map.inputs import Task
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import RAW, TOPICS, Role, call_topic, names, rectified_beside
 
 OF_ROS = {"/rosout", "/parameter_events", "~/transition_event"}

@@ -17,11 +17,11 @@ from sfr_loc_map.bench.passes import PassResult, run_pass
 from sfr_loc_map.bench.provenance import SCHEMA, provenance
 from sfr_loc_map.bench.trials import Item, Opened, Result, Trial
 from sfr_loc_map.errors import MethodError
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import BUILT_IN, OURS_IN_TABLES, PEERS, Method, find_method, find_peer
 from sfr_loc_map.signals import hold
+from sfr_loc_map.suite_names import Task
 
 
 @dataclass(frozen=True, slots=True)

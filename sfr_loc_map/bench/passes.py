@@ -14,7 +14,7 @@ from sfr_loc_map.bench.figure_rows import MEMORY, TIME, FigureRow
 from sfr_loc_map.bench.trials import Item, Opened, Result, Trial
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.host_clock import checked_clock
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import Method
 

@@ -15,11 +15,11 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.search_range import search_range_of
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.isolated_method import IsolatedMethod

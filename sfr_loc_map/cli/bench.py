@@ -24,10 +24,10 @@ from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, counting, pro
 from sfr_loc_map.cli.verdict import check_conditions
 from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import FailedVerdictError, InputError, InterruptedRunError, NotJudgedError
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.suite_names import Task
 
 app = command_group("Compare methods on the same input in separate processes. Test ours with injected faults.")
 

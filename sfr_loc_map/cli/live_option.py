@@ -11,7 +11,7 @@ from typer import Context, Option
 
 from sfr_loc_map.cli.options import refuse_given
 from sfr_loc_map.errors import FailedVerdictError, InterruptedRunError, MissingExtraError, NotJudgedError, SfrError
-from sfr_loc_map.inputs import one_line
+from sfr_loc_map.message_text import one_line
 
 if TYPE_CHECKING:
     from sfr_loc_map.live.live_process import LiveProcess

@@ -32,7 +32,7 @@ from sfr_loc_map.cli import (  # noqa: F401 - most join `app` when they are impo
 )
 from sfr_loc_map.cli.app import PANELS, app, command_run
 from sfr_loc_map.errors import ExitCode, SfrError
-from sfr_loc_map.inputs import one_line, printable
+from sfr_loc_map.message_text import one_line, printable
 from sfr_loc_map.signals import handle_signals, hold, ignore_signals
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # the class of click, or of typer's copy of click

@@ -25,9 +25,9 @@ from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, sa
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import InterruptedRunError, naming
-from sfr_loc_map.inputs import OURS, Task
 from sfr_loc_map.mapping.config import CalibrationPrior, MappingConfig
 from sfr_loc_map.signals import hold
+from sfr_loc_map.suite_names import OURS, Task
 
 
 @app.command(

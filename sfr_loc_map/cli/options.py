@@ -17,8 +17,8 @@ from typer import Argument, Context, Option
 from sfr_loc_map.cli.output import say
 from sfr_loc_map.config import build, read_sections
 from sfr_loc_map.errors import ConfigError, MissingExtraError
-from sfr_loc_map.inputs import OURS, Task
 from sfr_loc_map.json_yaml import parse_yaml
+from sfr_loc_map.suite_names import OURS, Task
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source

@@ -18,8 +18,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from sfr_loc_map.atomic import atomic_path, check_output, output_target, replace_by, write_text
 from sfr_loc_map.cli.app import current_run
 from sfr_loc_map.errors import OutputError, SfrError
-from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.io.source_files import has_only_data_set, source_of_file
+from sfr_loc_map.message_text import one_line, printable
 
 if TYPE_CHECKING:
     from sfr_loc_map.report.tables import Table

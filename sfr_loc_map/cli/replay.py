@@ -37,10 +37,11 @@ from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say
 from sfr_loc_map.cli.verdict import conclude, present
 from sfr_loc_map.config import Configuration
 from sfr_loc_map.errors import InterruptedRunError
-from sfr_loc_map.inputs import Task, printable
 from sfr_loc_map.live.config import DEFAULT_PORT
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.message_text import printable
+from sfr_loc_map.suite_names import Task
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source

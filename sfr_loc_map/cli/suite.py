@@ -24,7 +24,7 @@ from sfr_loc_map.cli.output import (
 )
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
-from sfr_loc_map.inputs import one_line
+from sfr_loc_map.message_text import one_line
 
 if TYPE_CHECKING:
     from sfr_loc_map.suite.run import Progress

@@ -15,7 +15,6 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.graph_endpoints import Publisher, Reliability
-from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.files import is_bag
@@ -25,6 +24,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES
 from sfr_loc_map.message_types import COMPRESSED, FIX, POINT
+from sfr_loc_map.suite_names import SIDES, Task
 from sfr_loc_map.topics import COMPRESSED_END, RAW, RECTIFIED, TOPICS, TRUE_POSES, Role, names
 
 RIGS = tuple(task.rig for task in Task)

@@ -13,7 +13,7 @@ from sfr_loc_map.faults.kinds import Fault, FaultKind
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 
 DRIFT_PAIRS = 100.0  #: Number of pairs in which the right camera turns by the amount of a drift.
 LAST_STAMP_NS = 2**63 - 1  #: Largest 64-bit stamp.

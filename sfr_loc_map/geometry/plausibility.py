@@ -27,6 +27,7 @@ ROTATION_TOLERANCE = 1e-2
 """Largest deviation of a quaternion's norm from 1, and of R R^T from I; numbers in files are rounded."""
 QUATERNION_SQUARES = (1.0 - ROTATION_TOLERANCE) ** 2, (1.0 + ROTATION_TOLERANCE) ** 2
 """Smallest and largest squared norm of a quaternion."""
+LOST_VARIANCE = 9999.0  #: Diagonal of the covariance of an unknown pose, m^2 and rad^2.
 MAX_VARIANCE = 1e6  #: Largest variance of a valid covariance, m^2 and rad^2: a standard deviation of 1 km.
 MAX_ASYMMETRY = 1e-6  #: Largest asymmetry, and largest negative eigenvalue, relative to the largest variance.
 MIN_LARGEST_VARIANCE = 1e-30  #: Lower bound of this largest variance, m^2 and rad^2, because a covariance may be 0.

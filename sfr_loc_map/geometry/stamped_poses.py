@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 
 LONGEST_GAP_S = 1.0  #: Longest time between two poses over which poses are interpolated, s.
 

@@ -29,7 +29,7 @@ from sfr_loc_map.doctor.observation import (
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.geometry.frame_tree import FrameTree
-from sfr_loc_map.inputs import NS_PER_S, PLAYER_NODE, SUITE_NODES, Task, stamp_of
+from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.messages import message_type, tf_message_type
 from sfr_loc_map.ros.peer import POLL_S, Peer
@@ -38,6 +38,7 @@ from sfr_loc_map.ros.qos import LATCHED, TF_STATIC_QOS
 from sfr_loc_map.ros.services import call_service
 from sfr_loc_map.ros.static_transforms import add_static_transforms
 from sfr_loc_map.ros.transport import TransportGaps
+from sfr_loc_map.suite_names import PLAYER_NODE, SUITE_NODES, Task
 from sfr_loc_map.topics import CLOCK, IMAGES, TF_STATIC, call_topic, rectified_beside
 
 QUIET_S = 1.5  #: Discovery is complete when images are published and the graph has not changed for this time.

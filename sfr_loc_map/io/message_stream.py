@@ -16,13 +16,14 @@ from typing import Any
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.layouts.bag_source import BagLocSequence, BagNavSequence
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
+from sfr_loc_map.suite_names import SIDES
 from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
 

@@ -14,7 +14,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import IMAGE_ENDINGS
+from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
 
 class LocSequence(Protocol):

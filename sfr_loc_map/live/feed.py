@@ -23,7 +23,7 @@ from std_msgs.msg import String
 
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S, SUITE_NODES, Task, refusing, serialised_stamp
+from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
 from sfr_loc_map.io.truth.messages import TruthReader
 from sfr_loc_map.live import updates
@@ -32,6 +32,7 @@ from sfr_loc_map.live.map_feed import MapFeed
 from sfr_loc_map.live.operator import NodeOperator
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
+from sfr_loc_map.message_stamps import NS_PER_S, serialised_stamp
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.nodes.input.truth_input import TruthTopic
 from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
@@ -41,6 +42,7 @@ from sfr_loc_map.ros.peer import Peer
 from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.runs.calls import decode_call
+from sfr_loc_map.suite_names import SUITE_NODES, Task
 from sfr_loc_map.topics import (
     CAMERAS,
     CLOUD,

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import SfrError
-from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live.config import LiveConfig
 from sfr_loc_map.live.server import LiveServer, serve_until_signal
 from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.message_text import one_line
 from sfr_loc_map.signals import handle_signals
 
 NICENESS = 5  #: Under full load, gives the page a third of the processor time of a node (sched(7)).

@@ -14,10 +14,10 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.inputs import stamp_of
 from sfr_loc_map.io.clouds.point_image import points_image
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.ros import messages
 from sfr_loc_map.runs.calls import CallRecord

@@ -16,8 +16,8 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stamped_poses import pose_at
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.updates import PoseSample, Track
+from sfr_loc_map.message_stamps import NS_PER_S
 
 MAX_ROWS = 4000
 """Maximum number of kept poses: of each interval of poses the first one that is lost, and the first one that is not.

@@ -14,7 +14,6 @@ from threading import RLock
 from typing import Any
 
 from sfr_loc_map.errors import InputError, SfrError
-from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.displayed_media import DisplayedMedia
 from sfr_loc_map.live.freshness import LiveTopic
@@ -24,6 +23,7 @@ from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.run_end import Aborted, RunEnd
 from sfr_loc_map.live.shown_score import NO_SCORE_SHOWN, ShownScore
 from sfr_loc_map.live.timeline import EventKind, Timeline
+from sfr_loc_map.message_text import one_line
 from sfr_loc_map.metrics.score import SCHEMA
 from sfr_loc_map.metrics.score_json import from_json
 from sfr_loc_map.run_order import AnyOrder, CommonRuns

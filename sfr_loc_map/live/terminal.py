@@ -17,11 +17,11 @@ from rich.table import Column
 from rich.table import Table as Grid
 from rich.text import Text
 
-from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.live.headline import clock_time
 from sfr_loc_map.live.keyboard import Keyboard
 from sfr_loc_map.live.shown_score import ShownScore
 from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.message_text import one_line, printable
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.report.table_formats import to_rich
 from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number

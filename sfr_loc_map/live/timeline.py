@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.freshness import LiveTopic
 from sfr_loc_map.live.live_node import LOCALISATION_NODE, state_of_pose
 from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import COMPILING, HealthKey, Level, StatusKind
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.report.limit_bars import LimitBar

@@ -16,7 +16,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
-from sfr_loc_map.inputs import one_line
+from sfr_loc_map.message_text import one_line
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.association import UPPER, lost_by_covariance
 from sfr_loc_map.runs.calls import CallRecord

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.estimate import StartPose
+from sfr_loc_map.message_stamps import NS_PER_S
 
 MAX_AHEAD_NS = 10 * NS_PER_S
 """Maximum lead of a pose's stamp over the images. A larger lead indicates a different clock; the pose is then applied

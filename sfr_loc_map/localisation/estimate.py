@@ -11,10 +11,9 @@ import numpy as np
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, is_plausible_covariance, plausible_rotations
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE, MAX_VARIANCE, is_plausible_covariance, plausible_rotations
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
-from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
 
 

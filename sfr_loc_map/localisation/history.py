@@ -6,8 +6,8 @@ from bisect import bisect_left
 from typing import NamedTuple
 
 from sfr_loc_map.geometry.transform import Transform, interpolated
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.uncertainty.path_errors import DirectedError, DisparityBias, LocatedCovariance
+from sfr_loc_map.message_stamps import NS_PER_S
 
 HISTORY_PAIRS = 1000  #: Number of past pairs to which an external pose can be applied: 100 s at 10 Hz.
 

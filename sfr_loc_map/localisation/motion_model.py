@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.motion_size import Speed, size_of
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+from sfr_loc_map.message_stamps import NS_PER_S
 
 MAX_MISSED_PAIRS = 4
 """Maximum number of missing pairs over which the last motion is repeated. Chosen by hand: 0.5 s at 10 Hz.

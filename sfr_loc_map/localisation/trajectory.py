@@ -25,7 +25,6 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.datum import MAX_AHEAD_NS, MAX_START_AHEAD_NS, Datum, PendingPose
@@ -59,6 +58,7 @@ from sfr_loc_map.localisation.uncertainty.path_errors import (
     PathErrors,
 )
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+from sfr_loc_map.message_stamps import NS_PER_S
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,7 +18,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task, read_bytes
+from sfr_loc_map.inputs import read_bytes
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.methods.call_monitor import CallFindings, CallMonitor
 from sfr_loc_map.methods.channel import Channel, ClosedChannelError
@@ -28,6 +28,7 @@ from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.registry import ADAPTERS, CHILD, Method, MethodLimits
 from sfr_loc_map.metrics.records import FindingKind
 from sfr_loc_map.process_tree import ProcessTree, bytes_of_files
+from sfr_loc_map.suite_names import Task
 
 EXIT_TIMEOUT_S = 10.0
 SHARED_MEMORY = Path("/dev/shm")

@@ -18,8 +18,9 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, MethodError
 from sfr_loc_map.hashes import hash_path
-from sfr_loc_map.inputs import OURS, Task, read_text
+from sfr_loc_map.inputs import read_text
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord
+from sfr_loc_map.suite_names import OURS, Task
 
 ADAPTERS = Path(__file__).parent / "adapters"
 CHILD = Path(__file__).parent / "child"

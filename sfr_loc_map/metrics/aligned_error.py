@@ -23,7 +23,7 @@ from sfr_loc_map.geometry.rotation import (
     quat_rotate,
 )
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth, at_point
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.association import unique_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionKind
 from sfr_loc_map.metrics.formulas import statistics

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.rotation import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
 from sfr_loc_map.metrics.records import Association
 from sfr_loc_map.stamp_pairing import nearest_stamps

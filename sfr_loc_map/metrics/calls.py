@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.inputs import NS_PER_S, Task
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE
 from sfr_loc_map.metrics.catalogue import Subject, clause_of
@@ -27,6 +27,7 @@ from sfr_loc_map.metrics.records import CallRecords, ExternalScore, TargetRun
 from sfr_loc_map.metrics.results import CallsResult
 from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
 from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.suite_names import Task
 
 UNKNOWN = "unknown"
 OUTSIDE_CLOCK = "host monotonic, from publishing a pair to the answer"

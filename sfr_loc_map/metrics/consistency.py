@@ -23,9 +23,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import propagated_covariance, propagation
-from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.metrics.association import DIAGONAL, Estimates, Frames, StampedPoses, symmetric, unique_rows
 from sfr_loc_map.metrics.intervals import chi2_interval95
 from sfr_loc_map.metrics.table import Figure, figure_row

@@ -42,7 +42,7 @@ from sfr_loc_map.geometry.rotation import (
 )
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import associate, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig

@@ -16,7 +16,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.association import Frames, unique_rows
 from sfr_loc_map.metrics.completeness import share_of, share_rows
 from sfr_loc_map.metrics.table import Figure, figure_row

@@ -26,7 +26,7 @@ import numpy as np
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.association import has_own, nearness_ns, unique_rows
 from sfr_loc_map.metrics.completeness import expected_row, share_of, share_rows
 from sfr_loc_map.metrics.config import AssociationMode, Condition, ConditionKind

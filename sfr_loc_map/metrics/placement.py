@@ -18,7 +18,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_multiply
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth, at_point
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.aligned_error import umeyama
 from sfr_loc_map.metrics.association import Estimates, Frames, associate

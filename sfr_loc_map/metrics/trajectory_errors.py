@@ -8,7 +8,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics import formulas, formulas_beside
 from sfr_loc_map.metrics.association import StampedPoses
 from sfr_loc_map.metrics.catalogue import KINDS, FigureKind

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import Estimates, Frames
 from sfr_loc_map.metrics.config import Condition, Reading, TrajectoryScoreConfig

@@ -12,7 +12,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import propagated_covariance
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.association import unique_rows
 from sfr_loc_map.metrics.table import Figure, figure_row
 

@@ -23,7 +23,6 @@ from sfr_loc_map.config import param
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S, Task, stamp_of
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
@@ -32,6 +31,7 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.pose_file import PoseFile
 from sfr_loc_map.localisation.session import LocalisationSession
 from sfr_loc_map.localisation.visualisation import draw_tracks
+from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.extrinsics import Extrinsics
 from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
@@ -42,6 +42,7 @@ from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
 from sfr_loc_map.ros import messages
 from sfr_loc_map.ros.qos import profile
 from sfr_loc_map.runs.calls import call_of_estimate
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import (
     DEBUG_IMAGE,
     ESTIMATE,

@@ -21,11 +21,11 @@ from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.maps import FusedMap, MappedPair
 from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid
+from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.call_meter import CallUsage
 from sfr_loc_map.metrics.config import MappingState
@@ -38,6 +38,7 @@ from sfr_loc_map.ros import messages
 from sfr_loc_map.ros.qos import profile
 from sfr_loc_map.run_order import AGREEING
 from sfr_loc_map.runs.calls import CallRecord, call_of_fusion, call_of_stages
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import CLOUD, DISPARITY, ELEVATION, HAZARD, NAV_POSE
 
 POSE_DEPTH = 100  #: Queue depth of nav/pose.

@@ -24,13 +24,14 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
 from sfr_loc_map.graph_endpoints import Reliability
-from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, stamp_of
+from sfr_loc_map.inputs import MAX_TEXT_BYTES
 from sfr_loc_map.io.calibration.rectification import rig_of_rectified_infos
 from sfr_loc_map.io.clouds.point_image import points_image
 from sfr_loc_map.io.truth.config import LiveTruthConfig
 from sfr_loc_map.io.truth.messages import TrueRow
 from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.mapping.config import MAX_PAIRS
+from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits
@@ -53,6 +54,7 @@ from sfr_loc_map.run_order import AnyOrder, CommonRuns
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.suite_names import SIDES, Side, Task
 from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TRUE_POINTS, call_topic, configuration_topic
 
 ESTIMATES, TRUTH = "estimate", "truth"

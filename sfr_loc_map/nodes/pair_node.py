@@ -14,7 +14,6 @@ from std_msgs.msg import String
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.call_meter import CallMeter
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
@@ -25,6 +24,7 @@ from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.ros.transport import latencies
 from sfr_loc_map.run_order import AGREEING
 from sfr_loc_map.runs.calls import CallRecord, encode_call
+from sfr_loc_map.suite_names import Task
 
 CALL_DEPTH = 1000  #: Number of calls kept for a slow subscriber.
 

@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError
-from sfr_loc_map.inputs import Task, stamp_of
+from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.replay.external import ExternalNode
 from sfr_loc_map.replay.received import ReceivedResults
@@ -23,6 +23,7 @@ from sfr_loc_map.replay.replay_peer import ANSWER_TIMEOUT_S, ReplayPeer
 from sfr_loc_map.ros.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.ros.peer import POLL_S
 from sfr_loc_map.runs.calls import decode_call
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import CLOUD, DIAGNOSTICS, ESTIMATE, call_topic
 
 QUEUE_DEPTH = 1000

@@ -25,8 +25,8 @@ from sfr_loc_map.errors import ConfigError, GeometryError, InputError, MetricsEr
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
+from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
 from sfr_loc_map.metrics.pose_convention import (
     FIRST_POSE,
@@ -47,6 +47,7 @@ from sfr_loc_map.ros import environment, messages
 from sfr_loc_map.ros.publishers import UNKNOWN_NODE
 from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import RECTIFIED
 
 DEPTH = 1000

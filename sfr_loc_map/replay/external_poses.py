@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.sequence import LocSequence, Source
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import Estimates, symmetric
@@ -19,6 +18,7 @@ from sfr_loc_map.runs.call_stats import estimates_of, stats_of
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.scoring.conversion import corrected
 from sfr_loc_map.scoring.inputs import Correction, DriveToScore
+from sfr_loc_map.suite_names import Task
 
 
 def with_converted_poses(

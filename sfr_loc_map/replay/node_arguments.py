@@ -7,13 +7,13 @@ from typing import Any
 
 from sfr_loc_map.config import changed, node_parameters
 from sfr_loc_map.geometry.trajectory import Truth
-from sfr_loc_map.inputs import MONITOR_NODE, Task
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.truth.config import TrackedBodyConfig
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.nodes.launch.run_arguments import write_parameters
 from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
+from sfr_loc_map.suite_names import MONITOR_NODE, Task
 from sfr_loc_map.topics import RESULTS
 
 

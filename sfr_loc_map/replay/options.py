@@ -9,18 +9,19 @@ from typing import Any
 
 from sfr_loc_map.config import load_yaml
 from sfr_loc_map.errors import ConfigError, naming
-from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.io.message_stream import begin_of
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.live_process import LiveProcess
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.runs.offline import start_pose
 from sfr_loc_map.scoring.inputs import Correction
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import RESULTS
 
 CONVERTED = "external/converted"

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from sfr_loc_map.config import changed
 from sfr_loc_map.errors import NodeError, SfrError, naming
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.score import Score
@@ -20,6 +19,7 @@ from sfr_loc_map.replay.score import score_replay
 from sfr_loc_map.replay.session import replay
 from sfr_loc_map.runs.calls import states_text, tracking_warning
 from sfr_loc_map.scoring.inputs import Correction
+from sfr_loc_map.suite_names import Task
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ from types import MappingProxyType
 import numpy as np
 
 from sfr_loc_map.hashes import hash_arrays
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import AS_IT_IS, source_config
@@ -25,6 +24,7 @@ from sfr_loc_map.runs.call_stats import stats_of
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import estimates_of_calls, with_read_files
 from sfr_loc_map.scoring.score_run import score_run
+from sfr_loc_map.suite_names import Task
 
 
 def score_replay(

@@ -17,7 +17,6 @@ from std_msgs.msg import String
 from sfr_loc_map import signals
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.host_clock import checked_clock
-from sfr_loc_map.inputs import MONITOR_NODE
 from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.live_process import shown_on
@@ -38,6 +37,7 @@ from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.ros.static_transforms import publish_extrinsics
 from sfr_loc_map.runs.offline import check_count
+from sfr_loc_map.suite_names import MONITOR_NODE
 from sfr_loc_map.topics import REPORT, TRUE_POINTS, Role, names
 
 Say = Callable[[str], None]

@@ -11,7 +11,7 @@ import csv
 import io
 from collections.abc import Iterator, Mapping
 
-from sfr_loc_map.inputs import printable
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict, is_closed
 from sfr_loc_map.metrics.score import Score

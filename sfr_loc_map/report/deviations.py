@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.calls import STATED_CLOCK
 from sfr_loc_map.metrics.catalogue import STANDING, TOTAL, Subject
 from sfr_loc_map.metrics.caveats import caveats_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
-from sfr_loc_map.inputs import printable
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views

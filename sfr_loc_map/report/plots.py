@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from sfr_loc_map.inputs import printable
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.report.tables import METRE, fitting
 
 if TYPE_CHECKING:

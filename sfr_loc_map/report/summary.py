@@ -13,7 +13,7 @@ from pathlib import PurePath
 from typing import Any, NamedTuple
 
 from sfr_loc_map.config import flatten
-from sfr_loc_map.inputs import printable
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.caveats import caveats_of
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState, label_of

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import NamedTuple
 
-from sfr_loc_map.inputs import printable
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.intervals import Interval
 
 UNKNOWN, NOT_ENOUGH, ABSENT = "unknown", "not enough data", "-"

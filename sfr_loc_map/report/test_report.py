@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from sfr_loc_map.inputs import printable
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.catalogue import CLAUSES, OF_SUB_TRAJECTORIES, STANDARD_DEVIATION
 from sfr_loc_map.metrics.caveats import caveats_of
 from sfr_loc_map.metrics.config import VerdictState

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from sfr_loc_map.inputs import printable
+from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.catalogue import KINDS, clause_of, defines, is_fraction, statistic_title, title_of
 from sfr_loc_map.metrics.config import Reading, VerdictState, label_of
 from sfr_loc_map.metrics.judging.proof import words_of

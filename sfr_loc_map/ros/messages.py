@@ -35,12 +35,13 @@ from stereo_msgs.msg import DisparityImage
 from sfr_loc_map.errors import GeometryError, InputError, NodeError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
-from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, check_image_size, is_plausible_covariance
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE, MAX_VARIANCE, check_image_size, is_plausible_covariance
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import LOST_VARIANCE, refusing, stamp_of
+from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.images.codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, unread_codec
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstimate
+from sfr_loc_map.message_stamps import stamp_of
 
 if TYPE_CHECKING:  # nodes without kernels do not import numba
     from sfr_loc_map.mapping.search_range import SearchRange

@@ -26,7 +26,6 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.host_clock import checked_clock
-from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -36,6 +35,7 @@ from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairMap, warnings_of_pairs
 from sfr_loc_map.mapping.search_range import search_range_of
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.methods.config_truth import check_configuration
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
@@ -46,6 +46,7 @@ from sfr_loc_map.metrics.records import MethodRecord
 from sfr_loc_map.runs.calls import CallRecord, call_of_estimate, call_of_fusion, call_of_stages
 from sfr_loc_map.runs.track_video import FrameObserver
 from sfr_loc_map.signals import stopping
+from sfr_loc_map.suite_names import Task
 
 MAX_START_GAP_NS = NS_PER_S  #: Longest gap of the truth in which the start pose is interpolated, ns.
 DEFAULT_STEP_S = 0.1

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.inputs import NS_PER_S, Task
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.calls import STATED_CLOCK, concatenated, has_memory
 from sfr_loc_map.metrics.completeness import live_completeness
 from sfr_loc_map.metrics.config import ScoreConfig
@@ -25,6 +25,7 @@ from sfr_loc_map.scoring.score_parts import (
     result_without_cloud,
     result_without_poses,
 )
+from sfr_loc_map.suite_names import Task
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

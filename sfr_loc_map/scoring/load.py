@@ -17,7 +17,7 @@ from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
-from sfr_loc_map.inputs import Task, read_text, refusing
+from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.sequence import Source
@@ -32,6 +32,7 @@ from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TargetRecord
 from sfr_loc_map.runs.call_files import load_call_stats
 from sfr_loc_map.runs.call_stats import CallStats, estimates_of, united
 from sfr_loc_map.scoring.inputs import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE
 
 _log = logging.getLogger(__name__)

@@ -15,7 +15,6 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.calls import (
     KINDS_OF,
@@ -40,6 +39,7 @@ from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.runs.call_stats import CallStats
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
+from sfr_loc_map.suite_names import Task
 
 FEW_TRUE_POSES = 1.0 / SPARSER  #: A truth is reported as sparse up to this ratio of true poses to images.
 UNEVEN_PERIODS, UNEVEN_SHARE = 2.5, 0.05

@@ -14,12 +14,13 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S, Task
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.drive import STEP_S, VIBRATION_HZ, Drive, legs_of, states_of
 from sfr_loc_map.simulation.noise import Stream
 from sfr_loc_map.simulation.rover import SPACING_M, rig_extrinsics, settle_on_terrain
 from sfr_loc_map.simulation.terrain import Terrain
+from sfr_loc_map.suite_names import Task
 
 PATH_STEP_M = 0.3  #: Distance between path points, around which ground and rocks are generated.
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SensorConfig
 from sfr_loc_map.simulation.noise import Stream
+from sfr_loc_map.suite_names import Task
 
 TASK_SEEDS = {Task.LOCALISATION: 0, Task.MAPPING: 1}  #: Number of a task in random seeds.
 

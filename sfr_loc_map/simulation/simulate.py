@@ -28,7 +28,7 @@ from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.config import build, flatten, load_yaml
 from sfr_loc_map.errors import ConfigError, OutputError
-from sfr_loc_map.inputs import SIDES, Task, read_text
+from sfr_loc_map.inputs import read_text
 from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX
 from sfr_loc_map.io.calibration.rig_file import rig_json
 from sfr_loc_map.io.images.codec import encode_png
@@ -39,6 +39,7 @@ from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.tracer import require_tracer
 from sfr_loc_map.simulation.world import World
+from sfr_loc_map.suite_names import SIDES, Task
 
 SETTINGS = "simulation.yaml"
 CODE = (Path(__file__).parent, Path(geometry.__file__).parent)  #: Folders of the code that determines the images.

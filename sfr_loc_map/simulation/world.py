@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, IntArray, PointImage
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation import tracer
 from sfr_loc_map.simulation.ground_mesh import Mesh, ground_mesh
 from sfr_loc_map.simulation.noise import Stream, sub_seed
@@ -20,6 +19,7 @@ from sfr_loc_map.simulation.rocks import place_rocks, rock_meshes
 from sfr_loc_map.simulation.rover import HALF_WIDTH_M, rover_mesh
 from sfr_loc_map.simulation.sensor import TASK_SEEDS, sensor_image
 from sfr_loc_map.simulation.shading import shade, shading_parameters
+from sfr_loc_map.suite_names import Task
 
 
 class MaskBit(IntFlag):

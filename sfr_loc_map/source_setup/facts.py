@@ -11,12 +11,12 @@ from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.report.tables import Cell, Column, Table
 from sfr_loc_map.source_setup.topic_guess import seen_topics
 

@@ -13,7 +13,6 @@ from sfr_loc_map.config import flatten, yaml_text
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.poses import read_frame_tree
 from sfr_loc_map.io.calibration.calibration_file import CalibrationError
@@ -24,10 +23,12 @@ from sfr_loc_map.io.sequence import LocSequence, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig, is_file_or_bag
 from sfr_loc_map.io.truth.names import is_tracker
 from sfr_loc_map.io.truth.of_bag import could_be_truth
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 from sfr_loc_map.metrics.config import SPACING_FRAMES
 from sfr_loc_map.source_setup.topic_guess import guess_topics, seen_topics
 from sfr_loc_map.stamp_pairing import below_half_period, nearest_stamps
+from sfr_loc_map.suite_names import SIDES
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
 SHORT_M = 12.0  #: Shorter drives, m, have too few sub-trajectories of 5 m, so 1 m is proposed.

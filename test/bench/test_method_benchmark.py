@@ -20,7 +20,6 @@ from sfr_loc_map.bench.passes import PassResult, run_pass
 from sfr_loc_map.bench.trials import LocaliserTrial, MapperTrial, rover_trajectory
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import source_config
 from sfr_loc_map.mapping.config import MappingConfig
@@ -30,6 +29,7 @@ from sfr_loc_map.metrics.call_meter import CallUsage
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.records import MethodKind
 from sfr_loc_map.runs.offline import start_pose, true_start
+from sfr_loc_map.suite_names import Task
 
 SCORING = TrajectoryScoreConfig(conditions=("frames=3",), spacing=2)
 METHOD = """

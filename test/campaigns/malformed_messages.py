@@ -15,9 +15,9 @@ from std_msgs.msg import String
 
 from helpers.node_scenes import raw
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.ros.messages import header_msg
+from sfr_loc_map.suite_names import SIDES
 
 NAN, HUGE = math.nan, 2**32 - 1
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"

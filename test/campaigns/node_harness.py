@@ -32,13 +32,14 @@ from helpers.node_scenes import MOUNT, params, raw
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
+from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.launch.processes import ChildProcess, end_processes, node_process
 from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
 from sfr_loc_map.ros.environment import start_ros
 from sfr_loc_map.ros.messages import pose_msg
+from sfr_loc_map.suite_names import SIDES
 from sfr_loc_map.topics import DIAGNOSTICS
 
 LOCALISATION, MAPPING, MONITOR = NODES = ("localisation_node", "mapping_node", "monitor_node")

@@ -21,7 +21,7 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import PERIOD_NS, START_NS, write_folder
 from helpers.peer import Peer
 from helpers.processes import Process
-from sfr_loc_map.inputs import stamp_of
+from sfr_loc_map.message_stamps import stamp_of
 
 COMMAND = ("-m", "sfr_loc_map")
 

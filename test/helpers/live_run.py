@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.io.truth.config import TrackedBodyConfig
 from sfr_loc_map.live.media import grid_of_cloud, with_layer
 from sfr_loc_map.live.state import LiveState
@@ -25,6 +25,7 @@ from sfr_loc_map.live.updates import (
     Track,
     Update,
 )
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
@@ -33,6 +34,7 @@ from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.suite_names import SIDES
 
 TIMES = {"latency_transport_s": 0.004}
 NODES = ("localisation_node", "mapping_node", "monitor_node")

@@ -6,7 +6,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.rotation import quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 
 COUNT = 60
 

@@ -16,7 +16,6 @@ from helpers.made_scene import LOC_RIG, START_NS, loc_pair, nav_pair, true_pose,
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import faulty
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.calibration.camera_info import RectifiedCamera, rig_of_one_projection
 from sfr_loc_map.io.convert import ConvertOptions, convert
@@ -34,6 +33,8 @@ from sfr_loc_map.io.message_stream import (
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.suite_names import SIDES
 
 
 def played(path: Path, remap: dict[str, str] | None = None) -> dict[tuple[str, int], Message]:

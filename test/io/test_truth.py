@@ -17,13 +17,13 @@ from helpers.score_rows import number
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.io.truth.messages import enu_m
+from sfr_loc_map.message_stamps import NS_PER_S
 
 T = TYPESTORE.types
 COUNT = 40

@@ -12,10 +12,10 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CompressedImage
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.feed import RosFeed
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import MediaKind
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.ros.messages import header_msg, image_msg, message_type
 from sfr_loc_map.topics import IMAGES
 

@@ -21,11 +21,11 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 from helpers.made_scene import LOC_RIG, write_folder
 from helpers.processes import Process, node_process, wait_until
 from helpers.score_rows import rows_about
-from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.live.freshness import NODE_FRESHNESS
 from sfr_loc_map.live.path import ROW_FIELDS
+from sfr_loc_map.suite_names import SIDES
 
 COMMAND = ("-m", "sfr_loc_map")
 PAGE = ("-m", "sfr_loc_map.nodes.start", "live.main", "--port", "0")

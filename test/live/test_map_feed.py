@@ -8,7 +8,6 @@ import pytest
 from helpers.node_scenes import sent
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.live.map_feed import MapFeed
 from sfr_loc_map.live.state import LiveState
@@ -18,6 +17,7 @@ from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
 from sfr_loc_map.ros.messages import byte_array, cloud_msg, elevation_from_msg, elevation_msg, hazard_msg
 from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.suite_names import Task
 
 STAMP_NS = 1_700_000_000_000_000_000
 SIDE, CELL_M = 48, 0.5

@@ -8,11 +8,12 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.live.path import MAX_ROWS, LivePath
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PoseSample, PublishedScore, Track
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.records import Association
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json

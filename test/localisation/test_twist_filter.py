@@ -11,11 +11,11 @@ from sfr_loc_map.evidence.variants import PairsInMemory
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import FaultyLoc
 from sfr_loc_map.geometry.rotation import matrix_from_quat, matrix_from_rotvec, rotvec_from_matrix
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.message_stamps import NS_PER_S
 
 SAMPLE, PAIRS = ROOT / "sample" / "sample.mcap", 60
 GYRO_RAD_S, BIAS_RAD_S = 2e-4, 1e-3  #: Noise of a gyro in each interval, and its constant error.

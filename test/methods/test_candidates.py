@@ -11,7 +11,6 @@ from helpers.made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
 from helpers.score_rows import number
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate
@@ -22,6 +21,7 @@ from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.method_process import MethodProcess
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.runs.offline import UnderTest, localise, map_pairs, map_pairs_with
+from sfr_loc_map.suite_names import Task
 
 TAKEN = {"stated_s", "cpu_s", "cpu_between_s", "threads", "processes"}  #: Seen from outside the process.
 CLASSES = """

@@ -15,7 +15,6 @@ from helpers.made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
@@ -23,6 +22,7 @@ from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
 from sfr_loc_map.runs.offline import UnderTest, map_pairs_with
+from sfr_loc_map.suite_names import Task
 
 Build = Callable[..., Path]
 LIMITS = MethodLimits(call_timeout_s=3.0, memory_mb=400)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.methods.isolation import PACKAGE, rules_of
 from sfr_loc_map.methods.registry import Method
 from sfr_loc_map.metrics.records import MethodKind
+from sfr_loc_map.suite_names import Task
 
 
 @pytest.fixture

@@ -9,12 +9,12 @@ import pytest
 
 from helpers.made_scene import LOC_RIG, loc_pair, write_folder
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.suite.running.job import Job, JobSource, JobTask, SourceKind
 from sfr_loc_map.suite.running.job_run import run_job
+from sfr_loc_map.suite_names import Task
 
 READER = """
 from pathlib import Path

@@ -13,11 +13,11 @@ from sfr_loc_map import __version__
 from sfr_loc_map.bench.method_benchmark import methods_to_compare
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord
+from sfr_loc_map.suite_names import Task
 
 
 def test_names_are_looked_up(tmp_path: Path, sfr: Sfr) -> None:

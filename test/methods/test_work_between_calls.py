@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from helpers.made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.registry import MethodLimits, find_method
+from sfr_loc_map.suite_names import Task
 
 CLASSES = """
 import ctypes, mmap, os, socket, sys, threading, time

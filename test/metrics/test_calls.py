@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics import call_meter
 from sfr_loc_map.metrics.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE, CallMeter
 from sfr_loc_map.metrics.calls import (
@@ -25,6 +24,7 @@ from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore
 from sfr_loc_map.metrics.row_part import RowPart, Scope
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.suite_names import Task
 
 SIZE = 200 * 1024 * 1024
 

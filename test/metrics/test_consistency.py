@@ -7,10 +7,10 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import propagated_covariance, propagation
-from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import relative_covariance, sums_of_steps

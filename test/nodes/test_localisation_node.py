@@ -26,13 +26,13 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, Task, stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.calibration.rectification import rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
+from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
 from sfr_loc_map.nodes.lifecycle.diagnostics import values_of
@@ -46,6 +46,7 @@ from sfr_loc_map.ros.messages import (
     transform_from_pose,
 )
 from sfr_loc_map.runs.calls import decode_call
+from sfr_loc_map.suite_names import SIDES, Task
 
 CONFIG = ROOT / "config"
 OTHER_FRAME = Transform.from_quat([7.0, -2.0, 1.0], [0.0, 0.0, 0.6, 0.8])

@@ -16,11 +16,11 @@ from helpers.manager import Capture, LocalNode, Manager
 from helpers.node_scenes import calls, disparity_of, params, raw, send_infos, send_pair, sent
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.mapping.config import MappingConfig, TerrainConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid
+from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
 from sfr_loc_map.nodes.mapping_node import MappingNode

@@ -28,13 +28,14 @@ from helpers.score_rows import row, rows_about
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
+from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.score import SCHEMA
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.ros.messages import header_msg, pose_msg, transform_msg
 from sfr_loc_map.runs.calls import CallRecord, encode_call
+from sfr_loc_map.suite_names import Task
 
 NO_TURN = np.array([0.0, 0.0, 0.0, 1.0])
 

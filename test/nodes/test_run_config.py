@@ -10,13 +10,13 @@ import yaml
 from helpers.made_scene import compressed_bag
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.nodes.launch.run_arguments import run_arguments, topic_rules
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig
 from sfr_loc_map.source_setup.proposal import propose_config
+from sfr_loc_map.suite_names import SIDES
 
 pytestmark = pytest.mark.ros
 TEXT = """

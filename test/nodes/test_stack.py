@@ -24,13 +24,14 @@ from helpers.made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, T_RB_LOCSB, loc_pair
 from helpers.manager import Capture, LocalNode, Manager, localised
 from helpers.node_scenes import MOUNT, params, raw, send_infos, send_pair
 from helpers.score_rows import number
-from sfr_loc_map.inputs import Side, stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
+from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.lifecycle import managed_node
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.mapping_node import MappingNode
 from sfr_loc_map.nodes.monitor_node import MonitorNode
+from sfr_loc_map.suite_names import Side
 
 
 def send_image(peer: Manager, index: int, side: Side, late_ns: int = 0) -> None:

@@ -10,7 +10,6 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.lifecycle.diagnostics import status_msg
@@ -19,6 +18,7 @@ from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import DIAGNOSTICS
 
 

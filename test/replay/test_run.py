@@ -10,7 +10,6 @@ import pytest
 
 from helpers.made_scene import write_folder
 from sfr_loc_map.errors import MetricsError, NodeError
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -24,6 +23,7 @@ from sfr_loc_map.replay.options import ExternalOptions, ReplayOptions
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.result import ExternalResult
 from sfr_loc_map.scoring.inputs import Correction
+from sfr_loc_map.suite_names import Task
 
 OPTIONS = ReplayOptions(
     localisation=LocalisationConfig(),

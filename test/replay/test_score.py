@@ -17,7 +17,6 @@ from helpers.score_rows import number
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
@@ -48,6 +47,7 @@ from sfr_loc_map.runs.offline import MapRun, map_pairs
 from sfr_loc_map.scoring.inputs import Correction, ScoreInputs
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_run import score_files
+from sfr_loc_map.suite_names import Task
 
 SAMPLE = ROOT / "sample" / "sample.mcap"
 OURS = record_of_ours(Task.LOCALISATION)

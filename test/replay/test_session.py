@@ -8,7 +8,6 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from helpers import made_scores
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.cloud_error import score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.score_json import to_json
@@ -19,6 +18,7 @@ from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import REPORT
 
 CALLS = (

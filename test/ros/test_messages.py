@@ -18,7 +18,6 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import stamp_of
 from sfr_loc_map.io.images.codec import encode_jpeg, encode_png, samples_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
@@ -27,6 +26,7 @@ from sfr_loc_map.mapping.search_range import SearchRange
 from sfr_loc_map.mapping.terrain.cells import CellGrid
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
+from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.ros.messages import (
     ELEVATION_FIELDS,
     check_image,

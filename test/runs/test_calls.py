@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.calls import score_calls
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord
@@ -21,6 +20,7 @@ from sfr_loc_map.runs.call_files import load_call_stats, save_stats
 from sfr_loc_map.runs.call_stats import stats_of
 from sfr_loc_map.runs.calls import CallRecord, decode_call, encode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.suite_names import Task
 
 
 def test_a_call_comes_back_to_the_last_bit() -> None:

@@ -16,11 +16,11 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.visualisation import STRIP
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.runs.offline import localise, map_pairs, start_pose, true_start, unstamped_start_warning
 from sfr_loc_map.runs.track_video import track_video
 

@@ -8,7 +8,6 @@ import pytest
 from helpers import ROOT
 from helpers.hazard_truth import hazard_accuracy
 from sfr_loc_map.config import build, load_yaml
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping.config import MappingConfig
@@ -16,6 +15,7 @@ from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.maps import FusedMap
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
+from sfr_loc_map.suite_names import Task
 
 SAMPLE = ROOT / "sample" / "sample.mcap"
 

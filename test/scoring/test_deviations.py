@@ -13,10 +13,10 @@ from helpers.judge import FEW_INDEPENDENT, OVER_5_M, Judge
 from helpers.made_scene import true_cloud, write_folder
 from helpers.scored_drives import POSITION, limits, straight, write_calls_of
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.message_stamps import NS_PER_S
 
 
 def test_deviations_are_found_by_comparison_with_the_document(judge: Judge) -> None:

@@ -15,7 +15,6 @@ from helpers.made_scene import LOC_RIG, NAV_RIG, nav_pair, true_cloud
 from helpers.made_suites import JOB
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.live.state import LiveState
@@ -40,6 +39,7 @@ from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, groups_of
+from sfr_loc_map.suite_names import Task
 
 COUNT, PERIOD_NS = 401, 100_000_000
 STAMPS = 100 * 10**9 + PERIOD_NS * np.arange(COUNT, dtype=np.int64)

@@ -18,9 +18,9 @@ from helpers.random_drives import as_score
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import LOST_VARIANCE, Task
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.messages import odometry
 from sfr_loc_map.io.truth.config import TrackedBodyConfig
@@ -46,6 +46,7 @@ from sfr_loc_map.scoring.bag_estimates import bag_estimates
 from sfr_loc_map.scoring.live_maps import LiveMaps
 from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE, call_topic
 
 CONFIG = TrajectoryScoreConfig(conditions=("distance=0.5",), spacing=3)

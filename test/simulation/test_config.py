@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from sfr_loc_map.config import build, flatten
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.simulate import lists_of, render_jobs, rendered
 from sfr_loc_map.simulation.world import World
+from sfr_loc_map.suite_names import Task
 
 pytestmark = pytest.mark.slow
 

@@ -12,11 +12,11 @@ import pytest
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.extrinsics import mast_head_in_rb
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.drive import legs_of
 from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.rover import GROUND_HEIGHT_RB_M
+from sfr_loc_map.suite_names import Task
 
 Maker = Callable[..., SimulationConfig]
 

@@ -5,9 +5,9 @@ import pytest
 
 from sfr_loc_map.config import build
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SensorConfig
 from sfr_loc_map.simulation.sensor import sensor_image
+from sfr_loc_map.suite_names import Task
 
 PLAIN = {"blur_px": 0.0, "full_well": 0.0, "read_noise_grey": 0.0}
 HALF = np.full((120, 160), 0.5, np.float32)

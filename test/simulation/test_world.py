@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.world import MaskBit, World
+from sfr_loc_map.suite_names import Task
 
 pytestmark = pytest.mark.slow
 

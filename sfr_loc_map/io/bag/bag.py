@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
-from sfr_loc_map.inputs import NS_PER_S, serialised_stamp
 from sfr_loc_map.io.bag.encoding import TYPESTORE, readable
 from sfr_loc_map.io.bag.files import ZSTD_MAGIC, is_unfinished, reader_paths
 from sfr_loc_map.io.bag.readers import BagReader, reader_of
+from sfr_loc_map.message_stamps import NS_PER_S, serialised_stamp
 from sfr_loc_map.message_types import (
     CAMERA_INFO,
     COMPRESSED,

@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.plausibility import plausible_poses
 from sfr_loc_map.geometry.rotation import quat_multiply, quat_rotate
 from sfr_loc_map.geometry.stamped_poses import sampled
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import stamp_of
+from sfr_loc_map.message_stamps import stamp_of
 
 MAX_CHAINS = 1000  #: Maximum number of frame chains that are searched at the same time.
 PoseRow = tuple[int, tuple[float, ...]]  #: Stamp, ns, and x, y, z, qx, qy, qz, qw.

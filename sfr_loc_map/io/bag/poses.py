@@ -13,11 +13,12 @@ from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.plausibility import check_extrinsics
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task, refusing
+from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.frames import Frame, FrameSeries, pose_row, trajectory_of, valid_indices
 from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.message_types import STRING, TF
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import configuration_topic
 
 

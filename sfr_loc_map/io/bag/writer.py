@@ -24,11 +24,11 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
-from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.files import MCAP_MAGIC
 from sfr_loc_map.io.bag.mcap_format import CHECKSUM_BYTES, CHUNK_HEAD, DATA_END, FOOTER, FOOTER_BYTES, RECORD_HEAD
+from sfr_loc_map.suite_names import SIDES, Task
 from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
 Storage = Literal["mcap", "sqlite3"]

@@ -11,7 +11,8 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.inputs import SIDES, Side, refusing
+from sfr_loc_map.inputs import refusing
+from sfr_loc_map.suite_names import SIDES, Side
 
 TOLERANCE = 1e-6
 """Largest deviation of a coefficient from that of a rectified camera (P and K in pixels, R and D without unit)."""

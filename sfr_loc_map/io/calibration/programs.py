@@ -14,7 +14,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, read_text, refusing
+from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.calibration.camera_info import projection
 from sfr_loc_map.io.calibration.opened_file import (
     COLMAP_FILE,
@@ -30,6 +30,7 @@ from sfr_loc_map.io.calibration.opened_file import (
 from sfr_loc_map.io.calibration.rectification import RectifiableCamera
 from sfr_loc_map.io.calibration.rig_file import read_rig
 from sfr_loc_map.io.calibration.stereo_calibration import PosedCamera, rectified_cameras
+from sfr_loc_map.suite_names import SIDES
 
 _log = logging.getLogger(__name__)
 PINHOLE_MODELS = ("radtan", "radial-tangential", "plumb_bob", "equidistant", "equi", "none")

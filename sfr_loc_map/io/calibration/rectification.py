@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import SAME_PX, StereoRig
-from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.calibration.camera_info import (
     TOLERANCE,
     RectifiedCamera,
     have_one_camera_matrix,
     rig_of_one_projection,
 )
+from sfr_loc_map.suite_names import SIDES
 
 COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
 """Supported distortion models, and the numbers of coefficients that each may have."""

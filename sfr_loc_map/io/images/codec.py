@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.inputs import MAX_IMAGE_BYTES, read_bytes, refusing, stamp_of
+from sfr_loc_map.inputs import MAX_IMAGE_BYTES, read_bytes, refusing
+from sfr_loc_map.message_stamps import stamp_of
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 JPEG_MAGIC = b"\xff\xd8"

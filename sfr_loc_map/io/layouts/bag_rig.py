@@ -14,7 +14,6 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.extrinsics import RigInBody
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_extrinsics
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
@@ -24,6 +23,7 @@ from sfr_loc_map.io.calibration.stereo_calibration import StereoCalibration
 from sfr_loc_map.io.images.codec import Samples, samples_of
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
+from sfr_loc_map.suite_names import SIDES, Task
 from sfr_loc_map.topics import RAW, RECTIFIED
 
 HALVED_AXIS = {"side_by_side": 1, "top_bottom": 0}  #: Axis along which a joint image is halved, by its layout.

@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.extrinsics import RigInBody
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S, Task, refusing
+from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.poses import pose_of
 from sfr_loc_map.io.clouds.point_image import points_image
@@ -30,8 +30,10 @@ from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.tables.text_table import MAX_BROKEN
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH
 from sfr_loc_map.io.truth.read import truth_of_recording
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import POINTS, POSE
 from sfr_loc_map.stamp_pairing import match_stamps
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import NAV_POSE, RAW, TRUE_POINTS, TRUE_POSES
 
 LOOK_AHEAD = 32

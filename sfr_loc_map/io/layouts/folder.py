@@ -20,7 +20,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, read_bytes, read_table_text, refusing, split_lines
+from sfr_loc_map.inputs import read_bytes, read_table_text, refusing, split_lines
 from sfr_loc_map.io.calibration.rig_file import read_rig, rig_json
 from sfr_loc_map.io.clouds.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.clouds.point_image import checked_points
@@ -36,6 +36,7 @@ from sfr_loc_map.io.tables.stamps import parse_stamp_ns
 from sfr_loc_map.io.tables.trajectory_file import CSV_HEADER, read_trajectory_file, save_trajectory
 from sfr_loc_map.io.truth.pose_checks import check_clock
 from sfr_loc_map.io.truth.recorded import RecordedTruth
+from sfr_loc_map.suite_names import SIDES
 
 LOC_COLUMNS = ("stamp_ns", "left", "right")
 NAV_COLUMNS = (

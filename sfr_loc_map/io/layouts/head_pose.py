@@ -13,12 +13,13 @@ from sfr_loc_map.geometry.extrinsics import BASE_FRAMES, NAVSB_FRAME, mast_head_
 from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.stamped_poses import covered, sampled
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import refusing, stamp_of
+from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.frames import chain_above
 from sfr_loc_map.io.bag.poses import read_frames
 from sfr_loc_map.io.source_config import FramesConfig
 from sfr_loc_map.io.tables.stamps import check_order
+from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import JOINTS
 
 RECORDING = "from before the first pair until after the last pair, at 1 Hz or more"

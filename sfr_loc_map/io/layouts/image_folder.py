@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import IMAGE_ENDINGS, refusing
+from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.images.codec import read_grey
 from sfr_loc_map.io.images.files import ImagePair
@@ -18,6 +18,7 @@ from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.stamps import TIMES, parse_decimal, time_unit
+from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
 SIDES_OF = (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("image_left", "image_right"), ("l", "r"))
 """Names of the folders of left and right images."""

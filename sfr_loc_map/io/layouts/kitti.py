@@ -21,7 +21,7 @@ from sfr_loc_map.geometry.stamped_poses import covered, sampled
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, read_table, refusing
+from sfr_loc_map.inputs import read_table, refusing
 from sfr_loc_map.io.calibration.camera_info import projection, rig_from_projections
 from sfr_loc_map.io.images.codec import encode_png, read_grey
 from sfr_loc_map.io.images.files import ImagePair, complete_pairs
@@ -34,6 +34,7 @@ from sfr_loc_map.io.tables.stamps import seconds_text
 from sfr_loc_map.io.tables.text_table import parse_table, read_lines
 from sfr_loc_map.io.tables.trajectory_file import read_times
 from sfr_loc_map.io.truth.recorded import RecordedTruth
+from sfr_loc_map.suite_names import SIDES
 
 CAMERAS = ((0, 1), (2, 3))  #: Numbers of the left and right cameras, in the order of preference: grey, colour.
 _log = logging.getLogger(__name__)

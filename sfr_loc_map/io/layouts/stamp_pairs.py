@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from statistics import median_low
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.source_config import SyncConfig
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.stamp_pairing import match_stamps
 
 NS_PER_MS = 1_000_000

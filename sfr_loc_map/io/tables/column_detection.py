@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.tables.column_names import columns_of_header, columns_of_user, unknown_header, without_names
 from sfr_loc_map.io.tables.pose_columns import (
     DOWN,
@@ -28,6 +27,7 @@ from sfr_loc_map.io.tables.pose_columns import (
 from sfr_loc_map.io.tables.row_layouts import columns_of_layout
 from sfr_loc_map.io.tables.stamps import TIMES, UTC_UNIT, time_unit
 from sfr_loc_map.io.tables.table_head import TableHead, is_number, is_time
+from sfr_loc_map.message_stamps import NS_PER_S
 
 _THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(,[0-9]{3})+")  #: A number whose commas may separate thousands.
 _BELOW_THOUSAND = re.compile(r"[+-]?[1-9][0-9]{0,2}")

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.tables.stamps import TIMES, UTC_UNIT, parse_decimal, parse_nanoseconds, parse_seconds, parse_utc
+from sfr_loc_map.message_stamps import NS_PER_S
 
 STAMP, SECONDS, NANOSECONDS, FRAME = "t", "sec", "nsec", "frame"
 POSITION = ("x", "y", "z")

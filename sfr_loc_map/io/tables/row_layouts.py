@@ -15,7 +15,6 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.plausibility import plausible_attitudes, plausible_rotations
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.tables.column_names import unknown_header, without_names
 from sfr_loc_map.io.tables.number_text import number_or_nan
 from sfr_loc_map.io.tables.pose_columns import (
@@ -30,6 +29,7 @@ from sfr_loc_map.io.tables.pose_columns import (
     PoseColumns,
 )
 from sfr_loc_map.io.tables.table_head import TableHead
+from sfr_loc_map.message_stamps import NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """Stamps in tables and in names of images: how they are read and written, their unit and limit; the order of stamps.
 
 A stamp is an integer number of nanoseconds. Conversions from and to text are exact to the nanosecond. Stamps of
-messages are read by `inputs.stamp_of` and `inputs.serialised_stamp`, and paired by `stamp_pairing`.
+messages are read by `message_stamps`, and paired by `stamp_pairing`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.tables.number_text import is_decimal, number_or_nan
+from sfr_loc_map.message_stamps import NS_PER_S
 
 STAMP_LENGTH = 64  #: Maximum length of a stamp in text, characters.
 STAMP_LIMIT = 2**62  #: 146 years from 1970, ns; differences of two stamps fit 64 bits.

@@ -31,7 +31,7 @@ from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_poses, p
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, read_table, split_lines
+from sfr_loc_map.inputs import read_table, split_lines
 from sfr_loc_map.io.tables.column_detection import detect_columns
 from sfr_loc_map.io.tables.pose_columns import (
     COVARIANCES,
@@ -43,6 +43,7 @@ from sfr_loc_map.io.tables.pose_columns import (
 )
 from sfr_loc_map.io.tables.stamps import parse_seconds, parse_stamp_ns, seconds_text
 from sfr_loc_map.io.tables.text_table import BOM, Table, parse_table
+from sfr_loc_map.message_stamps import NS_PER_S
 
 CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
     f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)

@@ -11,12 +11,13 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
 from sfr_loc_map.geometry.trajectory import Truth
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TrackedBodyConfig, with_lever_of
 from sfr_loc_map.io.truth.pose_checks import check_poses
 from sfr_loc_map.io.truth.recorded import RecordedTruth
+from sfr_loc_map.message_stamps import NS_PER_S
 
 
 def truth_of_rb(recorded: RecordedTruth, config: TrackedBodyConfig = DEFAULT_TRUTH) -> Truth:

@@ -13,8 +13,9 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.geodesy import enu_m
-from sfr_loc_map.inputs import LOST_VARIANCE, jumped_back, stamp_of
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.io.bag.frames import pose_row
+from sfr_loc_map.message_stamps import jumped_back, stamp_of
 from sfr_loc_map.message_types import FIX, ODOMETRY, PATH, POINT, POSE, POSE_WITH_COVARIANCE, TRANSFORM
 from sfr_loc_map.topics import TRUE_POSES
 

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.truth.recorded import RecordedTruth
+from sfr_loc_map.message_stamps import NS_PER_S
 
 _log = logging.getLogger(__name__)
 

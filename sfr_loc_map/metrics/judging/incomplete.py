@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.metrics.drive_completeness import DISTANCE, TIME, LongestGap, covered_text
@@ -35,6 +34,7 @@ from sfr_loc_map.metrics.shortfall_kinds import (
 )
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.suite_names import Task
 
 NOT_DUE = "no result of the {part} is due yet"
 UNKNOWN = "the expected items of the {part} are unknown: score against the source"

@@ -7,7 +7,7 @@ from collections.abc import Collection
 import numpy as np
 
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import Condition, ConditionKind, VerdictState, label_of
 from sfr_loc_map.metrics.judging.incomplete import incompleteness
 from sfr_loc_map.metrics.judging.proof import words_of

@@ -6,7 +6,8 @@ from typing import Any
 
 from sensor_msgs.msg import CameraInfo
 
-from sfr_loc_map.inputs import Side, stamp_of
+from sfr_loc_map.message_stamps import stamp_of
+from sfr_loc_map.suite_names import Side
 
 
 class CameraInfoPair:

@@ -15,9 +15,9 @@ from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.graph_endpoints import MUCH_LOST, loss_fix
-from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of
+from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
 from sfr_loc_map.nodes.input.waiting import Input
 from sfr_loc_map.nodes.lifecycle.diagnostics import StatusReporter
@@ -29,6 +29,7 @@ from sfr_loc_map.ros.qos import RELIABILITIES, profile
 from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.run_order import RunOrder
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
+from sfr_loc_map.suite_names import SIDES, Side
 from sfr_loc_map.topics import COMPRESSED_END
 
 LOSS_WINDOW = 40  #: Minimum number of images over which the fraction lost in transport is computed.

@@ -16,9 +16,9 @@ import psutil
 
 from sfr_loc_map.child_process import adopt_descendants, child_environment, end_with_parent
 from sfr_loc_map.errors import ConfigError, NodeError
-from sfr_loc_map.inputs import SUITE_NODES
 from sfr_loc_map.ros import environment
 from sfr_loc_map.signals import END_SIGNALS, hold
+from sfr_loc_map.suite_names import SUITE_NODES
 
 NODES = tuple(node.removesuffix("_node") for node in SUITE_NODES)  #: Names by which a user starts nodes.
 EVERYTHING = "all"

@@ -12,10 +12,10 @@ import yaml
 
 from sfr_loc_map.config import Configuration, changed, node_parameters
 from sfr_loc_map.errors import ConfigError, InputError
-from sfr_loc_map.inputs import MONITOR_NODE, Task
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.suite_names import MONITOR_NODE, Task
 from sfr_loc_map.topics import COMPRESSED_END
 
 ROS_ARGS = "--ros-args"

@@ -32,7 +32,7 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.config import build, flatten, parameters
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
-from sfr_loc_map.inputs import JUMP_BACK_NS, NS_PER_S
+from sfr_loc_map.message_stamps import JUMP_BACK_NS, NS_PER_S
 from sfr_loc_map.message_types import COMPILING, Level
 from sfr_loc_map.nodes.lifecycle.diagnostics import DROPS, LOG_PERIOD_S, NodeSnapshot, NodeState, StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints

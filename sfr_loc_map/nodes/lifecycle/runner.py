@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.utilities import ok, try_shutdown
 
 from sfr_loc_map.errors import SfrError
-from sfr_loc_map.inputs import one_line
+from sfr_loc_map.message_text import one_line
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.ros import environment
 from sfr_loc_map.signals import END_SIGNALS

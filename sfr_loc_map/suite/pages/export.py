@@ -10,7 +10,7 @@ from pathlib import Path
 from sfr_loc_map import __version__
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import MissingExtraError, OutputError
-from sfr_loc_map.inputs import one_line
+from sfr_loc_map.message_text import one_line
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain

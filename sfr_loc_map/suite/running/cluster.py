@@ -23,7 +23,8 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from sfr_loc_map.errors import InputError, MissingExtraError, SfrError
-from sfr_loc_map.inputs import one_line, refusing
+from sfr_loc_map.inputs import refusing
+from sfr_loc_map.message_text import one_line
 from sfr_loc_map.signals import deferred_signals
 from sfr_loc_map.suite.running.digests import code_facts, code_fingerprint
 from sfr_loc_map.suite.running.job import Job

@@ -7,11 +7,12 @@ from pathlib import Path
 
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.inputs import OURS, Task, read_text, refusing
+from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import LIBRARY_PREFIX, Method, find_method
 from sfr_loc_map.suite.running.digests import method_hash
+from sfr_loc_map.suite_names import OURS, Task
 
 SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = {
     "localisation": (LocalisationConfig, Task.LOCALISATION),

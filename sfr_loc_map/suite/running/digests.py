@@ -16,12 +16,12 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import read_sections
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.hashes import hash_path
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.source_config import SourceConfig, config_beside
 from sfr_loc_map.methods.isolation import code_of
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.suite.running.job import digest
+from sfr_loc_map.suite_names import Task
 
 T = TypeVar("T")
 PACKAGE = Path(__file__).parents[2]

@@ -20,7 +20,6 @@ from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import faulty
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
 from sfr_loc_map.io.convert import convert
 from sfr_loc_map.io.registry import open_source
@@ -43,6 +42,7 @@ from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.running.configurations import METHOD_KEYS, chosen_method
 from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.source_readers import SOURCE_READERS
+from sfr_loc_map.suite_names import Task
 
 REPLAY_FOLDER = "replay"  #: Folder of the output of a replay.
 THREAD_VARIABLES = (

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import InputError, MissingExtraError
-from sfr_loc_map.inputs import one_line
+from sfr_loc_map.message_text import one_line
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import JobSource, digest

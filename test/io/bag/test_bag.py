@@ -14,7 +14,6 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from helpers.made_worlds import START_NS, World, assert_is_world, assert_same_pairs, write_bag
 from helpers.message_bags import write_messages
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.encoding import TYPESTORE
@@ -26,6 +25,7 @@ from sfr_loc_map.io.message_stream import messages_of
 from sfr_loc_map.io.registry import open_source, read_truth
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 from sfr_loc_map.message_types import ODOMETRY
+from sfr_loc_map.suite_names import SIDES
 
 Entry = tuple[str, int, Any]
 

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from helpers.made_worlds import START_NS
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag.messages import camera_info
 from sfr_loc_map.io.calibration.camera_info import (
     RectifiedCamera,
@@ -20,6 +19,7 @@ from sfr_loc_map.io.calibration.camera_info import (
     projection,
     rig_of_one_projection,
 )
+from sfr_loc_map.suite_names import SIDES
 
 focal = st.floats(10, 5000)
 RIG = StereoRig(24, 16, 20.1, 20.3, 11.7, 7.9, 0.12)

@@ -16,7 +16,6 @@ from helpers.made_worlds import START_NS, blob, centre_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
-from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag.messages import camera_info
 from sfr_loc_map.io.calibration.calibration_file import read_calibration
 from sfr_loc_map.io.calibration.camera_info import projection
@@ -26,6 +25,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat, save_trajectory
 from sfr_loc_map.io.truth.config import TruthConfig
+from sfr_loc_map.suite_names import SIDES
 
 
 @pytest.mark.parametrize("lens", LENSES)

@@ -13,13 +13,13 @@ from helpers.kalibr_chains import CHAINS, LENSES, kalibr
 from helpers.message_bags import write_messages
 from helpers.pose_tables import COUNT, drive, rows, seconds
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.clouds.cloud_file import load_cloud
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, source_config
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.score_json import from_json
 from sfr_loc_map.report.summary import run_facts
 

@@ -14,10 +14,10 @@ from helpers.pose_tables import COUNT, drive, rows, seconds
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.io.truth.read import truth_of_path
+from sfr_loc_map.message_stamps import NS_PER_S
 
 
 def matrices(poses: Trajectory) -> np.ndarray:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.rotation import quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.io.truth.pose_checks import (
     check_poses,
     has_constant_attitude,
@@ -20,6 +20,7 @@ from sfr_loc_map.io.truth.pose_checks import (
     stray_stamps,
 )
 from sfr_loc_map.io.truth.recorded import RecordedTruth
+from sfr_loc_map.message_stamps import NS_PER_S
 
 COUNT = 60
 STAMPS = 1_700_000_000 * NS_PER_S + np.arange(COUNT) * NS_PER_S

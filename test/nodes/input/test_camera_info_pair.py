@@ -3,9 +3,9 @@
 import pytest
 from sensor_msgs.msg import CameraInfo
 
-from sfr_loc_map.inputs import Side
 from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
 from sfr_loc_map.ros.messages import header_msg
+from sfr_loc_map.suite_names import Side
 
 
 def found_pairs(*messages: tuple[Side, int, float]) -> list[tuple[float, float]]:

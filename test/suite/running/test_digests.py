@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.suite.running import digests
+from sfr_loc_map.suite_names import Task
 
 
 def test_methods_and_data_that_differ_have_other_digests(tmp_path: Path) -> None:
