@@ -95,6 +95,19 @@ def test_a_tolerance_bound_needs_the_other_frames_as_well(tmp_path: Path, sfr: S
         assert done.code == code, done.err
 
 
+def test_a_limit_on_a_quantile_is_not_met_by_one_large_judged_error(tmp_path: Path, sfr: Sfr) -> None:
+    """The judged error of 30 m is above the quantile, and every error at the other frames is below it."""
+    paths = tmp_path / "e.csv", tmp_path / "t.csv"
+    save_trajectory(paths[1], straight())
+    rules = limits(tmp_path, {"trajectory": [{"condition": "distance=5", "position_p50_m": 0.05}]})
+    honest_with_one, wrong = honest(), with_wrong(between_the_starts())
+    for estimate, code in ((honest_with_one, 0), (wrong, 3)):
+        estimate.positions[150, 0] += 30.0
+        save_trajectory(paths[0], estimate)
+        done = sfr("score", *paths, "--limits", rules)
+        assert done.code == code, done.err
+
+
 def test_random_honest_drives_have_no_error_beyond_the_judged_ones() -> None:
     """Of the kinds without outliers: noise, drift, scale, straight."""
     for seed in range(64):

@@ -18,6 +18,7 @@ from sfr_loc_map.metrics.drive_completeness import DISTANCE, TIME, LongestGap, c
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.limit_scope import judged_parts, limits_of, tasks_of
 from sfr_loc_map.metrics.limits import Limit, LimitSection, Rules, meets
+from sfr_loc_map.metrics.other_frames import BEYOND
 from sfr_loc_map.metrics.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart, Scope
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.shortfall_kinds import (
@@ -154,8 +155,9 @@ def unmeasured_memory(kind: ShortfallKind, part: RowPart, score: Score, most: fl
 def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
     """Yield a shortfall for each limit that the errors at the other frames miss.
 
-    A fraction of the frames above `most` must also have an error far above the largest judged error, because the figure
-    always depends somewhat on the choice of the starts.
+    They must also be far larger, because the figure always depends somewhat on the choice of the starts: a fraction of
+    the frames above `most` has an error far above the largest judged error, or a quantile of the other frames is far
+    above its limit. A limit on a quantile allows a large judged error, with which no other error would be far larger.
     """
     for limit in limits_in(score):
         if most is None or limit.section is not LimitSection.TRAJECTORY:
@@ -163,10 +165,12 @@ def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: fl
         limited = limit.limited
         share = score.figure(ERRORS_BEYOND, condition=limit.condition, part=limited.figure)
         others = score.figure(limited.figure, condition=limit.condition, part=OTHER_FRAMES)
-        if share is None or share.value is None or share.value <= most or others is None:
+        statistic = statistic_of(limit)
+        value = None if others is None else others.statistic(statistic)
+        if share is None or share.value is None or value is None:
             continue
-        value = others.statistic(statistic_of(limit))
-        if value is not None and not meets(limit, value):
+        is_far = share.value > most or (statistic in QUANTILES and value > BEYOND * limit.limit)
+        if is_far and not meets(limit, value):
             text = beyond_text(score, limit, share.value, value)
             yield Shortfall(kind, part, most, share.value, text, score.index_of(share))
 
