@@ -123,6 +123,10 @@ def yaml_text(value: object) -> str:
     return text.removesuffix("\n").removesuffix("\n...")
 
 
+_KINDS: Mapping[type, str] = {bool: "true or false", int: "a whole number", float: "a number", tuple: "a list"}
+"""Words for the types of parameters in a message. Other parameters are texts."""
+
+
 def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "configuration") -> C:
     """Return a configuration from values by dotted or nested name; missing values have their defaults.
 
@@ -153,8 +157,8 @@ def _checked(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any paramete
     try:
         value = msgspec.convert(value, info.type)
     except msgspec.ValidationError as error:
-        kind = type(info.default).__name__
-        raise ConfigError(f"'{info.name}' is {value!r:.40}: a value of type {kind} is required") from error
+        kind = _KINDS.get(type(info.default), "text")
+        raise ConfigError(f"'{info.name}' is {value!r:.40}: {kind} is required") from error
     for item in value if isinstance(value, tuple) else (value,):
         if info.low is not None and info.high is not None and not info.low <= item <= info.high:
             limits = f"{info.low} to {info.high} {info.unit}".rstrip()

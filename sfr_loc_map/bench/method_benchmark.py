@@ -1,7 +1,7 @@
 """Comparison of several methods on the same pairs: accuracy, time and memory.
 
-In each pass, the methods process all pairs one after the other, so that their times can be compared. The jobs of a
-suite run concurrently. Figures are medians over the passes.
+In each pass, one method at a time processes all pairs, so that the times of the methods can be compared. The jobs of a
+suite, in contrast, run concurrently. Figures are medians over the passes.
 """
 
 from __future__ import annotations

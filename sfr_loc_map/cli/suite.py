@@ -52,7 +52,10 @@ def run(
     context: Context,
     suite: Annotated[Path, Argument(metavar="SUITE.yaml", help="File with sources, faults, configurations, tasks.")],
     out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing folder is continued.")],
-    workers: Annotated[int | None, Option(min=1, metavar="N", help="Parallel jobs; default: one per core.")] = None,
+    workers: Annotated[
+        int | None,
+        Option(min=1, metavar="N", help="Parallel jobs; default: the number of cores over the threads of a job."),
+    ] = None,
     scheduler: Annotated[
         str | None, Option(metavar="ADDR", help="Running Dask scheduler, for example tcp://host:8786.")
     ] = None,
@@ -144,7 +147,10 @@ def search(
     context: Context,
     search: Annotated[Path, Argument(metavar="SEARCH.yaml", help="File with scenario, ranges, figure and limit.")],
     out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing folder is continued.")],
-    workers: Annotated[int | None, Option(min=1, metavar="N", help="Parallel jobs; default: one per core.")] = None,
+    workers: Annotated[
+        int | None,
+        Option(min=1, metavar="N", help="Parallel jobs; default: the number of cores over the threads of a job."),
+    ] = None,
     scheduler: Annotated[
         str | None, Option(metavar="ADDR", help="Running Dask scheduler, for example tcp://host:8786.")
     ] = None,

@@ -20,7 +20,7 @@ from sfr_loc_map.metrics.table import Figure, figure_row
 def at_pairs_of(run: DriveRun, other: DriveRun) -> DriveRun:
     """Return another estimate at the pairs of a run, interpolated between its poses if its stamps differ.
 
-    InputError if the estimate has only positions, or no two poses at the pairs of the run.
+    InputError if the estimate has only positions, or fewer than two poses at the pairs of the run.
     """
     ours, theirs = run.estimates.trajectory, other.estimates.trajectory
     if not theirs.has_attitude:
@@ -30,8 +30,9 @@ def at_pairs_of(run: DriveRun, other: DriveRun) -> DriveRun:
     if len(frames.stamps_ns) < 2:
         spans = [f"{poses.stamps_ns.min()} ns to {poses.stamps_ns.max()} ns" for poses in (theirs, ours)]
         raise InputError(
-            f"the estimate {other.name} has no poses at the pairs of the drive: it is from {spans[0]}, the pairs from "
-            f"{spans[1]}, and gaps of up to {config.max_gap_s:g} s are interpolated; give an estimate of the same clock"
+            f"the estimate {other.name} has fewer than two poses at the stamps of the drive: the estimate covers "
+            f"{spans[0]}, the drive covers {spans[1]}; give an estimate with stamps of the same clock and "
+            f"without gaps above {config.max_gap_s:g} s"
         )
     poses = Trajectory(frames.stamps_ns, frames.true_position, frames.true_attitude)
     return DriveRun(other.name, Estimates.of(poses))

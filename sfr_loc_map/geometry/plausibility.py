@@ -2,7 +2,7 @@
 
 Rigs, transforms and trajectories are checked when they are created, because compiled code does not check array bounds.
 The limits far exceed the values of any rover. They reject wrong units, swapped columns and corrupt messages, but no
-unusual rigs. Checks raise GeometryError, and NaN fails every comparison.
+unusual rigs. A failed check raises GeometryError. Each check requires its comparison to hold, so that NaN is rejected.
 """
 
 from __future__ import annotations

@@ -35,8 +35,8 @@ from sfr_loc_map.geometry.stereo import StereoPair
 ROW_STEPS: Final = (16, 1)  #: Row steps of the comparison: all rows are compared if every 16th is not decisive.
 MAX_NOISE: Final = 12.0
 """Maximum standard deviation of the difference of two images of the same view, grey levels. Chosen by hand: 11.3 grey
-levels is the difference of two exposures with a noise of 8 grey levels. If larger, more pairs require the full test. If
-smaller, frozen images with noise count as new."""
+levels is the difference of two exposures with a noise of 8 grey levels. If larger, more pairs require the second test.
+If smaller, frozen images with noise count as new."""
 NOISE_MARGIN: Final = 1.1
 """Factor on the maximum variance in the first test, which only saves time. The second test does not use this factor.
 Chosen by hand above 1, because images are rounded. If larger, more pairs require the second test."""

@@ -271,7 +271,7 @@ def rows_of_images(stamps_ns: IntArray, rows: Rows, images_ns: IntArray, near_ns
 
 
 def taken(values: NDArray[Number], rows: Rows) -> NDArray[Number]:
-    """Return the rows of an array without copying it if the rows are all rows in order; no row occurs twice."""
+    """Return `values[rows]`, without a copy if `rows` contains all rows in ascending order. `rows` must be unique."""
     if len(rows) < len(values) or not (rows[1:] > rows[:-1]).all():
         return values[rows]
     return values

@@ -226,7 +226,9 @@ def score_map(
     number of points that were dropped because a coordinate is not finite.
     """
     if cloud.fused is None:
-        raise MetricsError("it is unknown whether the cloud is fused, which decides the coverage: set the option fused")
+        raise MetricsError(
+            "it is unknown whether the cloud is fused, which changes the coverage: give fused=True or fused=False"
+        )
     errors = point_errors(cloud, truths)
     ranges = [truth.ranges_m() for truth in truths]
     scored = (config.scored_from_m, config.scored_to_m)

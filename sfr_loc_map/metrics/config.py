@@ -152,8 +152,9 @@ class Condition:
                 kind is ConditionKind.FRAMES and value % 1.0
             ):
                 raise MetricsError(
-                    f"'{text}' is not a condition: give distance=METRES, time=SECONDS, frames=NUMBER, "
-                    f"displacement=METRES or turn=DEGREES (up to 180), > 0, or several separated by commas"
+                    f"'{text}' is not a condition: give one or several of distance=METRES, time=SECONDS, "
+                    "frames=NUMBER, displacement=METRES and turn=DEGREES (up to 180), separated by commas; values must "
+                    "be positive, and frames must be whole"
                 )
             parts.append(cls(kind, value))
         if len({part.kind for part in parts}) < len(parts):

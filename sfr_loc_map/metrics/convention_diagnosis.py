@@ -527,8 +527,8 @@ def _offset_to_stamps(stamps_ns: IntArray, true_ns: IntArray) -> int:
 def _with_offsets(estimate: Trajectory, truth: Trajectory, offsets_ns: IntArray) -> Iterator[Offset]:
     """Yield the offsets that keep enough frames, each with its disagreement from the interpolated truth.
 
-    Both trajectories have ascending stamps and unit quaternions. Offsets that keep the same frames are evaluated at
-    once, because each of the many small arrays of one offset costs more than its numbers.
+    Both trajectories have ascending stamps and unit quaternions. Offsets that keep the same frames are evaluated in
+    one batch, because the overhead of numpy exceeds the arithmetic for the small arrays of one offset.
     """
     est_ns, true_ns = estimate.stamps_ns, truth.stamps_ns
     kept = np.searchsorted(est_ns, true_ns[[0, -1]] - offsets_ns[:, None])

@@ -312,7 +312,10 @@ def path_without_images(images_ns: IntArray, path: TruePath, max_gap_ns: int) ->
 
 
 def gaps_of(expected_ns: IntArray, is_absent: Mask) -> Gaps:
-    """Return the gaps between the expected stamps that have an estimate; stamps are ascending."""
+    """Return the gaps from the last expected stamp with an estimate to the next expected stamp with an estimate.
+
+    `expected_ns` is ascending. A gap at an end of the drive begins or ends at the first or last expected stamp.
+    """
     edges = np.flatnonzero(np.diff(is_absent, prepend=False, append=False))  # begin and end of each run, alternating
     begins = expected_ns[np.maximum(edges[::2] - 1, 0)]
     ends = expected_ns[np.minimum(edges[1::2], len(expected_ns) - 1)]

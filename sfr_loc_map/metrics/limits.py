@@ -1,6 +1,7 @@
 """The limits of requirements: the numbers that can be limited, and the rules that a score stores with its verdicts.
 
-The name of a limit states figure, statistic and unit. Limits are upper bounds, except `coverage_min`.
+The name of a limit states figure, statistic and unit. Limits are upper bounds, except `coverage_min` and the
+required fraction `judged`.
 `metrics.judging.limits_file` reads a limits file, and `metrics.judging.judge` makes the verdicts.
 
 `LIMITED_NUMBERS` contains the number of each name. To add a limit:
@@ -103,7 +104,7 @@ class LimitedNumber(NamedTuple):
 
 
 BOUND = "bound"  #: Statistic of a limit that is judged by a tolerance bound.
-COVERAGE_MIN = "coverage_min"  #: The only limit that is a lower bound.
+COVERAGE_MIN = "coverage_min"  #: The only lower bound in a limits file.
 MINIMUM_COUNT = 2  #: Default minimum number of values for a verdict.
 MINIMUM_INDEPENDENT = 5.0  #: Default minimum number of independent sub-trajectories for a verdict.
 

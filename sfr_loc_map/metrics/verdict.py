@@ -63,7 +63,7 @@ class Verdict(Record, frozen=True, kw_only=True):
     part: str | None = None  #: Part of the figure.
     figure: str | None = None  #: Name of the figure.
     statistic: str | None = None  #: Column of the row; `bound` for a tolerance bound.
-    limit: float  #: Upper bound (`coverage_min`: lower bound) in the unit of the name.
+    limit: float  #: Upper bound (`coverage_min`, `judged`: lower bound) in the unit of the name.
     value: float | None  #: The limited number; null if it is undefined.
     low95: float | None = None  #: Lower bound of the 95 % interval of the value.
     high95: float | None = None  #: Upper bound of the 95 % interval of the value.
@@ -71,7 +71,8 @@ class Verdict(Record, frozen=True, kw_only=True):
     n: int | None = None  #: Number of values of the statistic; null for a single number.
     independent: float | None = None  #: Number of independent values; null if it is undefined.
     truth_error: float | None = None  #: Largest change of the value by the error of the ground truth; null if 0.
-    #: Pass if `|value| <= limit` (`coverage_min`: `>=`), and with `needs_certainty` if the complete interval is within.
+    #: Pass if `|value| <= limit` (`coverage_min`, `judged`: `>=`). With `needs_certainty`, the complete interval must
+    #: be within the limit.
     state: VerdictState = msgspec.field(name="verdict")
     certain: bool | None = None  #: Whether the interval is on one side of the limit; null without an interval.
     needs_certainty: bool = False  #: Whether the limits file requires certainty.

@@ -297,7 +297,9 @@ def load_map_truth(
     source = io.open_source(path, config)
     nav = source.nav
     if nav is None:
-        raise InputError(f"'{path}' has no mapping pairs: give a source with nav pairs and truth for a cloud")
+        raise InputError(
+            f"'{path}' has no mapping pairs: to score a cloud, give a source that has mapping pairs with ground truth"
+        )
     wanted = None if stamps_ns is None else set(stamps_ns)
     pairs: dict[int, PosedStereoPair] = {}
     every = list(source.missing_nav_ns)

@@ -170,7 +170,7 @@ def _library(seed: int, angular: float, level: int) -> list[tuple[FloatArray, Fl
 
 
 def _sphere(level: int) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Return points and triangles of a unit sphere: an icosahedron whose triangles are split in four `level` times."""
+    """Return points and triangles of a unit icosahedron after `level` subdivisions of each triangle into four."""
     g = (1 + 5**0.5) / 2
     points: list[tuple[float, float, float]] = [(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g)]
     points += [(0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1)]

@@ -46,7 +46,7 @@ def run_suite(
 ) -> Summary:
     """Run the jobs of a suite that have no result yet, write the page of the suite, and return the summary.
 
-    The jobs run on `workers` processes of this host, by default one per core, or on the Dask cluster of a `scheduler`.
+    The jobs run on `workers` processes of this host (default: `slots_for`), or on the Dask cluster of a `scheduler`.
     After a signal, the finished jobs are reported and InterruptedRunError is raised.
     """
     settings = specification.settings
@@ -148,7 +148,7 @@ def plan_run(specification: SuiteSpecification, store: Store, *, retry_failed: b
 
 
 def slots_for(settings: SuiteSettings, workers: int | None) -> int:
-    """Return the number of parallel jobs on this host: `workers`, by default one per core."""
+    """Return the number of parallel jobs on this host: `workers`, or by default the cores over the threads of a job."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return workers or max(1, cores // settings.threads)
 

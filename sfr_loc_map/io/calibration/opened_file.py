@@ -67,7 +67,7 @@ def content_of(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
     text = read_text(file).strip()
     if text.startswith("<"):
         if "<!" in text.replace("<!--", ""):
-            raise ValueError("XML with declarations is not supported")
+            raise ValueError("XML with a DOCTYPE, an ENTITY or a CDATA section is not supported: remove it")
         root = ET.fromstring(text)
         return {item.tag: {part.tag: part.text for part in item} if len(item) else item.text for item in root}
     try:

@@ -118,9 +118,17 @@ def _pcd_head(data: bytes) -> tuple[dict[str, list[str]], list[str], int]:
 def _uncompressed(body: bytes, dtype: np.dtype[Any], count: int) -> Columns:
     """Return the scalar fields of binary_compressed data: sizes, then LZF of all values field by field."""
     size, full_size = (int(number) for number in np.frombuffer(body[:8].ljust(8, b"\0"), "<u4"))
-    if size > len(body) - 8 or full_size != count * dtype.itemsize or full_size > expansion_limit(size):
+    if size > len(body) - 8:
+        raise ValueError(f"its compressed data is truncated: {size} bytes are declared, {len(body) - 8} are present")
+    if full_size != count * dtype.itemsize:
         raise ValueError(
-            f"its data has {len(body)} compressed bytes: {count} points of {dtype.itemsize} bytes are required"
+            f"its compressed data declares {full_size} uncompressed bytes: {count} points of {dtype.itemsize} bytes "
+            "are required"
+        )
+    if full_size > expansion_limit(size):
+        raise ValueError(
+            f"its compressed data has {size} bytes and declares {full_size} uncompressed bytes: at most "
+            f"{expansion_limit(size)} are allowed"
         )
     from sfr_loc_map.io.clouds.lzf import decompress_lzf  # compiled code is loaded only for such files
 

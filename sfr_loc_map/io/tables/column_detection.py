@@ -31,7 +31,8 @@ from sfr_loc_map.message_stamps import NS_PER_S
 
 _THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(,[0-9]{3})+")  #: A number whose commas may separate thousands.
 _BELOW_THOUSAND = re.compile(r"[+-]?[1-9][0-9]{0,2}")
-"""A whole number without a comma. Beside numbers that all have three decimals, it would have them, too."""
+"""A whole number of 1 to 999, which has no thousands separator. If commas were decimal commas, this
+number would have three decimals like its neighbours."""
 REQUIRED = ((STAMP, SECONDS, FRAME), ("x",), ("y",), ("z", DOWN))
 """Columns of a position with a stamp; one of each is required."""
 

@@ -91,7 +91,7 @@ def plane_homographies(target: Pose, planes: LocalPlanes, camera: StereoCamera, 
 
 @jit_fast_inline
 def local_warp(h: FloatArray, u: float, v: float) -> LocalWarp:
-    """Return a homography around a host pixel."""
+    """Return the exact homography `h` as a function of the offset from the host pixel (u, v)."""
     w = h[2, 0] * u + h[2, 1] * v + h[2, 2]
     if w <= MIN_WARP_DEPTH:
         return LocalWarp(BEHIND, BEHIND, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

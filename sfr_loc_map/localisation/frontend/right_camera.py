@@ -1,4 +1,7 @@
-"""Deviation of the right camera from its calibration: offset of right image positions, and shift in a solved pair.
+"""Deviation of the right camera from its calibration.
+
+A small rotation of the camera displaces right image positions (`RightOffset`). The yaw that remains after its
+correction is estimated after the pose of a pair, as a shift along the rows (`RightShift`).
 
 The Gauss-Newton step that estimates the shift also estimates a shear of the rows of both images (rolling shutter).
 """

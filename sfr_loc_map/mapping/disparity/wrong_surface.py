@@ -6,8 +6,8 @@ the pixel and at the disparity of the other surface. The weights were trained on
 requires a new training:
 
 - The constants below and in `matching_cost` that are stored with the weights. A test compares them with the code.
-- The pixels that are classified: those that pass `validity.status_before_wrong_surface`. Its thresholds and the
-  refinement change these pixels, too. No test compares them.
+- The pixels that are classified: those that pass `validity.status_before_wrong_surface`. The set also
+  changes if the thresholds of this function or the refinement change. No test detects such a change.
 
 The following properties of the features must not be corrected without a new training:
 

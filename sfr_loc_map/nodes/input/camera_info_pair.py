@@ -11,7 +11,7 @@ from sfr_loc_map.suite_names import Side
 
 
 class CameraInfoPair:
-    """Joins new camera_info messages of both cameras to pairs of one calibration.
+    """Combines new camera_info messages of the left and right camera into pairs of the same calibration.
 
     When a calibration changes, one side arrives first, and the message of the other side may be lost. A waiting message
     with the previous calibration is therefore discarded when the other side has changed, unless both messages have the

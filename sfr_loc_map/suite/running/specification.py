@@ -190,5 +190,7 @@ def _stated_limits(value: object, path: Path) -> Mapping[str, Any]:
         return {}
     content = load_yaml(path.parent / value) if isinstance(value, str) else value
     if not isinstance(content, Mapping):
-        raise ConfigError(f"{path}: a file or a mapping is required for 'limits'")
+        raise ConfigError(
+            f"{path}: 'limits' is {value!r:.40}: the name of a limits file, or limits as NAME: VALUE, is required"
+        )
     return dict(content)

@@ -98,7 +98,7 @@ class Night:
     def read(cls, folder: Path) -> Night:
         """Read the night from `suite.json` of a folder."""
         path = folder / "suite.json"
-        with refusing(f"no figures in '{path}'", f"make it with sfr suite report '{folder}'"):
+        with refusing(f"cannot read the figures of '{path}'", f"make it with sfr suite report '{folder}'"):
             content = json.loads(path.read_text(encoding="utf-8"))
             if content["schema"] != SCHEMA:
                 raise ValueError(f"its schema is {content['schema']}, {SCHEMA} is required")

@@ -297,7 +297,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "an empty folder": (lambda folder: folder, "the folder has no calibration file; give the path"),
     "an empty file": (text_file(""), "the file has no names"),
     "no text": (lambda folder: storage(folder / "a.yml.gz", lenses(Pair())), "it is a binary file"),
-    "XML with entities": (text_file('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "a.xml"), "XML with declarations"),
+    "XML with entities": (text_file('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "a.xml"), "XML with a DOCTYPE"),
     "half an XML": (text_file("<?xml version='1.0'?><opencv_storage><M1>", "a.xml"), "no element found"),
     "another rig.json": (text_file('{"baseline_m": 0.1, "fx": 3}', "rig.json"), "rig.json"),
 }
