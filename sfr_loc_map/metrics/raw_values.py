@@ -24,6 +24,7 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.shortfall_kinds import ANSWERED_TWICE, SHORTFALLS, UNANSWERED, UNMEASURED, ShortfallKind
 from sfr_loc_map.metrics.table import Figure, figure_row
 
+ROUNDING_M = 1e-9  #: Largest error by rounding of errors that are differences of coordinates.
 EXACT = 1e-9  #: Relative tolerance of a recomputed statistic.
 DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 """Rounding of the errors of sub-trajectories and of map points in the data of the plots, m."""
@@ -152,7 +153,7 @@ def _of_axes(score: Score) -> Iterator[str]:
             if value is None or None in of_axes:
                 continue
             norm = float(np.linalg.norm(np.array(of_axes, np.float64)))
-            if abs(norm - value) > EXACT * max(norm, value):
+            if abs(norm - value) > ROUNDING_M + EXACT * max(norm, value):
                 yield f"{statistic} of {row.label} is {value:.9g}, but that of its axes gives {norm:.9g}"
 
 

@@ -60,7 +60,7 @@ def arrays_of(*shape: int) -> st.SearchStrategy[object]:
 
 RECORDS = st.builds(
     CallRecord,
-    st.integers(0, 2**62),
+    st.integers(0, 2**62 - 1),
     st.floats(0.0, 1e6) | st.just(math.nan),
     st.sampled_from(["tracking", "lost", "degraded", ""]),
     optional(st.integers(0, 2**53)),
