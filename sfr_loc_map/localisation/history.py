@@ -17,7 +17,8 @@ class PastPose(NamedTuple):
 
     stamp_ns: int
     T_world_left: Transform
-    was_known: bool  #: Whether the previous pose was known (tracked or kept, not lost).
+    #: Whether the pair directly follows that of the previous past pose, without a refused or missing pair in between.
+    follows_directly: bool
     window_number: int  #: Number of the window.
     in_window: LocatedCovariance  #: Covariance of the pose in its window.
     #: Covariance that windows, and the motions between windows, added up to this pose (`PathErrors`).
@@ -43,8 +44,8 @@ class History(NamedTuple):
     def at(self, stamp_ns: int) -> tuple[PastPose, float]:
         """Return the pose at a stamp, and the time between the returned pose and the stamp, s.
 
-        The pose is interpolated between two pairs if the earlier pose was known, and the errors are those of the later
-        pair. Otherwise the nearest pose is returned, which is the last pose for a later stamp.
+        The pose is interpolated between two consecutive pairs, and the errors are those of the later pair. Otherwise
+        the nearest pose is returned, which is the last pose for a later stamp.
         """
         last = self.poses[-1]
         if stamp_ns > last.stamp_ns:
@@ -56,7 +57,7 @@ class History(NamedTuple):
         if after == 0:
             return later, (later.stamp_ns - stamp_ns) / NS_PER_S
         earlier = self.poses[after - 1]
-        if later.was_known:
+        if later.follows_directly:
             fraction = (stamp_ns - earlier.stamp_ns) / (later.stamp_ns - earlier.stamp_ns)
             between = interpolated(earlier.T_world_left, later.T_world_left, fraction)
             return later._replace(stamp_ns=stamp_ns, T_world_left=between), 0.0

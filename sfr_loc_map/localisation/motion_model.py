@@ -64,6 +64,10 @@ class LastPose:
         """Return the time between the last known pose and a stamp, s; 0 before the first pair."""
         return 0.0 if self.known_ns is None else abs(stamp_ns - self.known_ns) / NS_PER_S
 
+    def missing_pairs(self, stamp_ns: int) -> int:
+        """Return the number of pairs that are missing between the last tracked pair and a stamp; 0 if unknown."""
+        return round((stamp_ns - self.tracked_ns) / self.period_ns) - 1 if self.period_ns > 0 else 0
+
     def has_gap(self, stamp_ns: int) -> bool:
         """Return whether the motion from the last known pose to a pair that begins a window is unobserved.
 
@@ -80,7 +84,7 @@ class LastPose:
         last = self.T_world_left
         repeated = last @ self.T_before_last
         others = []
-        missed = round((stamp_ns - self.tracked_ns) / self.period_ns) - 1 if self.period_ns > 0 else 0
+        missed = self.missing_pairs(stamp_ns)
         if 0 < missed <= MAX_MISSED_PAIRS:
             further = repeated
             for _ in range(missed):

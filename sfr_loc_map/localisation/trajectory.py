@@ -151,7 +151,10 @@ def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[Pa
     published = _published_at(path, pose, model)
     step = _step_to_new_pose(path, pose, published, model)
     last = path.last.tracked(pair.stamp_ns, pose.T_world_left, pose.since, was_known=pair.was_known)
-    past = _past_pose(last, errors, path.window_number, model, was_known=pair.was_known)
+    # after a kept pair, the pose published last is newer than the last tracked pair
+    was_tracked = pair.was_known and path.published.stamp_ns == path.last.tracked_ns
+    follows_directly = was_tracked and path.last.missing_pairs(pair.stamp_ns) <= 0
+    past = _past_pose(last, errors, path.window_number, model, follows_directly=follows_directly)
     path = replace(path, last=last, errors=errors, published=published, history=path.history.with_pose(past))
     return path, step
 
@@ -257,7 +260,7 @@ def restarted(
     published = replace(published, undone_by_next_step=ZERO, unobserved_rb=ZERO)
     last = path.last.restarted(stamp_ns)
     window_number = path.window_number + 1
-    past = _past_pose(last, errors, window_number, model, was_known=False)
+    past = _past_pose(last, errors, window_number, model, follows_directly=False)
     path = replace(
         path,
         last=last,
@@ -292,15 +295,15 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
 
 
 def _past_pose(
-    last: LastPose, errors: PathErrors, window_number: int, model: RoverModel, *, was_known: bool
+    last: LastPose, errors: PathErrors, window_number: int, model: RoverModel, *, follows_directly: bool
 ) -> PastPose:
-    """Return the last pose for the history; `was_known` is True if the previous pose was tracked or kept, not lost."""
+    """Return the last pose for the history."""
     position = last.T_world_left.translation
     since_map_was_placed = errors.since_map_was_placed(position, model.sources.adjustment_inflation)
     return PastPose(
         stamp_ns=last.tracked_ns,
         T_world_left=last.T_world_left,
-        was_known=was_known,
+        follows_directly=follows_directly,
         window_number=window_number,
         in_window=LocatedCovariance(position, errors.in_window),
         since_map_was_placed=LocatedCovariance(position, since_map_was_placed),

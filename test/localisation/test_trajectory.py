@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -306,3 +307,21 @@ def test_a_pose_from_outside_while_a_pose_is_kept_leaves_the_motion_since_its_st
     without_stamp = trajectory.given(path, StartPose(Transform(np.eye(3), STEP), NOTHING), model)
     at_next = trajectory.with_pending_pose(without_stamp, 12 * PERIOD_NS, model)[0]
     np.testing.assert_array_equal(at_next.errors.unobserved, NOTHING)
+
+
+@pytest.mark.parametrize("kept_pairs", [range(3, 33), ()])
+def test_a_pose_from_outside_between_two_pairs_far_apart_contains_the_motion_to_the_nearer_pair(
+    kept_pairs: Sequence[int],
+) -> None:
+    """Between the pairs, images are repeated or missing. The rover moved at the beginning, and stopped."""
+    model = model_of(IN_CAMERA)
+    ahead = np.array([0.3, 0.0, 0.0])
+    path = move(move(begun(), 1, ahead), 2, 2.0 * ahead)
+    for number in kept_pairs:
+        path = trajectory.kept(path, number * PERIOD_NS, model)[0]
+    path = move(path, 33, 3.0 * ahead)
+    exact = StartPose(Transform(np.eye(3), 3.0 * ahead), NOTHING, 9 * PERIOD_NS)
+    path = trajectory.with_pending_pose(trajectory.given(path, exact, model), 33 * PERIOD_NS, model)[0]
+    error = (path.datum.T_ds_world @ path.last.T_world_left).translation - 3.0 * ahead
+    assert error[0] > 0.06
+    assert of_path(path)[0, 0] > error[0] ** 2
