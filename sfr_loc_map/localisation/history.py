@@ -20,7 +20,10 @@ class PastPose(NamedTuple):
     #: Whether the pair directly follows that of the previous past pose, without a refused or missing pair in between.
     follows_directly: bool
     window_number: int  #: Number of the window.
-    in_window: LocatedCovariance  #: Covariance of the pose in its window.
+    of_keyframe: LocatedCovariance  #: Covariance of the newest keyframe in its window.
+    #: Errors of this pose that no other pose shares: those of its images, and the motion to the pose if this motion
+    #: counts as unobserved.
+    alone: LocatedCovariance
     #: Covariance that windows, and the motions between windows, added up to this pose (`PathErrors`).
     since_map_was_placed: LocatedCovariance
     bias: DisparityBias  #: Path integrals up to this pose.

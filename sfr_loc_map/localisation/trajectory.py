@@ -154,7 +154,8 @@ def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[Pa
     # after a kept pair, the pose published last is newer than the last tracked pair
     was_tracked = pair.was_known and path.published.stamp_ns == path.last.tracked_ns
     follows_directly = was_tracked and path.last.missing_pairs(pair.stamp_ns) <= 0
-    past = _past_pose(last, errors, path.window_number, model, follows_directly=follows_directly)
+    depth_m = pair.landmark_map.landmarks.median_depth
+    past = _past_pose(last, errors, path.window_number, depth_m, model, follows_directly=follows_directly)
     path = replace(path, last=last, errors=errors, published=published, history=path.history.with_pose(past))
     return path, step
 
@@ -188,7 +189,8 @@ def _errors_at(path: PathState, pose: _NewPose, model: RoverModel) -> PathErrors
     bias = DisparityBias(errors.bias.total + per_px, errors.bias.corrected + per_px * calibration.corrected_px)
     unobserved_rb = pose.added.unobserved_rb
     return errors.with_pose(
-        in_window=pose.given_keyframes + landmark_map.window.covariance,
+        of_keyframe=landmark_map.window.covariance,
+        given_keyframes=pose.given_keyframes,
         unobserved_to_pose=ZERO if unobserved_rb is None else _covariance_of_left(path, unobserved_rb, model),
         bias=bias,
     )
@@ -253,14 +255,14 @@ def restarted(
     errors = until_now.restarted(
         position,
         first_image=blur_of(depth_m, model).covariance,
-        in_window=landmark_map.window.covariance,
+        of_keyframe=landmark_map.window.covariance,
         inflation=model.sources.adjustment_inflation,
     )
     published, step = _step_to_kept_pose(path, stamp_ns, model)
     published = replace(published, undone_by_next_step=ZERO, unobserved_rb=ZERO)
     last = path.last.restarted(stamp_ns)
     window_number = path.window_number + 1
-    past = _past_pose(last, errors, window_number, model, follows_directly=False)
+    past = _past_pose(last, errors, window_number, depth_m, model, follows_directly=False)
     path = replace(
         path,
         last=last,
@@ -295,17 +297,20 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
 
 
 def _past_pose(
-    last: LastPose, errors: PathErrors, window_number: int, model: RoverModel, *, follows_directly: bool
+    last: LastPose, errors: PathErrors, window_number: int, depth_m: float, model: RoverModel, *, follows_directly: bool
 ) -> PastPose:
-    """Return the last pose for the history."""
+    """Return the last pose, in a map of a median depth, for the history."""
     position = last.T_world_left.translation
-    since_map_was_placed = errors.since_map_was_placed(position, model.sources.adjustment_inflation)
+    inflation = model.sources.adjustment_inflation
+    of_images = errors.given_keyframes * inflation + blur_of(depth_m, model).covariance
+    since_map_was_placed = errors.since_map_was_placed(position, inflation)
     return PastPose(
         stamp_ns=last.tracked_ns,
         T_world_left=last.T_world_left,
         follows_directly=follows_directly,
         window_number=window_number,
-        in_window=LocatedCovariance(position, errors.in_window),
+        of_keyframe=LocatedCovariance(position, errors.of_keyframe),
+        alone=LocatedCovariance(position, of_images + errors.unobserved_to_pose),
         since_map_was_placed=LocatedCovariance(position, since_map_was_placed),
         bias=errors.bias,
         directed=errors.directed,
@@ -406,14 +411,15 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     covariance = model.covariance_of_left(
         pose.covariance + unobserved, R_world_frame=T_ds_world.rotation.T, R_world_left=past.T_world_left.rotation
     )
-    position = past.in_window.position
+    position = past.of_keyframe.position
+    covariance = covariance + past.alone.covariance  # the map is moved by the errors of the past pose
     if past.window_number == path.window_number:
-        origin = Origin(LocatedCovariance(position, covariance), past.in_window, past.bias, past.directed)
+        origin = Origin(LocatedCovariance(position, covariance), past.of_keyframe, past.bias, past.directed)
     else:  # add drift and unobserved motions between the past pose and the present window
         before_window = path.errors.before_window
         added = positive_part(before_window.covariance - past.since_map_was_placed.at(before_window.position))
         at_window = propagated_covariance(covariance, before_window.position - position)
         start = LocatedCovariance(before_window.position, at_window + added)
         origin = Origin(start, bias=past.bias, directed=past.directed)
-    errors = path.errors.rebased(origin, position)
+    errors = path.errors.rebased(origin, position, is_present=past.stamp_ns == path.history.last_ns)
     return replace(path, datum=replace(path.datum, T_ds_world=T_ds_world), errors=errors)

@@ -71,10 +71,11 @@ def pair_at(
     to: Transform | np.ndarray,
     inflation: Inflation = Inflation.NONE,
     known: OnlineCalibration | None = None,
+    noise: float = 1e-18,
 ) -> AcceptedPair:
     """Return the pair of a number that was tracked at a pose, or a position."""
     pose = Pose(to.rotation, to.translation) if isinstance(to, Transform) else Pose(np.eye(3), to)
-    tracks = SimpleNamespace(pose=pose, information=1e18 * np.eye(6), landmarks=SimpleNamespace(median_depth=DEPTH_M))
+    tracks = SimpleNamespace(pose=pose, information=np.eye(6) / noise, landmarks=SimpleNamespace(median_depth=DEPTH_M))
     return AcceptedPair(
         number * PERIOD_NS,
         tracks,  # type: ignore[arg-type]
@@ -325,3 +326,45 @@ def test_a_pose_from_outside_between_two_pairs_far_apart_contains_the_motion_to_
     error = (path.datum.T_ds_world @ path.last.T_world_left).translation - 3.0 * ahead
     assert error[0] > 0.06
     assert of_path(path)[0, 0] > error[0] ** 2
+
+
+def set_at(path: PathState, number: int, now: int) -> PathState:
+    """Return the path after an exact external pose was applied to the pair of a number, at a later pair."""
+    model = model_of(IN_CAMERA)
+    exact = StartPose(Transform(np.eye(3), number * STEP), NOTHING, number * PERIOD_NS)
+    return trajectory.with_pending_pose(trajectory.given(path, exact, model), now * PERIOD_NS, model)[0]
+
+
+@pytest.mark.parametrize("now", [2, 3])
+def test_a_pose_from_outside_for_a_pair_with_stale_parts_leaves_the_motion_to_this_pair_uncertain(now: int) -> None:
+    """The wrong pose of that pair moves the whole map, whether a later pair came before the external pose or not."""
+    path = move(begun(), 1, STEP)
+    torn = move(path, 2, 2.0 * STEP, inflation=Inflation.UNOBSERVED)
+    clean = move(path, 2, 2.0 * STEP)
+    if now == 3:
+        torn, clean = (move(path, 3, 3.0 * STEP) for path in (torn, clean))
+    torn, clean = (set_at(path, 2, now) for path in (torn, clean))
+    later = [of_path(move(path, 4, 4.0 * STEP)) for path in (torn, clean)]
+    unobserved = (PERIOD_NS / 1e9 * model_of(IN_CAMERA).bounds.unseen_speed_m_s) ** 2
+    assert later[0][0, 0] - later[1][0, 0] >= unobserved
+
+
+@pytest.mark.parametrize("is_new_window", [False, True])
+def test_the_noise_of_two_images_is_added_between_a_pose_from_outside_and_the_present_pose(
+    *, is_new_window: bool
+) -> None:
+    """A window that begins in between adds the noise of the pose at which it begins."""
+    model = model_of(IN_CAMERA)
+    noise = 0.01**2
+
+    def covariance_with(noise: float) -> np.ndarray:
+        path = trajectory.accepted(begun(), pair_at(1, STEP, noise=noise), model)[0]
+        path = trajectory.accepted(path, pair_at(2, 2.0 * STEP, noise=noise), model)[0]
+        if is_new_window:
+            path = trajectory.restarted(path, 3 * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+        path = trajectory.accepted(path, pair_at(4, 3.0 * STEP, noise=noise), model)[0]
+        return of_path(set_at(path, 1, 4))
+
+    added = covariance_with(noise) - covariance_with(1e-18)
+    images = 3.0 if is_new_window else 2.0
+    assert np.linalg.eigvalsh(added)[0] >= 0.999 * images * noise * SOURCES.adjustment_inflation

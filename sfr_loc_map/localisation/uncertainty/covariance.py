@@ -80,13 +80,15 @@ def pose_covariance(
                + (disparity_px^2 + yaw_sigma_px^2 + (unsettled_yaw_ratio remaining_px)^2) bias bias'
                + uncorrected uncorrected'
 
-    - start (`Origin.start`): covariance of that pose, propagated to the present position. A new window adds to it
+    - start (`Origin.start`): covariance of that pose, propagated to the present position. If the pose was applied to a
+      past pose, `start` contains the errors that no other pose shares with the past pose (`PastPose.alone`):
+      `adjustment_inflation given_keyframes`, `blur`, and `unobserved` to the past pose. A new window adds to `start`
       `adjustment_inflation drift`, `unobserved` and `blur` of the pose at which the window begins.
-    - drift: covariance that arose within the window, `in_window - past_in_window`. `PathErrors.in_window` is the
-      covariance of the newest keyframe in its window, from the bundle adjustment, plus `given_keyframes` of the pose,
-      which is zero once the pose itself is an adjusted keyframe. `Origin.past_in_window` is zero unless an external
-      pose applies to a past pose of this window. It is then `in_window` of that past pose, propagated to the present
-      position, and negative eigenvalues of `drift` are replaced by zero.
+    - drift: covariance that arose within the window, `of_keyframe - past_of_keyframe + given_keyframes`.
+      `PathErrors.of_keyframe` is the covariance of the newest keyframe in its window, from the bundle adjustment.
+      `given_keyframes` is zero once the pose itself is an adjusted keyframe. `Origin.past_of_keyframe` is zero unless
+      an external pose applies to a past pose of this window. It is then `of_keyframe` of that past pose, propagated to
+      the present position, and negative eigenvalues of the difference are replaced by zero.
     - directed: errors that add up along the path (ambiguous motions, bending of the path by the lens), propagated to
       the present position (`PathErrors.directed_covariance`).
     - blur: standard deviation blur_px / f, rad, about each axis, and this angle times Z in position (`blur_of`).

@@ -58,9 +58,9 @@ class Origin(NamedTuple):
     """The pose to which the covariance is relative: start of the run or of the window, or an external pose."""
 
     start: LocatedCovariance  #: Covariance of the origin.
-    #: `in_window` of the past pose to which an external pose of this window applies; None if the drift counts from
+    #: `of_keyframe` of the past pose to which an external pose of this window applies; None if the drift counts from
     #: the start of the window.
-    past_in_window: LocatedCovariance | None = None
+    past_of_keyframe: LocatedCovariance | None = None
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the origin.
     directed: DirectedError = DirectedError(0.0, 0.0)  #: Sum of the directed errors up to the origin.
 
@@ -75,10 +75,11 @@ class PathErrors:
     | component | `with_pose` | `kept` | `adjusted` | `restarted` | `placed` | `rebased` |
     |---|---|---|---|---|---|---|
     | `origin.start` | | | | + inflated drift, both unobserved, first image | = external pose | = external pose |
-    | `origin.past_in_window` | | | | none | none | = past pose of this window, or none |
+    | `origin.past_of_keyframe` | | | | none | none | = past pose of this window, or none |
     | `before_window` | | | | + inflated `in_window`, both unobserved, first image | 0 | |
-    | `in_window` | = keyframe + given keyframes | | = keyframe | = keyframe | 0 | |
-    | `unobserved_to_pose` | = unobserved if the findings require it, or 0 | | | 0 | 0 | |
+    | `of_keyframe` | = keyframe | | = keyframe | = keyframe | 0 | |
+    | `given_keyframes` | = given keyframes | | 0 | 0 | 0 | 0 if the past pose is the present pose |
+    | `unobserved_to_pose` | = unobserved if the findings require it, or 0 | | | 0 | 0 | like `given_keyframes` |
     | `unobserved_since_pose` | 0 | = unobserved | | 0 | 0 | |
     | `bias` | + step | | | | | |
     | `directed` | + step (`with_directed`) | | | | | |
@@ -86,16 +87,19 @@ class PathErrors:
 
     `with_pose` belongs to an accepted pair, `kept` to a kept pair, `adjusted` to a keyframe that was adjusted in the
     background, and `restarted` to a pair that begins a window. A lost pair changes no component. `placed` applies an
-    external pose to the last pose, and `rebased` to a past pose. An adjustment does not change `unobserved_to_pose`,
-    because the images of the keyframe may still be partly stale.
+    external pose to the last pose, and `rebased` to a past pose, whose errors that no other pose shares
+    (`PastPose.alone`) are then part of `origin.start`. An adjustment does not change `unobserved_to_pose`, because the
+    images of the keyframe may still be partly stale.
     """
 
     origin: Origin  #: The pose to which the covariance is relative.
     #: Covariance that earlier windows, and the motions between windows, added since the map was placed, at the start of
     #: the window. External poses with past stamps do not reset it.
     before_window: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
-    #: Covariance of the present pose in its window.
-    in_window: FloatArray = field(default_factory=lambda: ZERO)
+    #: Covariance of the newest keyframe in its window.
+    of_keyframe: FloatArray = field(default_factory=lambda: ZERO)
+    #: Covariance of the present pose given the keyframes, which no other pose shares.
+    given_keyframes: FloatArray = field(default_factory=lambda: ZERO)
     #: Covariance of the motion to the last accepted pose, which counts as unobserved if its images may be partly stale.
     unobserved_to_pose: FloatArray = field(default_factory=lambda: ZERO)
     #: Covariance of the motion since that pose while it is kept.
@@ -114,14 +118,31 @@ class PathErrors:
         return DisparityBias(self.bias.total - before.total, self.bias.corrected - before.corrected)
 
     @property
+    def in_window(self) -> FloatArray:
+        """Covariance `(6, 6)` of the present pose in its window."""
+        return self.given_keyframes + self.of_keyframe
+
+    @property
     def unobserved(self) -> FloatArray:
         """Covariance `(6, 6)` of the unobserved motions to and since the last accepted pose."""
         return self.unobserved_to_pose + self.unobserved_since_pose
 
-    def with_pose(self, *, in_window: FloatArray, unobserved_to_pose: FloatArray, bias: DisparityBias) -> PathErrors:
+    def with_pose(
+        self,
+        *,
+        of_keyframe: FloatArray,
+        given_keyframes: FloatArray,
+        unobserved_to_pose: FloatArray,
+        bias: DisparityBias,
+    ) -> PathErrors:
         """Return the errors of a new pose that was estimated from images."""
         return replace(
-            self, in_window=in_window, unobserved_to_pose=unobserved_to_pose, unobserved_since_pose=ZERO, bias=bias
+            self,
+            of_keyframe=of_keyframe,
+            given_keyframes=given_keyframes,
+            unobserved_to_pose=unobserved_to_pose,
+            unobserved_since_pose=ZERO,
+            bias=bias,
         )
 
     def placed(self, start: LocatedCovariance) -> PathErrors:
@@ -133,59 +154,65 @@ class PathErrors:
             directed_covariance=LocatedCovariance(start.position, ZERO),
         )
 
-    def rebased(self, origin: Origin, position: FloatArray) -> PathErrors:
+    def rebased(self, origin: Origin, position: FloatArray, *, is_present: bool) -> PathErrors:
         """Return the errors since an external pose with a past stamp.
 
         Args:
             origin: The external pose; the start of the present window if that pose belongs to an earlier window.
             position: Position of the left camera at the external pose.
+            is_present: Whether the past pose is the present pose, whose own errors are then those of the origin.
         """
         since = self.directed.since(origin.directed)
-        return replace(self, origin=origin, directed_covariance=LocatedCovariance(position, since.covariance))
+        errors = replace(self, origin=origin, directed_covariance=LocatedCovariance(position, since.covariance))
+        if is_present:
+            return replace(errors, given_keyframes=ZERO, unobserved_to_pose=ZERO)
+        return errors
 
     def kept(self, unobserved_since_pose: FloatArray) -> PathErrors:
         """Return the errors of a pose that is kept during an unobserved motion."""
         return replace(self, unobserved_since_pose=unobserved_since_pose)
 
-    def adjusted(self, in_window: FloatArray) -> PathErrors:
+    def adjusted(self, of_keyframe: FloatArray) -> PathErrors:
         """Return the errors after an adjustment of the newest keyframe, with its new covariance in the window."""
-        return replace(self, in_window=in_window)
+        return replace(self, of_keyframe=of_keyframe, given_keyframes=ZERO)
 
     def since_origin(self, position: FloatArray, inflation: float) -> FloatArray:
         """Return the sum of the terms `start` and `adjustment_inflation drift` of the pose covariance at a position."""
         drift = self.in_window
         origin = self.origin
-        if origin.past_in_window is not None:
-            drift = positive_part(drift - origin.past_in_window.at(position))
+        if origin.past_of_keyframe is not None:
+            drift = positive_part(self.of_keyframe - origin.past_of_keyframe.at(position)) + self.given_keyframes
         return np.asarray(drift * inflation + origin.start.at(position))
 
     def since_map_was_placed(self, position: FloatArray, inflation: float) -> FloatArray:
         """Return the covariance that windows, and the motions between windows, added since the map was placed.
 
-        External poses with past stamps do not reset this covariance. The difference of two such covariances is
-        therefore the uncertainty that arose between the two poses.
+        External poses with past stamps do not reset this covariance, and it does not contain the errors that no other
+        pose shares. The difference of two such covariances is therefore the uncertainty that arose between the poses.
         """
-        drift = self.in_window * inflation
+        drift = self.of_keyframe * inflation
         return np.asarray(self.before_window.at(position) + drift)
 
     def restarted(
-        self, position: FloatArray, *, first_image: FloatArray, in_window: FloatArray, inflation: float
+        self, position: FloatArray, *, first_image: FloatArray, of_keyframe: FloatArray, inflation: float
     ) -> PathErrors:
         """Return the errors at the start of a new window.
 
         Args:
             position: Position of the left camera.
             first_image: `(6, 6)` that the first image adds.
-            in_window: `(6, 6)` of the first keyframe in the new window.
+            of_keyframe: `(6, 6)` of the first keyframe in the new window.
             inflation: `ErrorSources.adjustment_inflation`.
         """
         start = self.since_origin(position, inflation) + self.unobserved + first_image
-        before_window = self.since_map_was_placed(position, inflation) + self.unobserved + first_image
+        alone = self.given_keyframes * inflation + self.unobserved + first_image
+        before_window = self.since_map_was_placed(position, inflation) + alone
         return replace(
             self,
-            origin=self.origin._replace(start=LocatedCovariance(position, start), past_in_window=None),
+            origin=self.origin._replace(start=LocatedCovariance(position, start), past_of_keyframe=None),
             before_window=LocatedCovariance(position, before_window),
-            in_window=in_window,
+            of_keyframe=of_keyframe,
+            given_keyframes=ZERO,
             unobserved_to_pose=ZERO,
             unobserved_since_pose=ZERO,
         )
