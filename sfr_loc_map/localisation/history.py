@@ -28,6 +28,7 @@ class PastPose(NamedTuple):
     since_map_was_placed: LocatedCovariance
     bias: DisparityBias  #: Path integrals up to this pose.
     directed: DirectedError  #: Sum of the directed errors up to this pose.
+    followed_px: float  #: Sum of the drift corrections of the right camera up to this pose, px.
 
 
 class History(NamedTuple):

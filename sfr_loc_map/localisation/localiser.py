@@ -595,10 +595,13 @@ class Localiser:
         return state, findings
 
     def _without_map(self, state: State) -> State:
-        """Return the state after an adjustment that diverged: the map and the calibration are discarded."""
-        return replace(
-            state, landmark_map=None, calibration=OnlineCalibration(self._camera, self._config.window_keyframes)
-        )
+        """Return the state after an adjustment that diverged: the map and the calibration are discarded.
+
+        The sum of the drift corrections continues, because the errors of the attitude that it causes remain.
+        """
+        followed_px = state.calibration.followed_px
+        calibration = OnlineCalibration(self._camera, self._config.window_keyframes, followed_px=followed_px)
+        return replace(state, landmark_map=None, calibration=calibration)
 
     def _with_pose_from_outside(self, state: State, stamp_ns: int) -> State:
         """Apply a pending external pose if its stamp is reached."""

@@ -193,6 +193,7 @@ def _errors_at(path: PathState, pose: _NewPose, model: RoverModel) -> PathErrors
         given_keyframes=pose.given_keyframes,
         unobserved_to_pose=ZERO if unobserved_rb is None else _covariance_of_left(path, unobserved_rb, model),
         bias=bias,
+        followed_px=calibration.followed_px,
     )
 
 
@@ -314,6 +315,7 @@ def _past_pose(
         since_map_was_placed=LocatedCovariance(position, since_map_was_placed),
         bias=errors.bias,
         directed=errors.directed,
+        followed_px=errors.followed_px,
     )
 
 
@@ -414,12 +416,14 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     position = past.of_keyframe.position
     covariance = covariance + past.alone.covariance  # the map is moved by the errors of the past pose
     if past.window_number == path.window_number:
-        origin = Origin(LocatedCovariance(position, covariance), past.of_keyframe, past.bias, past.directed)
+        start = LocatedCovariance(position, covariance)
+        past_of_keyframe = past.of_keyframe
     else:  # add drift and unobserved motions between the past pose and the present window
         before_window = path.errors.before_window
         added = positive_part(before_window.covariance - past.since_map_was_placed.at(before_window.position))
         at_window = propagated_covariance(covariance, before_window.position - position)
         start = LocatedCovariance(before_window.position, at_window + added)
-        origin = Origin(start, bias=past.bias, directed=past.directed)
+        past_of_keyframe = None
+    origin = Origin(start, past_of_keyframe, past.bias, past.directed, past.followed_px)
     errors = path.errors.rebased(origin, position, is_present=past.stamp_ns == path.history.last_ns)
     return replace(path, datum=replace(path.datum, T_ds_world=T_ds_world), errors=errors)

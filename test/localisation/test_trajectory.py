@@ -368,3 +368,24 @@ def test_the_noise_of_two_images_is_added_between_a_pose_from_outside_and_the_pr
     added = covariance_with(noise) - covariance_with(1e-18)
     images = 3.0 if is_new_window else 2.0
     assert np.linalg.eigvalsh(added)[0] >= 0.999 * images * noise * SOURCES.adjustment_inflation
+
+
+@pytest.mark.parametrize("at", [1, 2, 4])
+def test_drift_corrections_before_a_pose_from_outside_leave_its_attitude_certain(at: int) -> None:
+    """The external pose is for an earlier pair, for the last pair, or later than the last pair."""
+    model = model_of(IN_CAMERA)
+    followed = OnlineCalibration(RIG.camera, 7, followed_px=20.0)
+
+    def attitude(path: PathState, known: OnlineCalibration) -> float:
+        position = path.last.T_world_left.translation
+        return float(pose_covariance(path.errors, position, DEPTH_M, known, model)[3, 3])
+
+    path = move(move(begun(), 1, STEP, followed), 2, 2.0 * STEP, followed)
+    before = attitude(path, followed)
+    path = set_at(path, at, max(at, 2))
+    after = attitude(path, followed)
+    per_px2 = (SOURCES.followed_attitude_ratio / RIG.fx) ** 2
+    assert before - after > 0.9 * per_px2 * 20.0**2
+    further = replace(followed, followed_px=30.0)
+    path = move(path, 5, 3.0 * STEP, further)
+    assert attitude(path, further) - after == pytest.approx(per_px2 * 10.0**2, rel=0.05)

@@ -93,7 +93,8 @@ def pose_covariance(
       the present position (`PathErrors.directed_covariance`).
     - blur: standard deviation blur_px / f, rad, about each axis, and this angle times Z in position (`blur_of`).
     - attitude: (bent_attitude_ratio hypot(yaw_sigma_px, yaw.target_px))^2 + (followed_attitude_ratio followed_px)^2,
-      divided by f^2. `followed_px` is the sum of the absolute drift corrections of the right camera, px.
+      divided by f^2. `followed_px` is the sum of the absolute drift corrections of the right camera since the origin,
+      px. The term of the yaw depends on the present calibration only. An external pose does not end it.
     - unobserved (`PathErrors.unobserved`): `unobserved` of two motions. The motion to the last accepted pose counts as
       unobserved if the findings of that pose require this (`findings.RULES`). The motion since that pose is unobserved
       while the pose is kept.
@@ -116,7 +117,7 @@ def pose_covariance(
     disparity[:3, :3] = variance_px2 * np.outer(bias, bias) + np.outer(uncorrected, uncorrected)
     # attitude errors from an uncorrected yaw, which bends the path, and from the drift of the right camera
     bent_px = sources.bent_attitude_ratio * np.hypot(calibration.yaw_sigma_px, calibration.yaw.target_px)
-    attitude_px = np.hypot(bent_px, sources.followed_attitude_ratio * calibration.followed_px)
+    attitude_px = np.hypot(bent_px, sources.followed_attitude_ratio * errors.followed_since_origin_px)
     attitude = np.zeros((6, 6))
     attitude[3:, 3:] = np.eye(3) * (attitude_px / model.fx) ** 2
     drift = errors.since_origin(position, sources.adjustment_inflation)

@@ -63,6 +63,7 @@ class Origin(NamedTuple):
     past_of_keyframe: LocatedCovariance | None = None
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the origin.
     directed: DirectedError = DirectedError(0.0, 0.0)  #: Sum of the directed errors up to the origin.
+    followed_px: float = 0.0  #: Sum of the drift corrections up to the origin, px.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +83,7 @@ class PathErrors:
     | `unobserved_to_pose` | = unobserved if the findings require it, or 0 | | | 0 | 0 | like `given_keyframes` |
     | `unobserved_since_pose` | 0 | = unobserved | | 0 | 0 | |
     | `bias` | + step | | | | | |
+    | `followed_px` | + drift correction | | | | | |
     | `directed` | + step (`with_directed`) | | | | | |
     | `directed_covariance` | + step (`with_directed`) | | | | 0 | = sum since the external pose |
 
@@ -105,6 +107,8 @@ class PathErrors:
     #: Covariance of the motion since that pose while it is kept.
     unobserved_since_pose: FloatArray = field(default_factory=lambda: ZERO)
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the present pose.
+    #: Sum of the absolute drift corrections of the right camera up to the present pose, px.
+    followed_px: float = 0.0
     #: Sum of the directed errors (ambiguous motions, bending by the lens) up to the present pose. The sum is never
     #: reset, because the past poses in the history contain earlier values of the same sum.
     directed: DirectedError = DirectedError(0.0, 0.0)
@@ -116,6 +120,11 @@ class PathErrors:
         """Path integrals from the origin to the present pose."""
         before = self.origin.bias
         return DisparityBias(self.bias.total - before.total, self.bias.corrected - before.corrected)
+
+    @property
+    def followed_since_origin_px(self) -> float:
+        """Sum of the absolute drift corrections from the origin to the present pose, px."""
+        return self.followed_px - self.origin.followed_px
 
     @property
     def in_window(self) -> FloatArray:
@@ -134,6 +143,7 @@ class PathErrors:
         given_keyframes: FloatArray,
         unobserved_to_pose: FloatArray,
         bias: DisparityBias,
+        followed_px: float,
     ) -> PathErrors:
         """Return the errors of a new pose that was estimated from images."""
         return replace(
@@ -143,13 +153,15 @@ class PathErrors:
             unobserved_to_pose=unobserved_to_pose,
             unobserved_since_pose=ZERO,
             bias=bias,
+            followed_px=followed_px,
         )
 
     def placed(self, start: LocatedCovariance) -> PathErrors:
         """Return the errors after an external pose was applied to the last pose. Only the sums continue."""
         return PathErrors(
-            origin=Origin(start, bias=self.bias, directed=self.directed),
+            origin=Origin(start, bias=self.bias, directed=self.directed, followed_px=self.followed_px),
             bias=self.bias,
+            followed_px=self.followed_px,
             directed=self.directed,
             directed_covariance=LocatedCovariance(start.position, ZERO),
         )
