@@ -44,7 +44,9 @@ from sfr_loc_map.localisation.estimate import StateReason
 class Action(Enum):
     """What happens to a pair."""
 
-    KEEP = auto()  #: The last pose is published again, with a larger covariance. A lost localiser stays lost.
+    #: The last pose is published again, with a larger covariance, until this covariance is that of a lost pose. A lost
+    #: localiser stays lost.
+    KEEP = auto()
     REJECT = auto()  #: The localiser is lost. No window may begin with the pair.
     RESTART = auto()  #: The localiser is lost. After several good images a new window begins at the last pose.
     DEGRADE = auto()  #: The pose is accepted, or a window begins with the pair, and the state is degraded.

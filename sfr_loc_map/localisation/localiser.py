@@ -105,6 +105,7 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import checked
 from sfr_loc_map.errors import LocalisationError
 from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation import guards, stale_images, trajectory, warm_up
@@ -496,10 +497,15 @@ class Localiser:
     def _keep(
         self, state: State, verdict: Verdict, stamp_ns: int, statistics: TrackingStatistics, tracks: Tracks | None
     ) -> Outcome:
-        """Publish the last pose again with a larger covariance. A lost localiser stays lost and keeps its reason."""
+        """Publish the last pose again with a larger covariance. A lost localiser stays lost and keeps its reason.
+
+        The localiser is lost once the motion since the last pose is as uncertain as an unknown pose.
+        """
         if state.status is TrackingState.LOST:
             return self._lose(state, state.reason, statistics, tracks)
         path, step = trajectory.kept(state.path, stamp_ns, self._model)
+        if path.errors.unobserved_since_pose.max() >= LOST_VARIANCE:
+            return self._lose(state, verdict.reason, statistics, tracks)
         state = replace(state, path=path, status=TrackingState.DEGRADED, reason=verdict.reason)
         return Outcome(state, statistics, tracks, step)
 

@@ -219,6 +219,18 @@ def test_a_pose_set_before_a_repeated_pair_keeps_the_map_and_contains_the_motion
         assert errors(estimate, T_set @ motion)[0] < 3.0 * sigma(estimate)
 
 
+def test_a_pose_that_is_kept_is_never_less_certain_than_a_lost_one() -> None:
+    by = localiser()
+    run(DRIVE[:4], by)
+    repeated = [replace(DRIVE[3], stamp_ns=DRIVE[3].stamp_ns + seconds * 10**9) for seconds in (90, 99, 101, 300)]
+    found = run(repeated, by)
+    assert [estimate.state for estimate in found] == [TrackingState.DEGRADED] * 2 + [TrackingState.LOST] * 2
+    assert all((np.diag(estimate.covariance) <= np.diag(LOST)).all() for estimate in found)
+    assert {estimate.reason for estimate in found} == {StateReason.REPEATED_IMAGES}
+    again = replace(DRIVE[4], stamp_ns=repeated[-1].stamp_ns + PERIOD_NS)
+    assert by.process(again).state is TrackingState.TRACKING
+
+
 @pytest.mark.parametrize("late", [0.4, 1.0, 2.7])
 def test_a_start_pose_of_a_later_stamp_than_the_first_pair_degrades_nothing(late: float) -> None:
     """A ground truth that begins after the images: the images show the motion up to the start pose."""
