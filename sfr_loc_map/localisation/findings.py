@@ -18,7 +18,7 @@ inferred ones. The published reason is therefore not always that of the largest 
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
 | `AFTER_GAP` | `guards.check_gap` |
-| `DIVERGED` | `guards.check_adjustment`; `_with_finished_keyframe` if the equations are singular |
+| `DIVERGED` | `guards.has_diverged`, or singular equations of an adjustment; kept in `State` until a window begins |
 | `CALIBRATION`, `SHEARED_ROWS` | `guards.check_calibration`, `guards.check_shear` |
 
 A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, and a call in the localiser:
@@ -72,7 +72,7 @@ class Finding(Enum):
     SWAPPED = auto()  #: Left and right image are swapped.
     FROZEN_IMAGE = auto()  #: One image repeats that of the previous pair and is blanked.
     STALE_ROWS = auto()  #: Some rows repeat those of the previous pair and are blanked.
-    DIVERGED = auto()  #: The adjustment of the previous keyframe diverged, and its map was discarded.
+    DIVERGED = auto()  #: An adjustment diverged, its map was discarded, and the pair is the first to begin a window.
     AFTER_GAP = auto()  #: The window began after an unobserved motion.
     CALIBRATION = auto()  #: The right camera drifts, or its yaw is not yet corrected.
     SHEARED_ROWS = auto()  #: The rows of the images were exposed at different times (rolling shutter).

@@ -116,15 +116,15 @@ def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBoun
     return _found(Finding.TOO_FAST, not moved.is_within(MotionSize(max_m, max_rad)))
 
 
-def check_adjustment(last: LastPose, pose: Pose, covariance: FloatArray) -> Findings:
-    """Report an adjustment that diverged: pose or covariance is not finite, or the pose is far from the last one.
+def has_diverged(last: LastPose, pose: Pose, covariance: FloatArray) -> bool:
+    """Return whether an adjustment diverged: pose or covariance is not finite, or the pose is far from the last one.
 
     The covariance `(6, 6)` is that of the adjusted pose.
     """
     if not all(np.isfinite(array).all() for array in (*pose, covariance)):
-        return frozenset({Finding.DIVERGED})
+        return True
     moved = size_between(Pose.of(last.T_world_left), pose)
-    return _found(Finding.DIVERGED, not moved.is_within(MAX_ADJUSTMENT))
+    return not moved.is_within(MAX_ADJUSTMENT)
 
 
 def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: RightOffset) -> Findings:

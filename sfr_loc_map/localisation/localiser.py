@@ -261,8 +261,8 @@ class Localiser:
         self._check_pair(pair)
         clock = StageClock()
         with clock.stage("wait"):
-            self._state, findings = self._with_finished_keyframe(self._state, clock)
-        outcome = self._locate(self._state, pair, odometry, findings, clock)
+            self._state = self._with_finished_keyframe(self._state, clock)
+        outcome = self._locate(self._state, pair, odometry, clock)
         self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
         # A keyframe implies an accepted pose. Only an external pose with a later stamp would discard the map.
         assert outcome.keyframe is None or self._state.landmark_map is not None
@@ -273,10 +273,8 @@ class Localiser:
 
     # ---- the stages of a pair
 
-    def _locate(
-        self, state: State, pair: StereoPair, odometry: Transform | None, findings: Findings, clock: StageClock
-    ) -> Outcome:
-        """Run stages 1 to 9 (module docstring) on a pair; the given findings concern the last adjustment of the map.
+    def _locate(self, state: State, pair: StereoPair, odometry: Transform | None, clock: StageClock) -> Outcome:
+        """Run stages 1 to 9 (module docstring) on a pair.
 
         The tracks follow any motion (`tracks`), then the ground (`ground.tracks`), then have corrected right
         observations (`candidate.tracks`), and for a keyframe contain all landmarks (`final.tracks`).
@@ -290,7 +288,7 @@ class Localiser:
             ground_memory=state.ground_memory.after_stale_rows(images.stale_rows),
         )
         landmark_map = state.landmark_map
-        findings |= guards.check_images(images, has_map=landmark_map is not None) | guards.check_wiring(pair)
+        findings = guards.check_images(images, has_map=landmark_map is not None) | guards.check_wiring(pair)
         verdict = decide(findings)
         if verdict.refuses:
             return self._refuse(state, verdict, pair.stamp_ns)
@@ -527,6 +525,8 @@ class Localiser:
         if state.path.last.has_gap(frame.stamp_ns):  # poses stay degraded until the window is full
             clean_from = keyframes + self._config.window_keyframes - 1
         findings |= guards.check_gap(keyframes=keyframes, clean_from_keyframe=clean_from)
+        if state.has_diverged:
+            findings |= {Finding.DIVERGED}
         verdict = decide(findings)
         if not verdict.can_be_reference:  # checked first: with a blanked image, no landmark is triangulated
             return self._lose(state, verdict.reason, TrackingStatistics(inliers=0), tracks)
@@ -551,6 +551,7 @@ class Localiser:
             ground_memory=state.ground_memory.in_new_window(frame, pose),
             keyframes=keyframes,
             clean_from_keyframe=clean_from,
+            has_diverged=False,
             status=status,
             reason=verdict.reason,
         )
@@ -572,33 +573,31 @@ class Localiser:
                 f"{self._rig.width} x {self._rig.height}. Use images of this rig."
             )
 
-    def _with_finished_keyframe(self, state: State, clock: StageClock) -> tuple[State, Findings]:
+    def _with_finished_keyframe(self, state: State, clock: StageClock) -> State:
         """Wait for the keyframe of the previous call; return the state with the adjusted map, pose and calibration.
 
         If the adjustment diverged, the map is discarded, and a new window may begin at the last known pose.
         """
         if self._pending is None:
-            return state, frozenset()
+            return state
         pending = self._pending
         self._pending = None
         try:
             result = pending.result()
         except np.linalg.LinAlgError:
-            return self._without_map(state), frozenset({Finding.DIVERGED})
+            return self._without_map(state)
         clock.seconds["keyframe"] = result.seconds
         window = result.landmark_map.window
-        findings = guards.check_adjustment(state.path.last, window.newest_pose, window.covariance)
-        if findings:
-            return self._without_map(state), findings
+        if guards.has_diverged(state.path.last, window.newest_pose, window.covariance):
+            return self._without_map(state)
         path = trajectory.adjusted(state.path, window.newest_pose, window.covariance, has_yaw_step=result.has_yaw_step)
-        state = replace(
+        return replace(
             state,
             path=path,
             landmark_map=result.landmark_map,
             calibration=result.calibration,
             recovery=state.recovery.with_keyframe(result.landmark_map.landmarks),
         )
-        return state, findings
 
     def _without_map(self, state: State) -> State:
         """Return the state after an adjustment that diverged: the map and the calibration are discarded.
@@ -607,7 +606,7 @@ class Localiser:
         """
         followed_px = state.calibration.followed_px
         calibration = OnlineCalibration(self._camera, self._config.window_keyframes, followed_px=followed_px)
-        return replace(state, landmark_map=None, calibration=calibration)
+        return replace(state, landmark_map=None, calibration=calibration, has_diverged=True)
 
     def _with_pose_from_outside(self, state: State, stamp_ns: int) -> State:
         """Apply a pending external pose if its stamp is reached."""

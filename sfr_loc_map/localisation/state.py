@@ -46,6 +46,8 @@ class State:
     keyframes: int = 0  #: Number of keyframes since the start.
     #: Number of the first keyframe at which a preceding gap no longer degrades the window.
     clean_from_keyframe: int = 0
+    #: Whether an adjustment diverged, and no window has begun since then.
+    has_diverged: bool = False
     status: TrackingState = TrackingState.INITIALISING  #: State published last.
     reason: StateReason | None = None  #: Reason published last.
 

@@ -392,6 +392,17 @@ def with_pending_keyframe() -> tuple[Localiser, int]:
     return by, number
 
 
+def test_a_diverged_adjustment_is_reported_by_the_first_pair_that_can_begin_a_window() -> None:
+    by, number = with_pending_keyframe()
+    by._pending = Future()
+    by._pending.set_exception(np.linalg.LinAlgError("singular matrix"))
+    refused = by.process(replace(DRIVE[number], right=DRIVE[number - 1].right))
+    assert (refused.state, refused.reason) == (TrackingState.LOST, StateReason.REPEATED_IMAGES)
+    begun, later = run(DRIVE[number + 1 : number + 3], by)
+    assert (begun.state, begun.reason) == (TrackingState.DEGRADED, StateReason.IMPLAUSIBLE_MOTION)
+    assert (later.state, later.reason) == (TrackingState.DEGRADED, StateReason.UNSEEN_MOTION)
+
+
 @pytest.mark.parametrize("is_singular", [False, True])
 def test_a_diverged_adjustment_begins_a_window_and_is_reported(*, is_singular: bool) -> None:
     by, number = with_pending_keyframe()
