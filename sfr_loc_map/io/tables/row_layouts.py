@@ -15,6 +15,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.plausibility import plausible_attitudes, plausible_rotations
+from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.io.tables.column_names import unknown_header, without_names
 from sfr_loc_map.io.tables.number_text import number_or_nan
 from sfr_loc_map.io.tables.pose_columns import (
@@ -62,7 +63,9 @@ LAYOUTS = (
 MAX_FRAME = 1e7  #: Integers below are frame numbers; larger integers are stamps.
 FIT = 0.9  #: Minimum fraction of rows that must fit a layout; the others are invalid rows.
 HALF_FIT = 0.5  #: Minimum fraction if no layout reaches `FIT`, so that error messages can name the invalid rows.
-LEVEL = 0.5  #: Smallest vertical component of the z-axis of an upright rover: a tilt of 60 deg.
+LEVEL = 0.5  #: Smallest vertical component of the upward axis of a level vehicle: a tilt of 60 deg.
+FORWARD = 0.5  #: Smallest mean component along the path of the forward axis of a vehicle that drives forward.
+CHORDS = 50  #: Number of parts of a path; their chords are longer than the position noise.
 _SCALAR_FIRST_TEXT = re.compile(r"\bq?_?w\W+q?_?x\W+q?_?y\W+q?_?z\b|\bwxyz\b", re.IGNORECASE)
 _SCALAR_LAST_TEXT = re.compile(r"\bq?_?x\W+q?_?y\W+q?_?z\W+q?_?w\b|\bxyzw\b", re.IGNORECASE)
 
@@ -190,23 +193,53 @@ def _check_stated_order(head: TableHead, layout: Layout) -> None:
 
 
 def _check_scalar_is_last(head: TableHead, layout: Layout, table: FloatArray) -> None:
-    """Raise InputError if a rover would be upside down, but upright with the scalar of the quaternion first."""
+    """Raise InputError if the attitudes are those of a vehicle only with the scalar of the quaternions first.
+
+    A vehicle is level. If it is level in both orders, its forward axis decides, which points along the path. The axes
+    may also be those of a camera, whose y-axis points down and whose z-axis points forward.
+    """
     if layout.keys[-4:] != QUATERNION:
         return
-    quats = table[:, layout.keys.index("qx") : layout.keys.index("qw") + 1]
-    quats = quats[np.isfinite(quats).all(axis=1)]
-    upward = _upward(quats)
-    if np.mean(upward < -LEVEL) < HALF_FIT or np.mean(_upward(quats[:, [1, 2, 3, 0]]) > LEVEL) < FIT:
+    rows = table[np.isfinite(table[:, : len(layout.keys)]).all(axis=1)]
+    rows = rows[_fitting_rows(layout.keys, rows)]
+    rows = rows[np.lexsort((rows[:, layout.keys.index("x") - 1], rows[:, 0]))]  # by seconds and their fractions
+    positions, quats = (rows[:, [layout.keys.index(key) for key in keys]] for keys in (POSITION, QUATERNION))
+    if not quats.any():  # positions without attitude
         return
+    if_first = matrix_from_quat(quats[:, [1, 2, 3, 0]])
+    if np.mean(if_first[:, 2, 2] > LEVEL) < FIT:
+        return
+    problem = "not level"
+    forward = [
+        axis for axis, upward in _forward_and_upward(matrix_from_quat(quats)) if np.mean(upward > LEVEL) >= HALF_FIT
+    ]
+    if forward:
+        is_opposite = all(_along_path(axis, positions) < 0.0 for axis in forward)
+        is_placeholder = not np.ptp(quats, axis=0).any()
+        if is_placeholder or not is_opposite or _along_path(if_first[:, :, 0], positions) < FORWARD:
+            return
+        problem = "opposite to the path"
+    scalar_last, scalar_first = (
+        head.option.replace("COLUMNS", ",".join(("t[s]", *keys))) for keys in (_POSE, _POSE_SCALAR_FIRST)
+    )
     raise InputError(
-        f"{head.name} has no header, and its poses are upside down as {layout.name}, but upright if the scalar of the "
-        f"quaternions is first: {head.named_by('t[s],x,y,z,qw,qx,qy,qz')} or {head.named_by('t[s],x,y,z,qx,qy,qz,qw')}"
+        f"{head.name} has no header, and its attitudes are {problem} as {layout.name}, but level and along the path if "
+        f"the scalar of the quaternions is first: name the columns, if the scalar is first by {scalar_first}, if it is "
+        f"last by {scalar_last}"
     )
 
 
-def _upward(quats_xyzw: FloatArray) -> FloatArray:
-    """Return the vertical component of the body's z-axis `(N,)`: 1 if the body is level, -1 if it is upside down."""
-    return np.asarray(1.0 - 2.0 * (quats_xyzw[:, 0] ** 2 + quats_xyzw[:, 1] ** 2))
+def _forward_and_upward(rotations: FloatArray) -> tuple[tuple[FloatArray, FloatArray], ...]:
+    """Return the forward axis `(N, 3)` and the vertical component of the upward axis `(N,)`, of a body and a camera."""
+    return (rotations[:, :, 0], rotations[:, 2, 2]), (rotations[:, :, 2], -rotations[:, 2, 1])
+
+
+def _along_path(axis: FloatArray, positions: FloatArray) -> float:
+    """Return the mean component of an axis `(N, 3)` along a path `(N, 3)`: -1 to 1, and 0 for a stationary body."""
+    ends = np.linspace(0, len(positions) - 1, CHORDS + 1).astype(np.int64)
+    chords = np.diff(positions[ends], axis=0)
+    length = np.linalg.norm(chords, axis=1).sum()
+    return float(np.sum(axis[ends[:-1]] * chords) / length) if length > 0.0 else 0.0
 
 
 def _stated_order(comments: Sequence[str]) -> _StatedOrder | None:

@@ -12,7 +12,8 @@ import pytest
 from helpers.cli_result import Sfr
 from helpers.pose_tables import COUNT, drive, rows, seconds
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_normalised
+from sfr_loc_map.geometry.rotation import matrix_from_quat, matrix_from_rotvec, quat_from_matrix, quat_normalised
+from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
 from sfr_loc_map.io.truth.config import TruthConfig
@@ -258,14 +259,44 @@ REFUSED = {
         "",
         "the unit of the stamps 0.25, 100.25, 200.25 is ambiguous",
     ),
-    "scalar first without a header": (
-        "".join(f"{k}.5 {k} 0 0 0.99 0.01 -0.01 0.14\n" for k in range(20)),
-        "",
-        "upside down as TUM .* upright if the scalar of the quaternions is first",
-    ),
     "times of day": ("time,x,y,z\n10:22:01.25,1,2,3\n", "", "line 1 is 'time,x,y,z', line 2 is '10:22:01.25,1,2,3'"),
     "a text without rows": ('{"poses": []}\n', "", """has no pose: .* line 1 is '{"poses": \\[\\]}'"""),
 }
+
+
+def level_path(heading_deg: float, *, is_camera: bool = False) -> Trajectory:
+    """Return a nearly level drive of a body, or of a camera with z forward, at headings around `heading_deg`."""
+    headings = np.radians(heading_deg + np.linspace(-20.0, 20.0, COUNT))
+    steps = np.stack((np.cos(headings), np.sin(headings), 0.0 * headings), axis=1) * 0.1
+    axes = OPTICAL_IN_BODY if is_camera else np.eye(3)
+    attitudes = [
+        matrix_from_rotvec([0.0, 0.0, heading]) @ matrix_from_rotvec([0.02, -0.03, 0.0]) for heading in headings
+    ]
+    quats = np.array([quat_from_matrix(attitude @ axes) for attitude in attitudes])
+    return Trajectory(drive().stamps_ns, np.cumsum(steps, axis=0), quats)
+
+
+def tum_rows(poses: Trajectory, order: tuple[int, ...]) -> str:
+    seconds = [f"{stamp_ns / NS_PER_S:.6f}" for stamp_ns in poses.stamps_ns.tolist()]
+    return rows(seconds, poses.positions, poses.quats_xyzw[:, order], separator=" ")
+
+
+@pytest.mark.parametrize("heading_deg", range(0, 360, 30))
+def test_a_level_drive_with_the_scalar_first_and_without_a_header_is_refused(tmp_path: Path, heading_deg: int) -> None:
+    (tmp_path / "wxyz.txt").write_text(tum_rows(level_path(heading_deg), (3, 0, 1, 2)))
+    with pytest.raises(InputError, match="scalar of the quaternions is first"):
+        read_trajectory_file(tmp_path / "wxyz.txt")
+
+
+@pytest.mark.parametrize("heading_deg", range(0, 360, 30))
+@pytest.mark.parametrize("kind", ["body", "camera", "sorted downwards", "positions of a tracker"])
+def test_a_drive_with_the_scalar_last_is_read_at_every_heading(tmp_path: Path, heading_deg: int, kind: str) -> None:
+    poses = level_path(heading_deg, is_camera=kind == "camera")
+    if kind == "positions of a tracker":
+        poses = Trajectory(poses.stamps_ns, poses.positions, np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1)))
+    lines = tum_rows(poses, (0, 1, 2, 3)).splitlines(keepends=True)
+    (tmp_path / "xyzw.txt").write_text("".join(lines[::-1] if kind == "sorted downwards" else lines))
+    assert len(read_trajectory_file(tmp_path / "xyzw.txt").trajectory) == COUNT
 
 
 @pytest.mark.parametrize("case", REFUSED)
