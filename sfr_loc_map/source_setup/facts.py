@@ -11,7 +11,7 @@ from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.bag.bag import Bag
+from sfr_loc_map.io.bag.bag import TOPICS_READ, Bag
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
@@ -52,8 +52,10 @@ def facts_tables(facts: dict[str, Any]) -> list[Table]:
 
 
 def _topics(path: Path, config: SourceConfig) -> list[dict[str, Any]]:
-    names = {topic.strip("/"): name for topic, name in config.remap.items()}
-    names[config.truth.source.strip("/")] = "truth"
+    bag = Bag(path, config.remap)
+    names = {topic: name for name in TOPICS_READ for topic in bag.matches(name)}
+    if config.truth.source:
+        names |= dict.fromkeys(bag.matches(config.truth.source), "truth")
     return [
         {
             "name": topic.name,
@@ -61,7 +63,7 @@ def _topics(path: Path, config: SourceConfig) -> list[dict[str, Any]]:
             "messages": topic.count,
             "frame": topic.frame,
             "size": " x ".join(map(str, topic.size)) if all(topic.size) else "",
-            "read as": names.get(topic.name.strip("/"), ""),
+            "read as": names.get(topic.name, ""),
         }
         for topic in sorted(seen_topics(Bag(path)), key=lambda topic: topic.name)
     ]

@@ -219,6 +219,16 @@ def test_eight_columns_without_a_header_are_ambiguous(tmp_path: Path, poses: Tra
     np.testing.assert_array_equal(read_trajectory_file(tmp_path / "x.euroc.csv").trajectory.positions, poses.positions)
 
 
+@pytest.mark.parametrize("source", ["/odometry", "/ground_truth/odometry"])
+def test_an_absolute_name_of_the_truth_matches_exactly(tmp_path: Path, poses: Trajectory, source: str) -> None:
+    entries = [(f"/rover2{topic}", *rest) for topic, *rest in messages("odometry", poses)]
+    bag = write_messages(tmp_path / "bag", entries)
+    for found in ("/rover2/ground_truth/odometry", "ground_truth/odometry"):
+        assert len(read_truth(bag, TruthConfig(source=found))) == COUNT
+    with pytest.raises(InputError, match="neither a file nor a topic"):
+        read_truth(bag, TruthConfig(source=source))
+
+
 def test_truth_that_is_not_there_names_what_could_be(tmp_path: Path, poses: Trajectory) -> None:
     place = write_messages(tmp_path / "x", messages("pose", poses))
     with pytest.raises(InputError, match=r"name their topic .*: /vrpn/pose"):

@@ -86,12 +86,23 @@ class Bag:
         return other
 
     def matches(self, name: str) -> list[str]:
-        """Return the names in the bag of the topics that match a relative name, in any namespace."""
+        """Return the names in the bag of the topics that match a name; a relative name matches in any namespace."""
+        if name.startswith("/"):
+            return [topic for topic in self._names if topic.strip("/") == name.strip("/")]
         exact = [topic for topic, new in self._names.items() if new == name]
         return exact or [topic for topic, new in self._names.items() if new.endswith("/" + name)]
 
+    def namespaces(self) -> dict[str, list[str]]:
+        """Return the names of `TOPICS_READ` that the bag has once and not by remapping, by their namespace."""
+        found: dict[str, list[str]] = {}
+        for name in TOPICS_READ:
+            topics = self.matches(name)
+            if len(topics) == 1 and (topic := topics[0].strip("/")).endswith(f"/{name}"):
+                found.setdefault(topic.removesuffix(name).rstrip("/"), []).append(name)
+        return found
+
     def find(self, name: str, *msgtypes: str) -> Topic | None:
-        """Return the topic of a relative name; None if absent. `COMPRESSED` also accepts `name/compressed`."""
+        """Return the topic of a name (`matches`); None if absent. `COMPRESSED` also accepts `name/compressed`."""
         found = self.matches(name)
         if not found and COMPRESSED in msgtypes:
             found = self.matches(f"{name}{COMPRESSED_END}")
@@ -111,7 +122,8 @@ class Bag:
                 f"topic '{found[0]}' of bag '{self.path}' is {msgtype}: {' or '.join(msgtypes)} is required "
                 f"for '{name}'"
             )
-        return Topic(f"{name}{COMPRESSED_END}" if msgtype == COMPRESSED else name, found[0], msgtype)
+        relative = name.strip("/")
+        return Topic(f"{relative}{COMPRESSED_END}" if msgtype == COMPRESSED else relative, found[0], msgtype)
 
     def raw_messages(self, names: Collection[str]) -> Iterator[tuple[str, str, int, bytes]]:
         """Yield relative name, type, stamp and bytes of the messages of all topics found; images may be compressed."""

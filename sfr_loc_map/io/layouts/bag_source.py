@@ -252,6 +252,12 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
             f"bag '{path}' has neither loc/left/image_rect nor nav/left/image_rect: it has "
             f"{', '.join(sorted(bag.topics))}; sfr info '{path}' --write proposes the topics"
         )
+    if len(namespaces := bag.namespaces()) > 1:
+        listed = "; ".join(f"/{namespace}: {', '.join(names)}" for namespace, names in namespaces.items())
+        _log.warning(
+            f"bag '{path}': topics of several namespaces are read: {listed}: name the topics in section 'topics' of "
+            "sfr.yaml if the namespaces are those of different rovers"
+        )
     loc = BagLocSequence(bag, config) if kinds[Task.LOCALISATION] else None
     nav = BagNavSequence(bag, config) if kinds[Task.MAPPING] else None
     is_adapted = any(part is not None and part.is_adapted for part in (loc, nav)) or config.truth != DEFAULT_TRUTH

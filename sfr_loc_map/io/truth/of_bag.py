@@ -42,7 +42,7 @@ def recorded_in_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> RecordedTr
     if config.frame:
         _log.warning(f"truth.frame={config.frame} ignored: truth.source={config.source} has priority")
     bag = bag.stamped_by(config.stamps)
-    topic = bag.find(config.source.strip("/") or TRUE_POSES, *TRUTH_TYPES)
+    topic = bag.find(config.source or TRUE_POSES, *TRUTH_TYPES)
     if topic is None:
         text = f"bag '{bag.path}' has no true poses on '{TRUE_POSES}'"
         raise InputError(f"{text}: name their topic with --set truth.source=TOPIC{could_be_truth(bag)}")

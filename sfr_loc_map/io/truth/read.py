@@ -36,7 +36,7 @@ def truth_of_recording(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> Truth:
     """Return the truth of an opened bag; InputError if there is no truth."""
     from sfr_loc_map.io.truth.of_bag import recorded_in_bag  # rosbags is imported only for bags
 
-    if not config.source or bag.matches(config.source.strip("/")):
+    if not config.source or bag.matches(config.source):
         return truth_of_rb(recorded_in_bag(bag, config), config)
     return _configured_truth(bag.path, config)
 

@@ -98,6 +98,16 @@ def test_topics_of_others_by_remap_and_namespace(tmp_path: Path, world: World) -
         open_source(write_messages(tmp_path / "two", loc_entries(world, "/a/") + loc_entries(world, "/b/")))
 
 
+@pytest.mark.parametrize(("namespace", "is_reported"), [("/rover1", False), ("", False), ("/rover2", True)])
+def test_a_truth_in_the_namespace_of_another_rover_is_reported(
+    tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture, namespace: str, is_reported: bool
+) -> None:
+    pose = messages.odometry(START_NS, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+    entries = [*loc_entries(world, "/rover1/"), (f"{namespace}/ground_truth/odometry", START_NS, pose)]
+    open_source(write_messages(tmp_path / "bag", entries))
+    assert ("/rover2: ground_truth/odometry" in caplog.text) == is_reported
+
+
 def test_a_recording_without_tf_has_the_extrinsics_of_the_node_that_was_recorded(tmp_path: Path, world: World) -> None:
     pose = world.loc_rig.T_rb_sb
     translation, quat = "T_rb_locsb.translation_m", "T_rb_locsb.quat_xyzw"

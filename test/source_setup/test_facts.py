@@ -1,0 +1,15 @@
+"""The facts of a source: each topic of a bag with the name under which it is read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from helpers.made_worlds import make_world, write_bag
+from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.source_setup.facts import facts_of
+
+
+def test_a_topic_that_is_read_under_its_own_name_is_listed_as_read(tmp_path: Path) -> None:
+    facts = facts_of(write_bag(tmp_path / "x.mcap", make_world()), SourceConfig())
+    read_as = {topic["name"]: topic["read as"] for topic in facts["topics"]}
+    assert read_as["/loc/left/image_rect"] == "loc/left/image_rect"
