@@ -63,6 +63,7 @@ COLUMNS_OPTION = "--columns 'COLUMNS'"
 """How a user names the columns of a file, for messages; COLUMNS stands for the columns."""
 ESTIMATE_OPTION, TRUTH_OPTION = "--columns 'estimate:COLUMNS'", "--columns 'truth:COLUMNS'"
 CONFIGURED_OPTION = "--set 'truth.columns=COLUMNS'"  #: For a truth that `truth.source` names.
+RUN_ROWS = 10  #: Smallest number of rows of a run; rows in random order have shorter runs.
 MOST_NAMED = 8  #: Maximum number of columns that a message lists.
 FORMAT_NAMES = {  # all formats but COLUMNS, whose name is that of the detected columns
     TrajectoryFormat.CSV: "csv of the suite",
@@ -137,8 +138,8 @@ class LoadedTrajectory:
 def read_trajectory_file(path: Path, columns: str = "", option: str = COLUMNS_OPTION) -> LoadedTrajectory:
     """Read a trajectory; the format is given by its header, else by the layout that the rows fit (`column_detection`).
 
-    Stamps may be in any order. `columns` names the columns if the file does not. Messages say that the user can name
-    them by `option`.
+    Stamps may be in any order, but not of several runs of the same time. `columns` names the columns if the file does
+    not. Messages say that the user can name them by `option`.
     """
     path = Path(path)
     name = f"'{path}'"
@@ -295,12 +296,38 @@ def _loaded(
     kept = table.without(good, problems).checked()
     if not len(kept.lines):
         raise InputError(f"{table.name} has no pose: at least one line with a pose is required")
+    _check_one_run(kept)
     trajectory = Trajectory(kept.stamps_ns, positions[good], quats[good])
     skipped = [kept.skipped] if kept.skipped else []
     if covariance is not None:
         covariance, invalid = _valid_covariances(covariance[good])
         skipped += [f"{invalid} covariances that are not positive semi-definite ignored"] if invalid else []
     return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, "; ".join(skipped), covariance)
+
+
+def _check_one_run(table: Table) -> None:
+    """Raise InputError if a table has several runs of the same time, as of a restarted clock.
+
+    A run is a part of the table with increasing stamps. A table may be sorted downwards, consist of parts of different
+    time, or have single rows anywhere.
+    """
+    steps = np.diff(table.stamps_ns)
+    is_downwards = np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0)
+    stamps_ns = table.stamps_ns[::-1] if is_downwards else table.stamps_ns
+    starts = np.flatnonzero(np.diff(stamps_ns, prepend=np.iinfo(np.int64).max) < 0)
+    counts = np.diff(starts, append=len(stamps_ns))
+    starts, counts = starts[counts >= RUN_ROWS], counts[counts >= RUN_ROWS]
+    margins = np.maximum(counts // 10, 1)  # a stray stamp may begin or end a run
+    first_ns, last_ns = stamps_ns[starts + margins], stamps_ns[starts + counts - 1 - margins]
+    order = np.argsort(first_ns, kind="stable")
+    overlaps = first_ns[order][1:] < np.maximum.accumulate(last_ns[order])[:-1]
+    if overlaps.any():
+        row = int(starts[order][1:][overlaps].max())
+        line = table.lines[::-1][row] if is_downwards else table.lines[row]
+        raise InputError(
+            f"{table.name} line {line}: the stamps begin again within the time of other rows: one run is required; "
+            "give each run a file of its own"
+        )
 
 
 def times_beside(path: Path) -> Path:

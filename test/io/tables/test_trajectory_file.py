@@ -156,3 +156,36 @@ def test_a_skipped_line_of_kitti_poses_keeps_the_stamps_of_the_later_lines(tmp_p
 def test_the_detected_columns_of_a_table_without_a_header_are_named(tmp_path: Path) -> None:
     (tmp_path / "t.txt").write_text("".join(f"{k}.5 {k} 0 0\n" for k in range(5)))
     assert "t.txt: t x y z, 5 positions" in read_trajectory_file(tmp_path / "t.txt").text
+
+
+def text_of(stamps_s: np.ndarray) -> str:
+    return "".join(f"{stamp:.6f} {k} 2 3 0 0 0 1\n" for k, stamp in enumerate(stamps_s.tolist()))
+
+
+@pytest.mark.parametrize("second_s", [(0.05, 20.05), (0.0, 20.0), (3.0, 8.0), (-5.0, 12.0)])
+@pytest.mark.parametrize("direction", [1, -1])
+def test_two_runs_of_the_same_time_in_one_table_are_refused(
+    tmp_path: Path, second_s: tuple[float, float], direction: int
+) -> None:
+    stamps_s = np.concatenate((np.arange(0.0, 20.0, 0.1), np.arange(*second_s, 0.1)))
+    (tmp_path / "t.txt").write_text(text_of(stamps_s[::direction]))
+    with pytest.raises(InputError, match=r"t.txt' line [0-9]+: .* one run"):
+        read_trajectory_file(tmp_path / "t.txt")
+
+
+RUN_S = np.arange(0.0, 20.0, 0.1)
+READABLE_S = {
+    "upwards": RUN_S,
+    "downwards": RUN_S[::-1],
+    "shuffled": np.random.default_rng(1).permutation(RUN_S),
+    "the second half first": np.roll(RUN_S, 100),
+    "stray stamps": np.insert(RUN_S, [60, 61, 120], [1e6, 3.05, 0.0]),
+    "repeated stamps": np.repeat(RUN_S, 2),
+    "pairs of rows exchanged": RUN_S.reshape(-1, 2)[:, ::-1].reshape(-1),
+}
+
+
+@pytest.mark.parametrize("case", READABLE_S)
+def test_one_run_in_any_order_is_read(tmp_path: Path, case: str) -> None:
+    (tmp_path / "t.txt").write_text(text_of(READABLE_S[case]))
+    assert len(read_trajectory_file(tmp_path / "t.txt").trajectory) == len(READABLE_S[case])
