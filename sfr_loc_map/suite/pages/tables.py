@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from operator import attrgetter
@@ -357,12 +358,14 @@ COMPARISON: tuple[RowColumn[FigureComparison], ...] = (
     heads("group", lambda row: row.group),
     words("figure", lambda row: row.figure),
     numbers("drives", lambda row: row.drives),
+    numbers("without it, first", lambda row: row.without[0]),
+    numbers("without it, other", lambda row: row.without[1]),
     numbers("ratio", lambda row: row.ratio),
     intervals("95 % interval", lambda row: row.ci95),
     numbers("p", lambda row: row.p),
     numbers("p, corrected", lambda row: row.p_corrected),
     words("the other is", lambda row: row.outcome),
-    numbers("largest ratio", lambda row: row.worst.other / row.worst.first),
+    numbers("largest ratio", lambda row: None if row.worst.log is None else math.exp(row.worst.log)),
     words("at", lambda row: row.worst.label),
 )
 
@@ -371,6 +374,7 @@ def comparison_tables(result: SuiteComparison) -> list[Table]:
     """Return the table of a comparison of suites."""
     note = (
         "Ratio: geometric mean over the drives of mean + 3 sigma, or of the cost; below 1 the second suite is better. "
+        "A drive without the figure in one suite counts in the test as the largest change of all drives. "
         f"Corrected for {len(result.figures)} comparisons (Holm). Not in both: {result.left_out[0]} and "
         f"{result.left_out[1]}."
     )

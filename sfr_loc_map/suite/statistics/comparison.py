@@ -4,11 +4,14 @@ The test statistic of a figure is the mean log ratio over the drives. If two sui
 as likely positive as negative. A sign-flip test therefore compares the mean with its distribution over all choices of
 signs (Fisher 1935), exactly for up to 14 drives and with random choices for more. The test does not assume a
 distribution of the errors, and a single bad drive cannot decide the outcome.
+
+A drive whose error is missing in one of the suites, because the estimate was lost, counts in the test as the largest
+change of all drives, in favour of the other suite. Otherwise a method that loses its difficult drives would be better.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -34,11 +37,16 @@ MIN_TESTED = 6  #: With fewer drives, no p-value can be below 0.03.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveRatio:
-    """A figure of a job in both suites."""
+    """A figure of a job in both suites; None in a suite without the figure."""
 
     label: str
-    first: float
-    other: float
+    first: float | None
+    other: float | None
+
+    @property
+    def log(self) -> float | None:
+        """Logarithm of other / first; None if a suite lacks the figure."""
+        return None if self.first is None or self.other is None else float(np.log(self.other / self.first))
 
 
 class FigureComparison(Struct, frozen=True, kw_only=True):
@@ -51,13 +59,14 @@ class FigureComparison(Struct, frozen=True, kw_only=True):
     baseline: str  #: Name of the reference suite.
     kind: ComparedKind
     figure: str  #: Name with unit.
-    drives: int  #: Number of common drives.
-    ratio: float  #: Geometric mean over the drives of the ratio other / first.
+    drives: int  #: Number of common drives that have the figure in at least one suite.
+    without: tuple[int, int]  #: Number of these drives that lack the figure in the first and in the second suite.
+    ratio: float | None  #: Geometric mean of other / first over the drives that have both; None without such a drive.
     ci95: Interval | None  #: 95 % confidence interval of the ratio, by resampling drives.
     p: float | None  #: p-value of the sign-flip test.
     p_corrected: float | None  #: p-value corrected for the number of comparisons (Holm).
     outcome: Outcome
-    worst: DriveRatio  #: Drive with the largest ratio.
+    worst: DriveRatio  #: Drive that lacks the figure only in the second suite; otherwise the largest ratio.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,9 +95,13 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
     for first_result, other_result in common:
         group = first_result.job.group.text
         other_figures = figures_of(other_result.score)
-        for name, value in figures_of(first_result.score).items():
-            if name in other_figures and name.kind in COMPARED:
-                ratio = DriveRatio(label=first_result.job.label, first=value, other=other_figures[name])
+        first_figures = figures_of(first_result.score)
+        for name in dict.fromkeys((*first_figures, *other_figures)):
+            in_both = name in first_figures and name in other_figures
+            if name.kind in COMPARED and (in_both or name.kind is ComparedKind.ACCURACY):
+                ratio = DriveRatio(
+                    label=first_result.job.label, first=first_figures.get(name), other=other_figures.get(name)
+                )
                 ratios.setdefault((group, name), {}).setdefault(first_result.job.drive_key, []).append(ratio)
     left_out = (len(first_results) - len(common), len(other_results) - len(common))
     return SuiteComparison(
@@ -113,10 +126,7 @@ def _compared(
 
     The ratios of one drive are averaged, because the largest of them would be biased although nothing has changed.
     """
-    log_ratios = [
-        np.array([np.log([item.other / item.first for item in items]).mean() for items in drives.values()])
-        for drives in ratios.values()
-    ]
+    log_ratios = [_log_ratios(drives.values()) for drives in ratios.values()]
     p_values = [sign_flip_p(logs) for logs in log_ratios]
     rows = zip(ratios.items(), log_ratios, p_values, holm(p_values), strict=True)
     for ((group, name), drives), logs, p, corrected in rows:
@@ -124,19 +134,47 @@ def _compared(
         if corrected is not None and logs.any():
             direction = Outcome.WORSE if logs.mean() > 0.0 else Outcome.BETTER
             outcome = Outcome.NO_DIFFERENCE if corrected >= SIGNIFICANCE else direction
+        logs_in_both = [[item.log for item in items if item.log is not None] for items in drives.values()]
+        means = np.array([np.mean(of_drive) for of_drive in logs_in_both if of_drive])
         yield FigureComparison(
             group=group,
             baseline=baseline,
             kind=name.kind,
             figure=name.name,
             drives=len(drives),
-            ratio=float(np.exp(logs.mean())),
-            ci95=ratio_interval(logs),
+            without=(
+                sum(any(item.first is None for item in items) for items in drives.values()),
+                sum(any(item.other is None for item in items) for items in drives.values()),
+            ),
+            ratio=float(np.exp(means.mean())) if len(means) else None,
+            ci95=ratio_interval(means),
             p=p,
             p_corrected=corrected,
             outcome=outcome,
-            worst=max(chain(*drives.values()), key=lambda item: item.other / item.first),
+            worst=max(chain(*drives.values()), key=_badness),
         )
+
+
+def _log_ratios(drives: Collection[Sequence[DriveRatio]]) -> FloatArray:
+    """Return the mean log ratio of each drive. A missing figure counts as the largest log ratio of all drives.
+
+    The size of this log ratio does not depend on which suite lacks the figure, as the sign-flip test requires.
+    """
+    loss = max((abs(item.log) for item in chain(*drives) if item.log is not None), default=1.0) or 1.0
+
+    def log_ratio(item: DriveRatio) -> float:
+        if item.log is not None:
+            return item.log
+        return loss if item.other is None else -loss
+
+    return np.array([np.mean([log_ratio(item) for item in items]) for items in drives])
+
+
+def _badness(item: DriveRatio) -> float:
+    """Return the log ratio; infinite if only the second suite lacks the figure, or minus infinite if the first does."""
+    if item.log is not None:
+        return item.log
+    return np.inf if item.other is None else -np.inf
 
 
 def ratio_interval(log_ratios: FloatArray) -> Interval | None:

@@ -60,10 +60,8 @@ def test_one_bad_drive_decides_nothing(score: Score) -> None:
     result = compare_suites(summary(score, dict.fromkeys(names(10), 1.0)), summary(score, factors), ("a", "b"))
     found = next(item for item in result.figures if item.figure == POSITION)
     assert found.outcome is Outcome.NO_DIFFERENCE
-    assert (found.worst.label, found.worst.other / found.worst.first) == (
-        "localise drive 3, default",
-        pytest.approx(30.0),
-    )
+    assert found.worst.label == "localise drive 3, default"
+    assert found.worst.log == pytest.approx(np.log(30.0))
 
 
 def test_drives_of_one_suite_only_are_counted(score: Score) -> None:
@@ -74,6 +72,30 @@ def test_drives_of_one_suite_only_are_counted(score: Score) -> None:
     assert next(item for item in both.figures if item.figure == POSITION).outcome is Outcome.NOT_ENOUGH_DATA
     with pytest.raises(MetricsError, match="no drive in common"):
         compare_suites(summary(score, {"x": 1.0}), summary(score, {"y": 1.0}), ("a", "b"))
+
+
+def test_a_method_that_loses_half_of_the_drives_is_not_better(score: Score) -> None:
+    before = summary(score, dict.fromkeys(names(20), 1.0))
+    after = summary(score, dict.fromkeys(names(20), 0.9))
+    without_errors = struct_replace(score, figures=tuple(row for row in score.figures if row.figure != "position"))
+    lost = tuple(replace(item, score=without_errors) for item in after.results[:10])
+    losing = replace(after, results=lost + after.results[10:])
+    found = next(item for item in compare_suites(before, losing, ("a", "b")).figures if item.figure == POSITION)
+    assert (found.drives, found.without) == (20, (0, 10))
+    assert found.ratio == pytest.approx(0.9)
+    assert found.outcome is Outcome.NO_DIFFERENCE
+    assert found.worst.other is None
+    found = next(item for item in compare_suites(losing, before, ("b", "a")).figures if item.figure == POSITION)
+    assert (found.without, found.outcome) == ((10, 0), Outcome.NO_DIFFERENCE)
+
+
+def test_a_method_that_loses_every_drive_is_worse(score: Score) -> None:
+    before = summary(score, dict.fromkeys(names(10), 1.0))
+    without_errors = struct_replace(score, figures=tuple(row for row in score.figures if row.figure != "position"))
+    losing = replace(before, results=tuple(replace(item, score=without_errors) for item in before.results))
+    found = next(item for item in compare_suites(before, losing, ("a", "b")).figures if item.figure == POSITION)
+    assert (found.drives, found.without, found.ratio) == (10, (0, 10), None)
+    assert found.outcome is Outcome.WORSE
 
 
 @pytest.mark.parametrize("drives", [5, 6, 12])
