@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,12 +24,35 @@ def hash_path(path: Path) -> str:
         if not path.is_dir():
             raise InputError(f"cannot hash '{path}': it does not exist; give a file or folder")
         digest = hashlib.sha256()
-        for name, file in sorted((file.relative_to(path).as_posix(), file) for file in path.rglob("*")):
-            if file.is_file() and not any(part.startswith(".") for part in name.split("/")):
-                digest.update(f"{name}\0{hash_path(file)}\n".encode())
+        for file in visible_files(path):
+            if file.is_file():
+                digest.update(f"{file.relative_to(path).as_posix()}\0{hash_path(file)}\n".encode())
         return digest.hexdigest()
     except OSError as error:
         raise InputError(f"cannot hash '{error.filename}': {error.strerror}; check the permissions") from error
+
+
+def visible_files(folder: Path) -> list[Path]:
+    """Return all entries of a folder that are not folders, sorted by name; raise OSError if a folder is not readable.
+
+    Links to folders are followed, as by the readers. Hidden files and folders, and compiled Python code, are excluded.
+    """
+    return sorted(_visible_files(folder, ()), key=str)
+
+
+def _visible_files(folder: Path, above: tuple[tuple[int, int], ...]) -> Iterator[Path]:
+    """Yield the files of a folder; `above` identifies the folders that contain it, because a link can lead to one."""
+    state = folder.stat()
+    identity = (state.st_dev, state.st_ino)
+    if identity in above:
+        return
+    for path in folder.iterdir():
+        if path.name.startswith(".") or path.name == "__pycache__":
+            continue
+        if path.is_dir():
+            yield from _visible_files(path, (*above, identity))
+        else:
+            yield path
 
 
 def hash_arrays(arrays: Iterable[NDArray[np.generic]]) -> str:

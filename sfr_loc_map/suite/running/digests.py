@@ -15,7 +15,7 @@ from typing import TypeVar, cast
 from sfr_loc_map import __version__
 from sfr_loc_map.config import read_sections
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.hashes import hash_path
+from sfr_loc_map.hashes import hash_path, visible_files
 from sfr_loc_map.io.source_config import SourceConfig, config_beside
 from sfr_loc_map.methods.isolation import code_of
 from sfr_loc_map.methods.registry import find_method
@@ -39,21 +39,11 @@ def file_state(path: Path) -> str:
     Raise InputError if the path does not exist or a file is not readable.
     """
     try:
-        files = [path] if path.is_file() else _files(path)
+        files = visible_files(path) if path.is_dir() else [path]
         found = [[str(file), (stat := os.stat(file)).st_size, stat.st_mtime_ns, stat.st_ino] for file in files]
     except OSError as error:
         raise InputError(f"cannot read '{error.filename}': {error.strerror}; check path and permissions") from error
-    if not found and not path.is_dir():
-        raise InputError(f"there is no '{path}': check that it is mounted")
     return digest(found)
-
-
-def _files(folder: Path) -> list[str]:
-    found: list[str] = []
-    for place, folders, names in os.walk(folder):
-        folders[:] = [name for name in folders if not name.startswith(".") and name != "__pycache__"]
-        found += [os.path.join(place, name) for name in names if not name.startswith(".")]
-    return sorted(found)
 
 
 _cached: dict[tuple[Path, Callable[[Path], object]], tuple[str, object]] = {}
@@ -81,8 +71,7 @@ def _versions() -> dict[str, str]:
 def hash_package(root: Path) -> str:
     """Return the hash of the files of a package that can change a result."""
     found = hashlib.sha256()
-    for name in _files(root):
-        path = Path(name)
+    for path in visible_files(root):
         place = path.relative_to(root).as_posix()
         if path.suffix in HASHED and not place.startswith(WITHOUT_EFFECT):
             found.update(f"{place}\0".encode() + path.read_bytes() + b"\0")
@@ -107,7 +96,7 @@ def method_hash(spec: str, task: Task, config: str) -> str:
 
 def _hash_code(path: Path) -> str:
     """Return the hash of a file, or of the files of a folder without compiled Python code."""
-    return hash_path(path) if path.is_file() else digest([hash_path(Path(name)) for name in _files(path)])
+    return hash_path(path) if path.is_file() else digest([hash_path(file) for file in visible_files(path)])
 
 
 def estimate_hash(estimate: Path, truth: Path) -> str:

@@ -24,6 +24,21 @@ def test_methods_and_data_that_differ_have_other_digests(tmp_path: Path) -> None
     assert found[0][1] != found[1][1]
 
 
+def test_the_files_of_a_linked_folder_are_data_of_the_source(tmp_path: Path) -> None:
+    """Recordings are often laid out by links to their image folders. A link may also lead to a folder above."""
+    drive, images = tmp_path / "drive", tmp_path / "images"
+    drive.mkdir()
+    images.mkdir()
+    (drive / "left").symlink_to(images)
+    (images / "back").symlink_to(drive)
+    found = []
+    for text in ("first", "other one"):
+        (images / "0.png").write_text(text)
+        found.append((digests.files_hash(drive), digests.file_state(drive)))
+    assert found[0][0] != found[1][0]
+    assert found[0][1] != found[1][1]
+
+
 def test_a_package_of_the_working_directory_has_another_digest_after_a_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
