@@ -49,7 +49,8 @@ def leak_in(resident: Sequence[int]) -> str:
 
 def is_misstated(measured_s: float, stated_s: float, calls: int) -> bool:
     """Return whether stated and measured times differ by more than copies and transfers explain."""
-    return abs(measured_s - stated_s) > max(MISSTATED_S, MISSTATED_RATIO * measured_s, MISSTATED_CALL_S * calls)
+    allowed_s = max(MISSTATED_S, MISSTATED_RATIO * measured_s, MISSTATED_CALL_S * calls)
+    return not abs(measured_s - stated_s) <= allowed_s  # also for a stated time of NaN
 
 
 @dataclass(frozen=True, slots=True)

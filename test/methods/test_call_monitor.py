@@ -1,5 +1,7 @@
 """Findings that several calls of a method show: a leak and misstated times."""
 
+import math
+
 from sfr_loc_map.methods.call_monitor import LEAK_CALLS, MB, is_misstated, leak_in
 
 
@@ -24,3 +26,7 @@ def test_a_transfer_of_the_result_is_no_misstatement() -> None:
     assert not is_misstated(measured_s=2.0, stated_s=0.008, calls=400)  # a fast method in a long drive
     assert is_misstated(measured_s=1.6, stated_s=0.16, calls=20)
     assert is_misstated(measured_s=0.10, stated_s=3.00, calls=20)
+
+
+def test_a_stated_time_that_is_not_a_number_is_a_misstatement() -> None:
+    assert is_misstated(measured_s=0.1, stated_s=math.nan, calls=1)
