@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,8 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
-from sfr_loc_map.methods.child.loop import OrderedPair, Pose
-from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp
+from sfr_loc_map.methods.child.loop import Answer, OrderedPair, Pose
+from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.records import FindingKind
@@ -24,6 +24,17 @@ COVARIANCE_TOLERANCE = 1e-6
 STEP_NUMBERS = 48
 """Number of values in the uncertainty of a step (`StepEstimate.uncertainty`): covariance (21), systematic vector (6)
 and noise (21)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Result:
+    """Checked answer of a localiser."""
+
+    T_ds_rb: Transform | None  #: Pose of RB in DS; None if lost.
+    covariance: FloatArray | None  #: `(6, 6)`; None if the method does not state it.
+    step: FloatArray | None  #: `(48,)` uncertainty of the step; None if the method does not state it.
+    state: TrackingState
+    reason: str
 
 
 class IsolatedLocaliser(IsolatedMethod):
@@ -51,36 +62,39 @@ class IsolatedLocaliser(IsolatedMethod):
 
         If the result is invalid, the state of the estimate is lost.
         """
-        call = MethodCall()
         about = OrderedPair(stamp_ns=pair.stamp_ns, index=0, T_lm_navsb=None)
-        try:
-            call, answer, _ = self._running_process().call("pair", [pair], [about], since_start_s)
-            check_stamp(pair, answer)
-            T_ds_rb = _pose(answer.get("T_ds_rb"))
-            covariance = _covariance(answer.get("covariance"))
-            step = _step(answer.get("step"))
-            state = _state(answer.get("state", TrackingState.TRACKING.value))
-        except MethodFailureError as error:
-            return self._lost(pair, replace(self._failed(error), usage=call.usage))
-        call = replace(call, reason=answer.get("reason", ""))
-        if T_ds_rb is None or state is TrackingState.LOST:
+        call, result = self._checked(_read, "pair", [pair], [about], since_start_s)
+        if result is None:
             return self._lost(pair, call)
-        self._last_pose = T_ds_rb
-        stated = np.full((6, 6), np.nan) if covariance is None else covariance
-        return PoseEstimate(pair.stamp_ns, T_ds_rb, stated, state), replace(call, covariance=covariance, step=step)
+        call = replace(call, reason=result.reason)
+        if result.T_ds_rb is None or result.state is TrackingState.LOST:
+            return self._lost(pair, call)
+        self._last_pose = result.T_ds_rb
+        stated = np.full((6, 6), np.nan) if result.covariance is None else result.covariance
+        estimate = PoseEstimate(pair.stamp_ns, result.T_ds_rb, stated, result.state)
+        return estimate, replace(call, covariance=result.covariance, step=result.step)
 
     def _lost(self, pair: StereoPair, call: MethodCall) -> tuple[PoseEstimate, MethodCall]:
         estimate = PoseEstimate(pair.stamp_ns, self._last_pose, lost_covariance(), TrackingState.LOST)
         return estimate, replace(call, covariance=lost_covariance())
 
 
+def _read(answer: Answer, _: Mapping[str, bytes]) -> _Result:
+    """Return the checked answer; MethodFailureError if it is invalid."""
+    return _Result(
+        T_ds_rb=_pose(answer.get("T_ds_rb")),
+        covariance=_covariance(answer.get("covariance")),
+        step=_step(answer.get("step")),
+        state=_state(answer.get("state", TrackingState.TRACKING.value)),
+        reason=answer.get("reason", ""),
+    )
+
+
 def _pose(numbers: Pose | None) -> Transform | None:
     """Return the pose of RB in DS; None if the method returned no pose."""
     if numbers is None:
         return None
-    matrix = _array(numbers, (4, 4), "pose")
-    if not np.isfinite(matrix).all():
-        raise MethodFailureError(FindingKind.NOT_FINITE, "the pose contains a non-finite number")
+    matrix = _finite(_array(numbers, (4, 4), "pose"), "pose")
     try:
         return Transform.from_matrix(matrix)
     except GeometryError as error:
@@ -93,8 +107,7 @@ def _covariance(numbers: list[float] | None) -> FloatArray | None:
     covariance = _array(numbers, (6, 6), "covariance")
     if np.isnan(covariance).all():
         return None
-    if not np.isfinite(covariance).all():
-        raise MethodFailureError(FindingKind.NOT_FINITE, "the covariance contains a non-finite number")
+    _finite(covariance, "covariance")
     tolerance = COVARIANCE_TOLERANCE * np.abs(covariance).max()
     is_symmetric = np.abs(covariance - covariance.T).max() <= tolerance
     if not is_symmetric or np.linalg.eigvalsh(covariance).min() < -tolerance:
@@ -104,7 +117,10 @@ def _covariance(numbers: list[float] | None) -> FloatArray | None:
 
 
 def _step(numbers: list[float] | None) -> FloatArray | None:
-    return None if numbers is None else _array(numbers, (STEP_NUMBERS,), "uncertainty of the step")
+    if numbers is None:
+        return None
+    step = _array(numbers, (STEP_NUMBERS,), "uncertainty of the step")
+    return None if np.isnan(step).all() else _finite(step, "uncertainty of the step")
 
 
 def _state(text: str) -> TrackingState:
@@ -112,6 +128,12 @@ def _state(text: str) -> TrackingState:
         return TrackingState(text)
     except ValueError as error:
         raise MethodFailureError(FindingKind.INVALID_RESULT, str(error)) from error
+
+
+def _finite(array: FloatArray, what: str) -> FloatArray:
+    if not np.isfinite(array).all():
+        raise MethodFailureError(FindingKind.NOT_FINITE, f"the {what} contains a non-finite number")
+    return array
 
 
 def _array(numbers: list[float], shape: tuple[int, ...], what: str) -> FloatArray:

@@ -21,7 +21,7 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.mapping.maps import FusedMap, PairMap
 from sfr_loc_map.mapping.reprojection import points_from_disparity
 from sfr_loc_map.methods.child.loop import Answer, OrderedPair
-from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp
+from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.method_process import numbers_of
 from sfr_loc_map.methods.registry import Method, MethodLimits
@@ -53,17 +53,17 @@ class IsolatedMapper(IsolatedMethod):
 
         Return the part of the cloud of each pair, the cloud, and the record of the call.
         """
-        cloud, call = PointCloud.empty(), MethodCall()
-        warnings: tuple[str, ...] = ()
         stamps_ns = tuple(item.pair.stamp_ns for item in pairs)
         T_lm_left = tuple(item.T_lm_navsb @ self._rig.T_sb_left for item in pairs)
         about = [_ordered(item.pair, item.T_lm_navsb, number) for number, item in enumerate(pairs)]
-        try:
-            call, answer, arrays = self._called("set", [item.pair for item in pairs], about)
+
+        def read(answer: Answer, arrays: Mapping[str, bytes]) -> tuple[PointCloud, tuple[str, ...]]:
             cloud = replace(self._cloud(arrays, len(pairs)), fused=answer.get("fused", True))
-            warnings = tuple(answer.get("warnings", ()))
-        except MethodFailureError as error:
-            call = self._failed(error)
+            return cloud, tuple(answer.get("warnings", ()))
+
+        stereo_pairs = [item.pair for item in pairs]
+        call, result = self._checked(read, "set", stereo_pairs, about, arrays=_largest_files(pairs[-1].pair))
+        cloud, warnings = result or (PointCloud.empty(), ())
         cloud = replace(cloud, pair_stamps_ns=stamps_ns)
         parts = [cloud.select(cloud.pair == number) for number in range(len(pairs))]
         maps = [self._pair_map(*part, None, {}, ()) for part in zip(stamps_ns, parts, T_lm_left, strict=True)]
@@ -72,11 +72,10 @@ class IsolatedMapper(IsolatedMethod):
     def map_pair(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> tuple[PairMap, MethodCall]:
         """Map one pair. Return its points, which are empty if the result is invalid, and the record of the call."""
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
-        disparity, cloud = None, PointCloud.empty(fused=False)
-        warnings: tuple[str, ...] = ()
         kind, number = ("set", 0) if self.maps_sets else ("pair", index)
-        try:
-            call, answer, arrays = self._called(kind, [pair], [_ordered(pair, T_lm_navsb, number)])
+
+        def read(answer: Answer, arrays: Mapping[str, bytes]) -> tuple[PointCloud, FloatImage | None, tuple[str, ...]]:
+            cloud = PointCloud.empty(fused=False)
             disparity = self._disparity(arrays, pair)
             if "cloud" in arrays:
                 found = self._cloud(arrays, MAX_PAIRS)
@@ -86,10 +85,13 @@ class IsolatedMapper(IsolatedMethod):
                 sigma = np.full_like(disparity, DISPARITY_SIGMA_PX)
                 points = points_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_left)
                 cloud = points.to_cloud(points.fusion_sigma, np.full(points.size, index, np.uint8), fused=False)
-            warnings = tuple(answer.get("warnings", ()))
-        except MethodFailureError as error:
-            call = self._failed(error)
+            return cloud, disparity, tuple(answer.get("warnings", ()))
+
+        about = [_ordered(pair, T_lm_navsb, number)]
+        call, result = self._checked(read, kind, [pair], about, arrays=_largest_files(pair))
+        if result is None:
             self._is_complete = False
+        cloud, disparity, warnings = result or (PointCloud.empty(fused=False), None, ())
         return self._pair_map(pair.stamp_ns, cloud, T_lm_left, disparity, call.statistics, warnings), call
 
     def _pair_map(
@@ -110,31 +112,18 @@ class IsolatedMapper(IsolatedMethod):
         warnings: tuple[str, ...] = ()
         cloud = PointCloud.concatenate([item.cloud for item in maps])
         if self._process is not None and self._process.fuses and self._is_complete:
-            try:
-                call, answer, arrays = self._called("fuse", [last], [_ordered(last, None, 0)])
-                cloud = replace(self._cloud(arrays, len(maps)), fused=True)
-                warnings = tuple(answer.get("warnings", ()))
-            except MethodFailureError as error:
-                call = self._failed(error)
+
+            def read(answer: Answer, arrays: Mapping[str, bytes]) -> tuple[PointCloud, tuple[str, ...]]:
+                fused = replace(self._cloud(arrays, len(maps)), fused=True)
+                return fused, tuple(answer.get("warnings", ()))
+
+            about = [_ordered(last, None, 0)]
+            call, result = self._checked(read, "fuse", [last], about, arrays=_largest_files(last))
+            cloud, warnings = result or (cloud, warnings)
         cloud = replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps))
         poses_lm_left = tuple(item.T_lm_left for item in maps)
         statistics = {} if call is None else call.statistics
         return FusedMap(cloud, cloud.sigma, poses_lm_left, statistics, warnings), call
-
-    def _called(
-        self, kind: str, pairs: Sequence[StereoPair], about: Sequence[OrderedPair]
-    ) -> tuple[MethodCall, Answer, dict[str, bytes]]:
-        """Return the record of the call, its answer and the files of its arrays.
-
-        The files of the previous call are removed.
-        """
-        process = self._running_process()
-        limits = {"cloud": MAX_CLOUD_BYTES, "disparity": 8 * pairs[-1].left.size + 2 * MAX_HEADER}
-        for what in limits:
-            Path(f"{process.output}.{what}.npy").unlink(missing_ok=True)
-        call, answer, arrays = process.call(kind, pairs, about, arrays=limits)
-        check_stamp(pairs[-1], answer)
-        return call, answer, arrays
 
     def _array(self, arrays: Mapping[str, bytes], what: str, fields: Collection[str] = ()) -> NDArray[Any]:
         """Return an array of an answer, with checks, because the method can write anything to its folder."""
@@ -174,6 +163,11 @@ class IsolatedMapper(IsolatedMethod):
             text = f"a point names pair {cloud.pair.max()}: there are {pairs}, counted from 0"
             raise MethodFailureError(FindingKind.INVALID_RESULT, text)
         return cloud
+
+
+def _largest_files(pair: StereoPair) -> dict[str, int]:
+    """Return the largest sizes of the files of an answer by their suffix, bytes."""
+    return {"cloud": MAX_CLOUD_BYTES, "disparity": 8 * pair.left.size + 2 * MAX_HEADER}
 
 
 def _ordered(pair: StereoPair, T_lm_navsb: Transform | None, index: int) -> OrderedPair:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
-from typing import Self
+from types import MappingProxyType
+from typing import Self, TypeVar
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.methods.child.loop import Answer
+from sfr_loc_map.methods.child.loop import Answer, OrderedPair
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, NotStartedAgainError
 from sfr_loc_map.methods.method_process import MethodProcess
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.records import FindingKind, MethodRecord
+
+T = TypeVar("T")
 
 
 class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
@@ -80,6 +84,31 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
             )
         return self._process
 
+    def _checked(
+        self,
+        read: Callable[[Answer, Mapping[str, bytes]], T],
+        kind: str,
+        pairs: Sequence[StereoPair],
+        about: Sequence[OrderedPair],
+        since_start_s: float = 0.0,
+        arrays: Mapping[str, int] = MappingProxyType({}),
+    ) -> tuple[MethodCall, T | None]:
+        """Make a call. Return its record, and what `read` makes of the answer and of the files of its arrays.
+
+        If `read` rejects the answer, the result is None and the record contains the finding, the time and the memory
+        of the call. `arrays` as for `MethodProcess.call`; the files of the previous call are removed.
+        """
+        call = MethodCall()
+        try:
+            process = self._running_process()
+            for suffix in arrays:
+                Path(f"{process.output}.{suffix}.npy").unlink(missing_ok=True)
+            call, answer, contents = process.call(kind, pairs, about, since_start_s, arrays)
+            _check_stamp(pairs[-1], answer)
+            return call, read(answer, contents)
+        except MethodFailureError as error:
+            return replace(self._failed(error), usage=call.usage), None
+
     def _failed(self, error: MethodFailureError) -> MethodCall:
         """Return a call with the finding of an error; drop the process if it has ended.
 
@@ -93,7 +122,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         return MethodCall(finding=f"{error.kind}: {error}{again}", reason=error.kind.value)
 
 
-def check_stamp(pair: StereoPair, answer: Answer) -> None:
+def _check_stamp(pair: StereoPair, answer: Answer) -> None:
     """Reject an answer with the stamp of another pair; an answer without a stamp is accepted."""
     stamp_ns = answer.get("stamp_ns", pair.stamp_ns)
     if stamp_ns != pair.stamp_ns:
