@@ -35,6 +35,7 @@ class KindInfo(NamedTuple):
 
     amount: float
     effect: str
+    neutral: float | None  #: Amount that has no effect; None if every amount has an effect.
     share: float = 0.1
     burst: int = 1
     start: int = 1
@@ -42,42 +43,43 @@ class KindInfo(NamedTuple):
     is_signed: bool = False  #: Whether the amount may be negative.
     options: tuple[str, ...] = ALL_OPTIONS  #: Options that have an effect.
     has_complete_bursts: bool = False  #: Whether a burst begins only if it can end within the sequence.
-    neutral: float = 0.0  #: Amount that has no effect; 1 for factors.
 
 
 def _pairs(effect: str) -> KindInfo:
     """Faults of both images of single pairs, without a strength."""
-    return KindInfo(0.0, effect, options=PAIR_OPTIONS)
+    return KindInfo(0.0, effect, None, options=PAIR_OPTIONS)
 
 
 def _images(effect: str) -> KindInfo:
     """Faults of the images of one or both cameras, without a strength."""
-    return KindInfo(0.0, effect, options=(*PAIR_OPTIONS, "camera"))
+    return KindInfo(0.0, effect, None, options=(*PAIR_OPTIONS, "camera"))
 
 
-def _strength(amount: float, effect: str, max_amount: float = 1000.0, burst: int = 1) -> KindInfo:
+def _strength(
+    amount: float, effect: str, max_amount: float = 1000.0, burst: int = 1, neutral: float | None = 0.0
+) -> KindInfo:
     """Faults of the images of one or both cameras with a strength."""
-    return KindInfo(amount, effect, burst=burst, max_amount=max_amount)
+    return KindInfo(amount, effect, neutral, burst=burst, max_amount=max_amount)
 
 
 def _episode(amount: float, effect: str) -> KindInfo:
     """Faults that cover a fraction of the image and begin and end within a burst."""
-    return KindInfo(amount, effect, burst=20, max_amount=1.0, has_complete_bursts=True)
+    return KindInfo(amount, effect, 0.0, burst=20, max_amount=1.0, has_complete_bursts=True)
 
 
 def _fixed_region(amount: float, effect: str, max_amount: float = 1.0) -> KindInfo:
     """Faults of a region of the image in all pairs of a drive."""
-    return KindInfo(amount, effect, share=1.0, start=0, max_amount=max_amount)
+    return KindInfo(amount, effect, 0.0, share=1.0, start=0, max_amount=max_amount)
 
 
 def _all_pairs(amount: float, effect: str, max_amount: float, options: tuple[str, ...] = ("amount",)) -> KindInfo:
     """Faults of all pairs with an amount of any sign."""
-    return KindInfo(amount, effect, share=1.0, start=0, max_amount=max_amount, is_signed=True, options=options)
+    return KindInfo(amount, effect, 0.0, share=1.0, start=0, max_amount=max_amount, is_signed=True, options=options)
 
 
 def _factor(amount: float, effect: str) -> KindInfo:
     """Factors on a number of the rig file."""
-    return KindInfo(amount, effect, share=1.0, start=0, options=("amount",), neutral=1.0)
+    return KindInfo(amount, effect, 1.0, share=1.0, start=0, options=("amount",))
 
 
 class FaultKind(StrEnum):
@@ -97,27 +99,32 @@ class FaultKind(StrEnum):
     SWAPPED = "swapped", _pairs("left and right images are swapped")
     IDENTICAL = "identical", _pairs("the right image is a copy of the left image")
     LATE = "late", KindInfo(
-        0.2, "the stamp is AMOUNT s late, but before the next stamp", max_amount=1e6, options=("amount", *PAIR_OPTIONS)
+        0.2, "the stamp is AMOUNT s late, but before the next stamp", 0.0, max_amount=1e6,
+        options=("amount", *PAIR_OPTIONS),
     )
 
     BLACK = "black", _images("the image is black")
     INTERLACED = "interlaced", _images("every second row is from the previous pair")
     START = "start", KindInfo(
-        5.0, "the first AMOUNT pairs are black", share=1.0, start=0, max_amount=1e9, options=("amount", "camera")
+        5.0, "the first AMOUNT pairs are black", 0.0, share=1.0, start=0, max_amount=1e9, options=("amount", "camera")
     )
-    FROZEN = "frozen", _strength(1.0, "the previous images are shown with new noise of AMOUNT grey levels", burst=5)
+    FROZEN = "frozen", _strength(
+        1.0, "the previous images are shown with new noise of AMOUNT grey levels", burst=5, neutral=None
+    )
     TORN = "torn", _strength(0.5, "the lower fraction AMOUNT of the image is from the previous pair", max_amount=1.0)
     GHOST = "ghost", _strength(0.5, "the previous image is blended in with weight AMOUNT", max_amount=1.0)
-    SATURATION = "saturation", _strength(0.5, "overexposure: a fraction AMOUNT of the image is clipped", max_amount=1.0)
+    SATURATION = "saturation", _strength(
+        0.5, "overexposure: a fraction AMOUNT of the image is clipped", max_amount=1.0, neutral=None
+    )
     BLINDED = "blinded", _strength(1.0, "glare: a spot, AMOUNT image widths wide, is saturated")
     BLURRED = "blurred", _strength(2.5, "Gaussian blur of AMOUNT px", max_amount=50.0)
     NOISY = "noisy", _strength(10.0, "Gaussian noise of AMOUNT grey levels")
-    EXPOSURE = "exposure", _strength(0.5, "brightness times AMOUNT")
+    EXPOSURE = "exposure", _strength(0.5, "brightness times AMOUNT", neutral=1.0)
     SHEAR = "shear", _strength(1.0, "rows are sheared by AMOUNT px in a random direction, as by a rolling shutter")
 
     FADE = "fade", KindInfo(
-        0.0, "slow blackout: over `burst` pairs the image turns black and back", burst=20, has_complete_bursts=True,
-        options=(*PAIR_OPTIONS, "camera"),
+        0.0, "slow blackout: over `burst` pairs the image turns black and back", None, burst=20,
+        has_complete_bursts=True, options=(*PAIR_OPTIONS, "camera"),
     )
     OBJECT = "object", _episode(0.3, "an object with a fraction AMOUNT of the image crosses in `burst` pairs")
     ARM = "arm", _episode(0.4, "an arm slowly covers a fraction AMOUNT of the image over `burst` pairs")

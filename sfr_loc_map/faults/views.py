@@ -122,7 +122,7 @@ def with_shadow(at: Affected) -> Views:
     """Darken a rectangle with a penumbra at the bottom; the disparity is that of ground at `SHADOW_DEPTH`."""
     rig = at.rig
     side = np.sqrt(at.amount)
-    width, height = round(min(side, 0.9) * rig.width), round(at.amount / min(side, 0.9) * rig.height)
+    width, height = round(min(side, 0.9) * rig.width), round(max(side, at.amount / 0.9) * rig.height)
     first = round(at.drive_rng.random() * (rig.width - width))
     shade = np.zeros((rig.height, rig.width), np.float32)
     shade[rig.height - min(height, rig.height) :, first : first + width] = 1.0

@@ -45,6 +45,18 @@ def test_wrong_text_is_refused(text: str) -> None:
         parse_fault(text)
 
 
+@pytest.mark.parametrize("kind", [kind for kind in FaultKind if kind.info.neutral is not None])
+def test_the_neutral_amount_has_no_effect(kind: FaultKind) -> None:
+    share = ",share=1,start=0" if "share" in kind.info.options else ""
+    injector = FaultInjector([parse_fault(f"{kind}:amount={kind.info.neutral}{share}")], 1, COUNT, RIG)
+    assert (injector.rig.fx, injector.rig.fy, injector.rig.baseline_m) == (RIG.fx, RIG.fy, RIG.baseline_m)
+    changed = dict(injector.pairs(pairs()))
+    for number, pair in enumerate(pairs()):
+        assert changed[number].stamp_ns == pair.stamp_ns
+        np.testing.assert_array_equal(changed[number].left, pair.left)
+        np.testing.assert_array_equal(changed[number].right, pair.right)
+
+
 VALUES = {"amount": (0.2, 0.4), "share": (0.25, 0.75), "burst": (1, 7), "start": (1, 31), "camera": ("left", "right")}
 
 

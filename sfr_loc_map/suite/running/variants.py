@@ -33,6 +33,7 @@ class ErrorSource:
         if self.sigma is None:
             return self.fault
         neutral = parse_fault(self.fault).kind.info.neutral
+        assert neutral is not None, "parse_budget permits `sigma` only for faults with such an amount"
         draw = np.random.default_rng([seed, *self.name.encode()]).normal(neutral, self.sigma)
         return with_amount(self.fault, draw)
 

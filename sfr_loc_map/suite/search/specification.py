@@ -184,6 +184,10 @@ def _parameter(name: str, value: object, base: Mapping[str, object], origin: str
         kind: FaultKind = parse_fault(fault).kind
         for amount in (low, high):
             parse_fault(with_amount(fault, amount))
+        if kind.info.neutral is None:
+            raise ConfigError(
+                f"{origin}: '{kind}' has an effect at every amount: give a fault with an amount without one"
+            )
         return Parameter(name, low, high, kind.info.neutral, fault)
     low, high = _bounds(value, origin)
     usual = base.get(name)

@@ -103,6 +103,15 @@ def test_settings_without_effect_in_a_search_are_refused(specification: SearchSp
         load_search(file)
 
 
+def test_a_fault_that_has_an_effect_at_every_amount_is_no_parameter(specification: SearchSpecification) -> None:
+    """A search could not include the unchanged scenario."""
+    file = specification.path
+    ranges = {"frozen images": {"fault": "frozen", "range": [0.0, 5.0]}}
+    file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | {"ranges": ranges}))
+    with pytest.raises(ConfigError, match="'frozen' has an effect at every amount"):
+        load_search(file)
+
+
 def test_a_failed_job_is_not_the_worst_case_and_the_search_continues(
     specification: SearchSpecification, tmp_path: Path
 ) -> None:
