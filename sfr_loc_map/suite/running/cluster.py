@@ -310,7 +310,7 @@ def _reported_cause(client: Client, address: str, job: Job) -> JobOutcome | None
 
 
 def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
-    """Run a job. Bad input is an outcome, not an error.
+    """Run a job. An error that the suite raises is an outcome.
 
     After the time limit the process kills itself, because a thread cannot be killed.
     """
@@ -334,6 +334,6 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
         with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch:
             return JobOutcome(worker=worker.address, result=to_json(run_job(job, Path(scratch), place)))
     except SfrError as error:
-        return JobOutcome(worker=worker.address, cause=FailureCause.BAD_INPUT, message=one_line(str(error)))
+        return JobOutcome(worker=worker.address, cause=FailureCause.of(error), message=one_line(str(error)))
     finally:
         timer.cancel()

@@ -5,7 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+from sfr_loc_map.errors import (
+    ConfigError,
+    GeometryError,
+    InputError,
+    LocalisationError,
+    MappingError,
+    MetricsError,
+    SfrError,
+)
 from sfr_loc_map.suite.running.job import Job, JobDescription
+
+INPUT_ERRORS = (ConfigError, GeometryError, InputError, LocalisationError, MappingError, MetricsError)
+"""Errors that the same job raises again on every worker, because of its source or its settings."""
 
 
 class JobState(StrEnum):
@@ -24,6 +36,11 @@ class FailureCause(StrEnum):
     DIED = "its process ended"
     MEMORY = "over the memory limit"
     TIME = "over the time limit"
+
+    @classmethod
+    def of(cls, error: SfrError) -> FailureCause:
+        """Return the cause of an error of a job: bad input, or a fault of the program or of its worker."""
+        return cls.BAD_INPUT if isinstance(error, INPUT_ERRORS) else cls.FAULT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
