@@ -82,9 +82,10 @@ class OpenCvOdometry:
 
     def _points(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[NDArray[np.float32], FloatArray]:
         """Return corners `(N, 2)` and the points `(N, 3)` of these corners in the left camera, metres."""
-        corners = np.reshape(cv2.goodFeaturesToTrack(left, FEATURES, QUALITY, SPACING_PX), (-1, 2)).astype(np.float32)
-        if not len(corners):
-            return corners, np.zeros((0, 3))
+        found_corners: NDArray[np.generic] | None = cv2.goodFeaturesToTrack(left, FEATURES, QUALITY, SPACING_PX)
+        if found_corners is None:
+            return np.zeros((0, 2), np.float32), np.zeros((0, 3))
+        corners = np.reshape(found_corners, (-1, 2)).astype(np.float32)
         partners, found = flow(left, right, corners)
         disparity = corners[:, 0] - partners[:, 0]
         good = found & (np.abs(corners[:, 1] - partners[:, 1]) < ROW_PX) & (disparity > 1.0)
