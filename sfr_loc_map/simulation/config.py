@@ -8,6 +8,9 @@ from typing import Any
 
 from sfr_loc_map.config import param
 
+MAX_CRATER_DENSITY = 0.057
+"""Largest density of craters, 1/m^2. At 1 / (0.75 * 4.8^2) = 0.058, every cell of a size class has its one crater."""
+
 
 @dataclass(frozen=True, slots=True)
 class ReliefConfig:
@@ -34,7 +37,9 @@ class ReliefConfig:
     ripple_height_m: float = param(0.012, unit="m", doc="Height of ripples on sand.", low=0.0, high=5.0)
     ripple_length_m: float = param(0.55, unit="m", doc="Wavelength of wind ripples.", low=0.05, high=100.0)
     ripple_azimuth_deg: float = param(35.0, unit="deg", doc="Azimuth across the ripples, DS.", low=-360.0, high=360.0)
-    crater_density: float = param(0.004, unit="1/m^2", doc="Craters wider than 1 m per area.", low=0.0, high=0.1)
+    crater_density: float = param(
+        0.004, unit="1/m^2", doc="Craters wider than 1 m per area.", low=0.0, high=MAX_CRATER_DENSITY
+    )
     rim_radius_m: float = param(0.0, unit="m", doc="Radius of one large crater; 0 for none.", low=0.0, high=10_000.0)
     rim_x_m: float = param(0.0, unit="m", doc="Large crater: east coordinate in DS.", low=-10_000.0, high=10_000.0)
     rim_y_m: float = param(0.0, unit="m", doc="Large crater: north coordinate in DS.", low=-10_000.0, high=10_000.0)

@@ -1,9 +1,11 @@
 """The shape of the ground: slopes, craters, ripples, no tiling."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig
+from sfr_loc_map.simulation.config import MAX_CRATER_DENSITY, GroundConfig, ReliefConfig
 from sfr_loc_map.simulation.terrain import Terrain
 
 
@@ -14,6 +16,13 @@ def flat(**changes: float) -> Terrain:
 
 def heights(terrain: Terrain, x: np.ndarray, y: np.ndarray, spacing: float = 0.02) -> np.ndarray:
     return terrain.height(x.astype(float).copy(), y.astype(float).copy(), np.full(len(x), spacing))
+
+
+def test_the_density_of_craters_has_an_effect_over_its_whole_range() -> None:
+    x, y = np.random.default_rng(0).uniform(-200, 200, (2, 4000))
+    densities = np.linspace(0.0, MAX_CRATER_DENSITY, 8)
+    surfaces = [heights(flat(crater_density=density), x, y) for density in densities]
+    assert all((surface != following).any() for surface, following in pairwise(surfaces))
 
 
 @pytest.mark.clause("3.2.7.1")
