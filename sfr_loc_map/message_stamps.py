@@ -6,6 +6,7 @@ import struct
 from typing import Any
 
 NS_PER_S = 1_000_000_000  #: Nanoseconds in a second.
+NS_PER_MS = 1_000_000  #: Nanoseconds in a millisecond.
 JUMP_BACK_NS = NS_PER_S  #: Minimum backward jump of stamps that indicates a reset clock or a restarted bag, ns.
 
 

@@ -44,9 +44,8 @@ def doctor(
 
     sections = {} if config is None else read_sections(config)
     given = SourceConfig.of(changed_sections(sections, {}, remap=parse_remaps(remap)), config)
-    extrinsics_given = given.extrinsics.transform() is not None
     with GraphObserver({topic: name for name, topic in given.topics.items()}) as observer:
-        seen = observer.observe(seconds, namespace, extrinsics_given=extrinsics_given)
+        seen = observer.observe(seconds, namespace, given)
     found = IssueList(seen.subject, examine(seen))
     found.propose(["sfr", "record", "drive"], why="records inputs and outputs to a bag")
     found.show(json_path, {}, [])

@@ -15,9 +15,9 @@ from sfr_loc_map.graph_endpoints import COMPARABLE_NS, MUCH_LOST, Publisher, Rel
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
 from sfr_loc_map.issues import Cause, Issue
-from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
+from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S, stamp_of
 from sfr_loc_map.message_types import COMPRESSED, IMAGE
-from sfr_loc_map.stamp_pairing import nearest_stamps
+from sfr_loc_map.stamp_pairing import below_half_period, nearest_stamps
 from sfr_loc_map.suite_names import SIDES
 from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
@@ -160,14 +160,12 @@ def _transport(seen: Observation, rig: str) -> Issues:
 
 
 def _pairs(seen: Observation, rig: str) -> Issues:
-    node = seen.node(rig)
-    tolerance_ns = node.stamp_tolerance_ns if node is not None else 0
     left, right = (seen.image_stamps(rig, side) for side in SIDES)
     if not len(left) or not len(right):  # images were received but are unusable
         return
-    share, typical_ns = _paired(left, right, tolerance_ns)
+    share, typical_ns = _paired(left, right, seen.tolerance_ns(rig))
     share = min(share / (1.0 - seen.lost_share(rig)), 1.0)  # not counting images whose partner was lost
-    text = f"{share:.0%} of the left images have a right image with the same stamp"
+    text = f"{share:.0%} of the left images have a right image {_within(seen, rig)}"
     if PAIRED <= share < COMPLETE:
         fix = "check for lost images: transport, quality of service, load"
         yield Issue(Cause.UNPAIRED, seen.both_images(rig), text, fix, False)
@@ -175,7 +173,8 @@ def _pairs(seen: Observation, rig: str) -> Issues:
         off_s = f"{typical_ns / NS_PER_S:.3g}"
         fix = "stamp both images by one trigger"
         if typical_ns <= NS_PER_S // 2:
-            fix += f"; or set input.stamp_tolerance_s above {off_s}, if the motion in this time is negligible"
+            section = "input" if seen.is_live else "sync"
+            fix += f"; or set {section}.stamp_tolerance_s above {off_s}, if the motion in this time is negligible"
         yield Issue(Cause.UNSYNCHRONISED, seen.both_images(rig), f"{text}, typically {off_s} s off", fix)
 
 
@@ -273,9 +272,10 @@ def _poses(seen: Observation) -> Issues:
     yield from _topic(seen, NAV_POSE, topic)
     if topic is None or not len(topic.stamps_ns) or not len(images):
         return
-    share, typical_ns = _paired(images, topic.stamps_ns, 0)
+    share, typical_ns = _paired(images, topic.stamps_ns, seen.tolerance_ns("nav"))
     if share < COMPLETE:
-        text = f"{share:.0%} of the images have a pose with the same stamp, typically {typical_ns / NS_PER_S:.3g} s off"
+        within = _within(seen, "nav")
+        text = f"{share:.0%} of the images have a pose {within}, typically {typical_ns / NS_PER_S:.3g} s off"
         fix = "publish nav/pose with the stamp of each pair"
         yield Issue(Cause.POSE_STAMPS, topic.source_name, text, fix, share < PAIRED)
 
@@ -326,14 +326,22 @@ def _host_clock(seen: Observation) -> Issues:
             yield Issue(Cause.CLOCKS_APART, f"{rig}/left/{seen.image_name(rig)}", text, fix, False)
 
 
+def _within(seen: Observation, rig: str) -> str:
+    tolerance_ns = seen.tolerance_ns(rig)
+    return f"within {tolerance_ns / NS_PER_MS:g} ms" if tolerance_ns else "with the same stamp"
+
+
 def _paired(first: IntArray, second: IntArray, tolerance_ns: int) -> tuple[float, int]:
     """Return the fraction of the first stamps with a second stamp within the tolerance, and the median difference, ns.
 
-    The first stamps at both ends of the observed time are ignored, because their partners may be outside.
+    As in a `StampPairing`, the tolerance is less than half of the shorter period. The first stamps at both ends of the
+    observed time are ignored, because their partners may be outside.
     """
     _, apart = nearest_stamps(first, np.sort(second))
     edge = EDGE * float(first.max() - first.min())
     inner = (first >= first.min() + edge) & (first <= first.max() - edge)
     if len(first) > 2 and inner.any():
         apart = apart[inner]
-    return float(np.mean(apart <= tolerance_ns)), int(np.median(apart))
+    gaps = [np.diff(stamps) for stamps in (first, second)]
+    allowed_ns = below_half_period(tolerance_ns, *([*of_one[of_one > 0].tolist()] for of_one in gaps))
+    return float(np.mean(apart <= allowed_ns)), int(np.median(apart))

@@ -21,7 +21,7 @@ from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.bag.poses import read_extrinsics
 from sfr_loc_map.io.message_stream import messages_of
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_config import SourceConfig, SyncConfig
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES
 from sfr_loc_map.message_types import COMPRESSED, FIX, POINT
 from sfr_loc_map.suite_names import SIDES, Task
@@ -69,7 +69,7 @@ class ObservedNode:
     state: str = "active"  # lifecycle state; empty if the node did not answer
     use_sim_time: bool = False
     extrinsics_given: bool = False  # whether its parameters give the extrinsics
-    stamp_tolerance_ns: int = 0
+    stamp_tolerance_ns: int | None = None  # largest stamp difference of what it pairs; None if it did not answer
     has_worked: bool = False  # whether it has processed a pair since it became active
     rectifies: bool = False  # whether it subscribes to raw images and rectifies them
 
@@ -92,6 +92,7 @@ class Observation:
     topics: Mapping[str, ObservedTopic] = field(default_factory=dict)  # existing topics by suite name
     ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # possible topics
     others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # types of all topics by name
+    stamp_tolerance_ns: int = SyncConfig().stamp_tolerance_ns  # of the configuration, used for rigs without a node
     extrinsics_given: bool = False  # whether a parameter file gives the extrinsics
     extrinsics_in_tf: bool | None = False  # whether /tf_static (files: rig.json) gives them; None: unreadable
     nodes: tuple[ObservedNode, ...] = ()
@@ -127,6 +128,13 @@ class Observation:
     def node(self, rig: str) -> ObservedNode | None:
         """Return the node of a rig; None if it does not run."""
         return next((node for node in self.nodes if node.rig == rig), None)
+
+    def tolerance_ns(self, rig: str) -> int:
+        """Return the largest stamp difference within which the messages of a rig are paired."""
+        node = self.node(rig)
+        if node is None or node.stamp_tolerance_ns is None:
+            return self.stamp_tolerance_ns
+        return node.stamp_tolerance_ns
 
     def image_name(self, rig: str) -> str:
         """Return the last part of the topic names of a rig's images: the name to which its node subscribes.
@@ -230,6 +238,7 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
         topics=topics,
         ambiguous={name: found for name, found in matches.items() if len(found) > 1},
         others={name: (kind,) for name, kind in bag.topics.items()},
+        stamp_tolerance_ns=config.sync.stamp_tolerance_ns,
         extrinsics_given=config.extrinsics.transform() is not None,
         extrinsics_in_tf=in_tf,
         truth_has_attitude=TRUE_POSES in read and not {FIX, POINT} & set(topics[TRUE_POSES].types),
@@ -257,6 +266,7 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
         f"'{path}' ({source.format})",
         SourceKind.FILES,
         topics=topics,
+        stamp_tolerance_ns=config.sync.stamp_tolerance_ns,
         extrinsics_in_tf=source.loc is not None and source.loc.rig.T_rb_sb is not None,
         truth_has_attitude=truth is not None and truth.has_attitude,
         broken=broken,

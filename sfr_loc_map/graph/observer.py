@@ -29,6 +29,7 @@ from sfr_loc_map.doctor.observation import (
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.geometry.frame_tree import FrameTree
+from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.messages import message_type, tf_message_type
@@ -65,7 +66,7 @@ class GraphObserver(Peer):
         self._frames = FrameTree()
         self._worked: set[str] = set()
 
-    def observe(self, seconds: float, namespace: str, *, extrinsics_given: bool) -> Observation:
+    def observe(self, seconds: float, namespace: str, config: SourceConfig) -> Observation:
         """Collect messages and query the nodes of the suite. If the namespace is empty, that of the nodes is used."""
         self._wait_for_discovery()
         spaces = sorted({space.strip("/") for _, space in self._suite_nodes()})
@@ -98,7 +99,8 @@ class GraphObserver(Peer):
             prefix=self._full_name(""),
             topics={name: self._topic(name, full_name, types[full_name]) for name, full_name in topics.items()},
             others={name: tuple(of_topic) for name, of_topic in types.items()},
-            extrinsics_given=extrinsics_given,
+            stamp_tolerance_ns=config.sync.stamp_tolerance_ns,
+            extrinsics_given=config.extrinsics.transform() is not None,
             extrinsics_in_tf=in_tf if has_tf_type or TF_STATIC not in types else None,
             nodes=nodes,
             has_clock=bool(self.ros_node.get_publishers_info_by_topic(CLOCK)),
@@ -174,7 +176,7 @@ class GraphObserver(Peer):
             state=str(state.current_state.label) if state is not None and answer is not None else "",
             use_sim_time=bool(sim_time),
             extrinsics_given=any(quat) if quat is not None else False,
-            stamp_tolerance_ns=round((tolerance_s or 0.0) * NS_PER_S),
+            stamp_tolerance_ns=None if tolerance_s is None else round(tolerance_s * NS_PER_S),
             has_worked=full_name in self._worked,
             rectifies=bool(rectify),
         )

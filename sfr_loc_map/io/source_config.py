@@ -13,6 +13,7 @@ from sfr_loc_map.errors import ConfigError, GeometryError, SfrError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.truth.config import TruthConfig
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
 
 NAME = "sfr.yaml"
@@ -101,6 +102,11 @@ class SyncConfig:
     right_offset_s: float = param(
         0.0, unit="s", doc="Offset added to the stamps of the right images.", low=-1e4, high=1e4
     )
+
+    @property
+    def stamp_tolerance_ns(self) -> int:
+        """The tolerance in nanoseconds."""
+        return round(self.stamp_tolerance_s * NS_PER_S)
 
 
 @dataclass(frozen=True, slots=True)

@@ -164,7 +164,7 @@ def _sync(proposal: Proposal, bag: Bag) -> None:
         left_ns, right_ns = (np.array(stamps[topic.name], np.int64) for topic in topics)
         sync = proposal.config.sync
         right_ns = right_ns + round(sync.right_offset_s * NS_PER_S)
-        for name, value, reason in _offset_or_tolerance(left_ns, right_ns, round(sync.stamp_tolerance_s * NS_PER_S)):
+        for name, value, reason in _offset_or_tolerance(left_ns, right_ns, sync.stamp_tolerance_ns):
             proposal.set("sync", name, value, reason)
 
 

@@ -65,7 +65,8 @@ BAGS: dict[str, tuple[Edit, list[tuple[str, bool]]]] = {
     "no baseline": (no_baseline, [("camera_info", True)]),
     "unequal sizes": (edit_of("/loc/right/camera_info", width=100), [("camera_info", True)]),
     "no camera_info": (without("/loc/left/camera_info"), [("silent", True)]),
-    "unsynchronised": (stamped("/loc/right/", 7_000_000), [("unsynchronised", True)]),
+    "unsynchronised": (stamped("/loc/right/", 30_000_000), [("unsynchronised", True)]),
+    "right images within the tolerance": (stamped("/loc/right/", 7_000_000), []),
     "unknown encoding": (edit_of("loc/left/image_rect", encoding="yuv411"), [("encoding", True)]),
     "other camera's info": (edit_of("loc/", width=80), [("camera_info", True), ("image_size", True)]),
     "swapped": (mirrored_order, [("swapped", True)]),
@@ -73,7 +74,8 @@ BAGS: dict[str, tuple[Edit, list[tuple[str, bool]]]] = {
     "no truth": (without("/ground_truth/odometry"), [("truth", False)]),
     "truth by another clock": (stamped("/ground_truth/odometry", 100 * 10**9), [("truth_clock", False)]),
     "frames not joined": (edit_of("/tf_static", transforms=[]), [("frames", True)]),
-    "poses of other stamps": (stamped("/nav/pose", 1000), [("pose_stamps", True)]),
+    "poses of other stamps": (stamped("/nav/pose", 30_000_000), [("pose_stamps", True)]),
+    "poses within the tolerance": (stamped("/nav/pose", 7_000_000), []),
 }
 
 

@@ -59,3 +59,24 @@ def test_the_finding_of_a_camera_has_the_problem_and_its_fix() -> None:
     }
     (found,) = [item for item in examine(Observation("", SourceKind.BAG, topics=topics)) if item.cause == "camera_info"]
     assert (found.text, found.fix) == ("loc/left/camera_info: r is not a rotation", "calibrate the pair")
+
+
+def test_stamps_are_compared_within_the_tolerance_of_the_node_or_of_the_configuration() -> None:
+    stamps_ns = np.arange(1, 30, dtype=np.int64) * 200_000_000
+    message = SimpleNamespace(header=SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=1), frame_id=""), data=b"")
+    late_ns = {"nav/left/image_rect": 0, "nav/right/image_rect": 15_000_000, "nav/pose": 15_000_000}
+    topics = {
+        name: ObservedTopic(name, EXPECTED[name], stamps_ns=stamps_ns + late, messages=(message,))
+        for name, late in late_ns.items()
+    }
+
+    def causes(configured_ns: int, of_node_ns: int | None = None, *, has_node: bool = False) -> set[str]:
+        node = ObservedNode("mapping_node", "nav", stamp_tolerance_ns=of_node_ns)
+        seen = Observation("", topics=topics, nodes=(node,) * has_node, stamp_tolerance_ns=configured_ns)
+        return {issue.cause.value for issue in examine(seen)} & {"unsynchronised", "pose_stamps"}
+
+    assert causes(10_000_000) == {"unsynchronised", "pose_stamps"}
+    assert not causes(20_000_000)
+    assert not causes(10_000_000, 20_000_000, has_node=True)
+    assert causes(20_000_000, 10_000_000, has_node=True) == {"unsynchronised", "pose_stamps"}
+    assert not causes(20_000_000, None, has_node=True)  # the node does not answer

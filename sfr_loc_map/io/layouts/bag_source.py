@@ -30,7 +30,6 @@ from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.tables.text_table import MAX_BROKEN
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH
 from sfr_loc_map.io.truth.read import truth_of_recording
-from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import POINTS, POSE
 from sfr_loc_map.stamp_pairing import match_stamps
 from sfr_loc_map.suite_names import Task
@@ -101,14 +100,10 @@ class _BagPairs:
         matched = stereo_pairs(stamps[left.name], stamps[right[0].name], self._sync, where)
         pairs = {stamp: {left.name: stamp, right[0].name: partner} for stamp, partner in matched.items()}
         if self._points:
-            matched = match_stamps(list(pairs), stamps[self._points.name], self._tolerance_ns)
+            matched = match_stamps(list(pairs), stamps[self._points.name], self._sync.stamp_tolerance_ns)
             for stamp, of_points in matched.items():
                 pairs[stamp][self._points.name] = of_points
         return pairs
-
-    @property
-    def _tolerance_ns(self) -> int:
-        return round(self._sync.stamp_tolerance_s * NS_PER_S)
 
     def _stamps(self) -> dict[str, list[int]]:
         """Return the increasing stamps of the messages by topic; InputError if all are 0 or many do not increase."""
@@ -197,7 +192,7 @@ class BagNavSequence(_BagPairs):
 
     def _poses_of_pairs(self) -> dict[int, int]:
         """Return the stamp of the pose of each pair that has a pose."""
-        return match_stamps(self.stamps_ns, sorted(self._poses), self._tolerance_ns)
+        return match_stamps(self.stamps_ns, sorted(self._poses), self._sync.stamp_tolerance_ns)
 
     def parts(self) -> dict[int, dict[str, int]]:
         """Return the stamps of the images and the pose by topic, for each pair that has a pose.

@@ -8,10 +8,9 @@ from statistics import median_low
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.source_config import SyncConfig
-from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S
 from sfr_loc_map.stamp_pairing import match_stamps
 
-NS_PER_MS = 1_000_000
 _log = logging.getLogger(__name__)
 
 
@@ -20,9 +19,9 @@ def stereo_pairs(left_ns: Sequence[int], right_ns: Sequence[int], sync: SyncConf
 
     Pairs with different stamps and images without a partner are reported. InputError if there is no pair.
     """
-    tolerance_ns, offset_ns = round(sync.stamp_tolerance_s * NS_PER_S), round(sync.right_offset_s * NS_PER_S)
-    matched = match_stamps(left_ns, [stamp + offset_ns for stamp in right_ns], tolerance_ns)
-    within = f"{tolerance_ns / NS_PER_MS:g} ms"
+    offset_ns = round(sync.right_offset_s * NS_PER_S)
+    matched = match_stamps(left_ns, [stamp + offset_ns for stamp in right_ns], sync.stamp_tolerance_ns)
+    within = f"{sync.stamp_tolerance_ns / NS_PER_MS:g} ms"
     if not matched:
         raise InputError(
             f"{where}: none of {len(left_ns)} left and {len(right_ns)} right images have stamps within {within}: "
