@@ -208,23 +208,24 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
     """Return the run to be scored. Files are read as by the command."""
     _check("estimate", estimate, Trajectory, PointCloud)
     _check("truth", truth, Trajectory, Source)
-    place = truth.path if isinstance(truth, Source) else truth
+    place, config = (truth.path, truth.config) if isinstance(truth, Source) else (truth, None)
     if isinstance(estimate, PointCloud):
         if isinstance(place, Trajectory):
             raise ConfigError("a cloud requires a source with mapping pairs and truth; a trajectory was given")
         read = [*load_run(ScoreInputs(stats=stats)).stats, *_own_stats(estimate)]
         loaded = with_fusion_flag(LoadedCloud(estimate.xyz.astype(np.float64), estimate), fused, "the cloud")
-        truths, nav_stamps_ns = load_map_truth(Path(place), estimate.pair_stamps_ns)
+        truths, nav_stamps_ns = load_map_truth(Path(place), estimate.pair_stamps_ns, config)
         cloud = CloudToScore(loaded, truths)
         in_memory = {"cloud": hash_arrays([estimate.to_structured()])}
-        inputs = ScoreInputs(map_truth=Path(place), stats=stats)
+        inputs = ScoreInputs(map_truth=Path(place), stats=stats, config=config)
         return Run(inputs, read, cloud=cloud, nav_stamps_ns=nav_stamps_ns, in_memory=in_memory)
     if not isinstance(estimate, Trajectory) and not isinstance(place, Trajectory):
-        return load_run(ScoreInputs.of(Path(estimate), Path(place), stats or None), fused)
+        inputs = ScoreInputs.of(Path(estimate), Path(place), stats or None)
+        return load_run(replace(inputs, config=config), fused)
     both: dict[str, Any] = {"estimate": estimate, "truth": place}
     given = {role: item for role, item in both.items() if isinstance(item, Trajectory)}
     files: dict[str, Any] = {role: Path(item) for role, item in both.items() if role not in given}
-    run = load_run(ScoreInputs(**files, stats=stats), fused, calls=_own_stats(estimate), **given)
+    run = load_run(ScoreInputs(**files, stats=stats, config=config), fused, calls=_own_stats(estimate), **given)
     hashes = {role: hash_arrays((item.stamps_ns, item.positions, item.quats_xyzw)) for role, item in given.items()}
     return replace(run, in_memory=hashes)
 

@@ -74,7 +74,7 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
     named = Path(config.truth.source)
     if config.truth.source and named.exists():  # otherwise a topic of the bag
         source = replace(source, truth_files=(*source.truth_files, named))
-    return replace(source, configuration=config.path)
+    return replace(source, config=config)
 
 
 def format_of(path: Path) -> SourceFormat:

@@ -12,7 +12,6 @@ import numpy as np
 from sfr_loc_map.hashes import hash_arrays
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.source_config import AS_IT_IS, source_config
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
@@ -45,7 +44,6 @@ def score_replay(
     """
     stats = [stats_of(result.records, estimate=result.estimate)] if result.records else []
     inputs = ScoreInputs(limits=limits_file, command=command)
-    how = AS_IT_IS if source.configuration is None else source_config(source.path, source.configuration)
     in_memory: dict[str, str] = {}
     if files is not None and stats:
         inputs = replace(inputs, stats=(files.stats,))
@@ -55,7 +53,7 @@ def score_replay(
         estimate = result.estimate
         estimates = estimates_of_calls(estimate, stats)
         drive = DriveToScore(estimates, truth, source.loc.rig, images)
-        inputs = replace(with_read_files(inputs, how), truth=source.path)
+        inputs = replace(with_read_files(inputs, source.config), truth=source.path)
         if files is not None:
             inputs = replace(inputs, estimate=files.estimate)
         else:
@@ -66,7 +64,7 @@ def score_replay(
         nav_stamps_ns = source.expected_nav_ns()
         unmapped = 0 if len(result.mapped_ns) == len(nav_stamps_ns) else len(nav_stamps_ns)
     if (cloud := _scored_cloud(source, result)) is not None:
-        inputs = replace(with_read_files(inputs, how), map_truth=source.path)
+        inputs = replace(with_read_files(inputs, source.config), map_truth=source.path)
         if files is not None:
             inputs = replace(inputs, cloud=files.cloud if result.points is None else files.points)
         else:

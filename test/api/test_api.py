@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import sfr_loc_map as suite
+from helpers.broken_sources import renamed_bag
 from helpers.cli_result import Sfr
 from helpers.score_rows import number, rows_about
 from sfr_loc_map.errors import ConfigError, InputError
@@ -185,3 +186,26 @@ def test_a_source_gives_its_pairs(folder: Path) -> None:
     maps = replace(source, loc=None)
     assert [item.T_lm_navsb is not None for item in maps.pairs()] == [True, True]
     assert list(replace(maps, nav=None)) == []
+
+
+def test_a_drive_is_scored_with_the_configuration_with_which_its_source_was_opened(
+    folder: Path, estimate: suite.Trajectory, tmp_path: Path
+) -> None:
+    truth = suite.open(folder).truth
+    other = replace(truth, positions=truth.positions * 2.0)
+    other.save(tmp_path / "other.csv")
+    estimate.save(tmp_path / "estimate.csv")
+    (tmp_path / "my.yaml").write_text("truth:\n  source: other.csv\n")
+    opened = suite.open(folder, config=tmp_path / "my.yaml")
+    expected = suite.score(estimate, other, ["frames=2"], spacing=1).number("position", "mean_plus_3sigma")
+    for given in (estimate, tmp_path / "estimate.csv"):
+        scored = suite.score(given, opened, ["frames=2"], spacing=1)
+        assert scored.number("position", "mean_plus_3sigma") == pytest.approx(expected)
+
+
+def test_a_bag_is_scored_with_the_topics_with_which_it_was_opened(tmp_path: Path) -> None:
+    bag = renamed_bag(tmp_path / "other.mcap", "/ground_truth/odometry", "/mocap/pose")
+    source = suite.open(bag, remap={"/mocap/pose": "ground_truth/odometry"})
+    assert source.truth is not None
+    score = suite.score(source.truth, source, ["frames=1"], spacing=1)
+    assert score.number("position", "mean_plus_3sigma") == 0.0

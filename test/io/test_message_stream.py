@@ -73,7 +73,7 @@ def test_all_messages_of_a_source_come_whole_and_in_order(tmp_path: Path, kind: 
 def test_a_bag_with_injected_faults_is_played_with_them(tmp_path: Path) -> None:
     source = open_source(write_bag(tmp_path / "b.mcap", 4, 0))
     changed = faulty(source, [parse_fault("dropped:share=0.5"), parse_fault("noisy:share=1,start=0")], seed=1)
-    assert (changed.format, changed.configuration) == (source.format, source.configuration)
+    assert (changed.format, changed.config) == (source.format, source.config)
     images = [item for item in messages_of(changed) if item.topic == "loc/left/image_rect"]
     assert [item.stamp_ns for item in images] == list(changed.loc.stamps_ns)
     assert len(images) == 2
