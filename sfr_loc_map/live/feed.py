@@ -31,7 +31,7 @@ from sfr_loc_map.live.live_process import page_node_name
 from sfr_loc_map.live.map_feed import MapFeed
 from sfr_loc_map.live.operator import NodeOperator
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.tracked_images import TrackedImages
+from sfr_loc_map.live.tracked_images import TrackedImages, are_of_pair
 from sfr_loc_map.message_stamps import NS_PER_S, serialised_stamp
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.nodes.input.truth_input import TruthTopic
@@ -84,7 +84,8 @@ class RosFeed(Peer):
         self._subscriptions: dict[updates.MediaKind, list[Subscription]] = {}
         self._image_topics: dict[str, str] = {}  # subscribed topic of each image name
         self._depths: dict[str, SampleDepth] = {}
-        self._next_images: dict[str, tuple[float, int]] = {}  # by rig: time of the next pair, stamp of the last
+        self._next_images: dict[str, float] = {}  # time of the next pair of each rig
+        self._shown: dict[str, tuple[str, int]] = {}  # camera and stamp of the first image of each rig's last pair
         self._images = TrackedImages(self._show_image)
         self._maps = MapFeed(state, lambda: self._has_publisher(ELEVATION))
         self._map_worker = Worker("sfr-live-maps", Overload.ALL, MAX_MAPS, self._log_fault)
@@ -241,7 +242,7 @@ class RosFeed(Peer):
     def _on_image(self, name: str, kind: type[Any], raw: bytes, published_s: float) -> None:
         stamp_ns, rig = serialised_stamp(raw), name.partition("/")[0]
         self._state.put(updates.ImageStamp(name, stamp_ns, published_s))
-        if not self._is_shown(rig, stamp_ns):
+        if not self._is_shown(rig, name, stamp_ns):
             return
         try:
             depth = self._depths.setdefault(rig, SampleDepth(lambda _: None, rig))
@@ -252,13 +253,14 @@ class RosFeed(Peer):
             return
         self._images.add_image(name, stamp_ns, image, published_s)
 
-    def _is_shown(self, rig: str, stamp_ns: int) -> bool:
+    def _is_shown(self, rig: str, name: str, stamp_ns: int) -> bool:
         """Return whether an image is displayed: at most one pair per `IMAGE_PERIOD_S`, and both images of the pair."""
-        due_s, shown_ns = self._next_images.get(rig, (0.0, -1))
         now_s = time.monotonic()
-        if now_s < due_s:
-            return stamp_ns == shown_ns
-        self._next_images[rig] = now_s + IMAGE_PERIOD_S, stamp_ns
+        if now_s < self._next_images.get(rig, 0.0):
+            first, first_ns = self._shown[rig]
+            return name != first and are_of_pair(first_ns, stamp_ns)
+        self._next_images[rig] = now_s + IMAGE_PERIOD_S
+        self._shown[rig] = name, stamp_ns
         return True
 
     def _show_image(self, sample: updates.ImageSample) -> None:

@@ -14,6 +14,8 @@ from sfr_loc_map.live.media import IMAGE_WIDTH, image_sample
 from sfr_loc_map.live.updates import ImageSample
 from sfr_loc_map.localisation.estimate import LandmarkTracks
 from sfr_loc_map.localisation.visualisation import draw_landmarks
+from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
 
 LEFT, RIGHT = "loc/left", "loc/right"
 HOLD_S = 2.0  #: Localisation images wait for their tracks if tracks arrived within this time, s.
@@ -21,7 +23,7 @@ MAX_WAITING = 24  #: Maximum number of waiting images: about 2 s of both cameras
 
 
 class TrackedImages:
-    """Passes images to `put`, immediately or with the tracks of their stamp."""
+    """Passes images to `put`, immediately or with the tracks of their pair."""
 
     def __init__(self, put: Callable[[ImageSample], None]) -> None:
         self._put = put
@@ -43,16 +45,30 @@ class TrackedImages:
         self._put(image_sample(topic, stamp_ns, image, published_s))
 
     def add_tracks(self, stamp_ns: int, tracks: FloatArray32) -> None:
-        """Pass on the images of a stamp, the left one with its tracks `(N, 5)` in the columns of the message."""
+        """Pass on the pair whose left image has this stamp.
+
+        The left image is drawn with its tracks `(N, 5)`, which have the columns of the message.
+        """
         self._tracks_s = time.monotonic()
         left = self._waiting.pop((LEFT, stamp_ns), None)
-        right = self._waiting.pop((RIGHT, stamp_ns), None)
+        right_ns = self._right_stamp(stamp_ns)
         if left is not None:
             image, published_s = left
             drawn = with_tracks(image, tracks)
             self._put(image_sample(LEFT, stamp_ns, drawn, published_s, image.shape, len(tracks)))
-        if right is not None:
-            self._put(image_sample(RIGHT, stamp_ns, *right))
+        if right_ns is not None:
+            self._put(image_sample(RIGHT, right_ns, *self._waiting.pop((RIGHT, right_ns))))
+
+    def _right_stamp(self, left_ns: int) -> int | None:
+        """Return the stamp of the waiting right image that forms a pair with a left image; None if there is none."""
+        stamps = [stamp_ns for topic, stamp_ns in self._waiting if topic == RIGHT]
+        nearest = min(stamps, key=lambda stamp_ns: abs(stamp_ns - left_ns), default=None)
+        return nearest if nearest is not None and are_of_pair(left_ns, nearest) else None
+
+
+def are_of_pair(first_ns: int, second_ns: int) -> bool:
+    """Return whether images of both sides with these stamps form a pair, by the default tolerance of the nodes."""
+    return abs(first_ns - second_ns) <= STAMP_TOLERANCE_S * NS_PER_S
 
 
 def with_tracks(image: GreyImage, tracks: FloatArray32) -> ColourImage:

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import CompressedImage, Image
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.live.feed import RosFeed
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import MediaKind
+from sfr_loc_map.live.tracked_images import TrackedImages
+from sfr_loc_map.live.updates import ImageSample, MediaKind
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.ros.messages import header_msg, image_msg, message_type
 from sfr_loc_map.topics import IMAGES
@@ -44,6 +45,37 @@ def test_an_image_of_each_transport_is_shown(own_domain: None, name: str) -> Non
         node.destroy_node()
         assert feed is not None
     assert state.media["loc/left"].full_size == (64, 48)
+
+
+def test_both_images_of_a_pair_are_shown_if_their_stamps_differ_within_the_tolerance(own_domain: None) -> None:
+    state = LiveState()
+    state.displayed.show("test", frozenset({MediaKind.IMAGES}))
+    with RosFeed(state):
+        node = rclpy.create_node("camera")
+        late_ns = {"loc/left": 0, "loc/right": 1_000_000}
+        publishers = {name: node.create_publisher(Image, f"{name}/image_rect", QoSProfile(depth=1)) for name in late_ns}
+        deadline = time.monotonic() + 60.0
+        stamp_ns = NS_PER_S
+        while not late_ns.keys() <= state.media.keys() and time.monotonic() < deadline:
+            stamp_ns += NS_PER_S // 5
+            for name, late in late_ns.items():
+                publishers[name].publish(image_msg(PIXELS, "mono8", header_msg(stamp_ns + late, "camera")))
+            time.sleep(0.2)
+        node.destroy_node()
+    assert late_ns.keys() <= state.media.keys()
+
+
+def test_tracks_are_shown_with_the_right_image_of_their_pair() -> None:
+    shown: list[ImageSample] = []
+    images = TrackedImages(shown.append)
+    images.add_tracks(0, np.zeros((0, 5), np.float32))  # images now wait for their tracks
+    for stamp_ns in (NS_PER_S, 2 * NS_PER_S):
+        images.add_image("loc/left", stamp_ns, PIXELS, 0.0)
+        images.add_image("loc/right", stamp_ns + 1_000_000, PIXELS, 0.0)
+    assert not shown
+    images.add_tracks(2 * NS_PER_S, np.zeros((0, 5), np.float32))
+    expected = [("loc/left", 2 * NS_PER_S), ("loc/right", 2 * NS_PER_S + 1_000_000)]
+    assert [(sample.topic, sample.stamp_ns) for sample in shown] == expected
 
 
 @pytest.mark.parametrize("error", [InputError("an invalid cloud"), KeyError("a defect")], ids=["invalid", "defect"])
