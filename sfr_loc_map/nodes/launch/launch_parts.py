@@ -17,14 +17,15 @@ from sfr_loc_map.ros.environment import PROFILE, PROFILE_VARIABLES
 
 PACKAGE = "sfr_loc_map"
 SWITCH = ["true", "false"]
+PARAMETER = ["", *SWITCH]  #: Choices of a parameter of the nodes. Empty: the value in the parameter file.
 LEVELS = ["debug", "info", "warn", "error", "fatal"]
 ARGUMENTS: dict[str, tuple[str, list[str] | None, str]] = {
     "namespace": ("", None, "Namespace of nodes and topics."),
     "frame_prefix": ("", None, "Prefix of each frame name, such as rover1/, for several rovers in one tf tree."),
-    "autostart": ("true", SWITCH, "false: the nodes wait for a lifecycle manager."),
+    "autostart": ("", PARAMETER, "false: the nodes wait for a lifecycle manager. Default: the parameter file."),
     "log_level": ("info", LEVELS, "Minimum severity of logged lines."),
     "remaps": ("", None, "Remappings FROM:=TO, separated by blanks, such as loc/left/image_rect:=/eye/left."),
-    "use_sim_time": ("false", SWITCH, "true: follow /clock."),
+    "use_sim_time": ("", PARAMETER, "true: follow /clock. Default: the parameter file."),
     "respawn": ("false", SWITCH, "true: restart a node that exits; false: shut down all nodes when one exits."),
 }
 """Default, choices and description of each argument."""
@@ -71,7 +72,9 @@ def _node(context: LaunchContext, task: str, argument: str) -> Any:  # noqa: ANN
     file = Path(_value(context, argument) or default)
     if not file.is_file():
         raise ConfigError(f"{argument}:={file}: there is no such file; give a parameter file")
-    shared: dict[str, Any] = {name: _value(context, name) == "true" for name in ("use_sim_time", "autostart")}
+    # a value overrides the parameter file, so that only given values are passed
+    given = {name: _value(context, name) for name in ("use_sim_time", "autostart")}
+    shared: dict[str, Any] = {name: value == "true" for name, value in given.items() if value}
     if (prefix := _value(context, "frame_prefix")) and task != "monitor":  # the monitor has no frames
         shared["frame_prefix"] = prefix
     respawn = _value(context, "respawn") == "true"
