@@ -68,11 +68,12 @@ ROS_FOLDERS = {"ros", "nodes", "graph", "live", "replay"}
 NODE_FLOORS = ({"lifecycle"}, {"input"}, {""}, {"launch"})
 """Folders of `nodes` from the bottom; the name of the modules beside them is empty."""
 IO_FLOORS = (
-    {"sequence", "tables"},
+    {"tables"},
     {"images", "calibration", "clouds"},
     {"bag"},
     {"source_files", "truth"},
     {"source_config"},
+    {"sequence"},
     {"layouts"},
     {"convert", "message_stream", "registry"},
 )
