@@ -1,7 +1,8 @@
 """The path of a run so far: each estimate with the truth at its stamp and the error between them.
 
 The estimate is displayed in the frame of the truth as `T_gt(0) inv(T_est(0)) T_est`, where 0 is the first pose with a
-truth. These errors are only displayed; the errors of the monitor's report are judged.
+truth. These errors are only displayed; the errors of the monitor's report are judged. If the monitor converts the true
+poses before it scores them, the path shows them as published, without errors.
 """
 
 from __future__ import annotations
@@ -59,6 +60,7 @@ class LivePath:
     def __init__(self) -> None:
         self.version = -1  # changes whenever earlier rows become invalid
         self._may_have_begun_before = True  # whether the run may have started before the first received pose
+        self._is_truth_of_rb = True  # whether the monitor scores the true poses as published
         self._forget()
 
     def restart(self) -> None:
@@ -101,6 +103,14 @@ class LivePath:
             self._pending.popleft()
             self._add_row(estimate, published_s, pose_at(self._truths, estimate.stamp_ns, MAX_GAP_NS))
 
+    def note_conversion(self, *, is_converted: bool) -> None:
+        """Note whether the monitor converts the true poses; the path then has no errors, also of earlier poses."""
+        self._is_truth_of_rb = not is_converted
+        if is_converted and any(row.error_m is not None for row in self.rows):
+            self.version += 1
+            self.rows = [replace(row, error_m=None) for row in self.rows]
+            self.newest = None if self.newest is None else replace(self.newest, error_m=None)
+
     def note_length(self, length_m: float) -> None:
         """Note the length of the true path from the score, which includes the path before the first received pose.
 
@@ -124,6 +134,9 @@ class LivePath:
         at = _point(estimate.translation)
         true_at = None if truth is None else _point(truth.translation)
         distance_m = self._distance_m(sample.position, true_at)
+        error_m = None
+        if truth is not None and self._is_truth_of_rb:
+            error_m = _point(estimate.translation - truth.translation)
         row = PathRow(
             n=self._count,
             stamp_ns=sample.stamp_ns,
@@ -133,7 +146,7 @@ class LivePath:
             covariance_xy_m2=_covariance_xy(sample, rotation),
             lost=sample.is_lost,
             truth_m=true_at,
-            error_m=None if truth is None else _point(estimate.translation - truth.translation),
+            error_m=error_m,
             distance_m=distance_m,
         )
         self._count += 1

@@ -7,6 +7,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from sfr_loc_map.io.truth.config import NO_LEVER, NO_TURN
 from sfr_loc_map.metrics.completeness import share_rows
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.judging.judge import with_verdicts
@@ -23,6 +24,13 @@ from sfr_loc_map.report.tables import Cell, Table
 
 NO_SCORE_SHOWN: dict[str, Any] = {"overall": None, "tables": [], "limits": [], "errors": None}
 """Content of a page before the first score."""
+AS_PUBLISHED: dict[str, Any] = {
+    "frame": "",
+    "lever_arm_m": list(NO_LEVER),
+    "lever_quat_xyzw": list(NO_TURN),
+    "clock_offset_s": 0.0,
+}
+"""Parameters `truth.*` of a monitor that scores the true poses as published."""
 
 
 class ShownScore:
@@ -31,6 +39,15 @@ class ShownScore:
     def __init__(self, score: Score, received_s: float) -> None:
         self.score, self.received_s, self.content = score, received_s, to_dict(score)
         self.overall, self.tables, self.bars = banner_of(score), score_tables(score), limit_bars(score)
+
+    @property
+    def converts_truth(self) -> bool:
+        """Whether the monitor converts the published true poses to RB, or takes them from /tf."""
+        made = self.score.provenance
+        monitor = {} if made is None else made.configuration.get("monitor")
+        if not isinstance(monitor, dict):
+            return False
+        return any(monitor.get(f"truth.{name}", default) != default for name, default in AS_PUBLISHED.items())
 
     def at_end(self, images: int, posed: int) -> ShownScore:
         """Return the score at the end of a run, judged again by the number of images of the source with a pose.

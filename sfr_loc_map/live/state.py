@@ -274,6 +274,7 @@ class LiveState:
         self.timeline.judge(bars, update.received_s)
         if (drive := self.score.score.association) is not None:
             self.path.note_length(drive.path_length_m)
+        self.path.note_conversion(is_converted=self.score.converts_truth)
 
     def _take_pose(self, update: updates.PoseSample) -> None:
         """Add a pose to the path of its track, once its run is known; the path has no late poses."""

@@ -14,7 +14,7 @@ from sfr_loc_map.live.path import MAX_ROWS, LivePath
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PoseSample, PublishedScore, Track
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.records import Association
+from sfr_loc_map.metrics.records import Association, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 
@@ -75,6 +75,30 @@ def test_a_viewer_that_joins_late_shows_the_distance_of_the_run(joined: int) -> 
             state.put(pose(track, number, drive(number)))
     state.put(PublishedScore(to_json(score), 2.0))  # of the run before
     assert state.live_to_plain(2.0)["localisation"]["distance_m"] == pytest.approx(9 * step_m)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value", "has_error"),
+    [("lever_arm_m", [1.0, 0.0, 0.0], False), ("frame", "map:base", False), ("lever_arm_m", [0.0, 0.0, 0.0], True)],
+)
+def test_no_error_is_shown_against_a_truth_that_the_monitor_converts(
+    parameter: str, value: object, has_error: bool
+) -> None:
+    """The monitor does not score the error between RB and, for example, an antenna 1 m ahead of RB."""
+    state = LiveState()
+    made = Provenance(version="0", configuration={"monitor": {f"truth.{parameter}": value}})
+
+    def add(number: int) -> None:
+        for track in (Track.TRUTH, Track.ESTIMATE):
+            state.put(pose(track, number, drive(number)))
+
+    for number in range(5):
+        add(number)
+    assert all(row.error_m is not None for row in state.path.rows)
+    state.put(PublishedScore(to_json(Score(provenance=made)), 1.0))
+    add(5)
+    assert {row.error_m is not None for row in state.path.rows} == {has_error}
+    assert all(row.truth_m is not None for row in state.path.rows)
 
 
 @pytest.mark.parametrize("stray", [-19.5, 4 * 36000.0])
