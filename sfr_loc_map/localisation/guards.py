@@ -64,7 +64,7 @@ def check_images(images: ImageComparison, *, has_map: bool) -> Findings:
     return (
         _found(Finding.REPEATED_PAIR, images.is_repeated and has_map)
         | _found(Finding.FROZEN_IMAGE, images.is_one_frozen)
-        | _found(Finding.STALE_ROWS, bool(images.stale_rows.any()))
+        | _found(Finding.STALE_ROWS, bool(images.blanked_rows.any()))
     )
 
 

@@ -285,7 +285,7 @@ class Localiser:
             state,
             path=trajectory.arrived(state.path, pair.stamp_ns),
             image_memory=images.memory,
-            ground_memory=state.ground_memory.after_stale_rows(images.stale_rows),
+            ground_memory=state.ground_memory.after_stale_rows(images.blanked_rows),
         )
         landmark_map = state.landmark_map
         findings = guards.check_images(images, has_map=landmark_map is not None) | guards.check_wiring(pair)
@@ -355,7 +355,7 @@ class Localiser:
         change: Change,
     ) -> Ground:
         """Select the ground's motion, unless the left image is frozen or rows of either image are stale."""
-        if images.is_left_frozen or images.stale_rows.any():
+        if images.is_left_frozen or images.blanked_rows.any():
             return Ground.unselected(tracks, state.ground_memory)
         return self._ground_selector.select(frame, tracks, prediction, state.ground_memory, state.recovery, change)
 

@@ -67,7 +67,7 @@ MIN_STALE_FRACTION: Final = 0.05
 PROBE: Final = 64  #: Row step of a quick comparison, which shows for nearly all images that they differ.
 
 
-class StaleRows(NamedTuple):
+class RepeatedRows(NamedTuple):
     """Rows of one image that repeat the previous image."""
 
     rows: Mask  #: `(H,)` textured rows that are bit-identical; all rows if the image is repeated with new noise.
@@ -84,8 +84,8 @@ class ImageMemory(NamedTuple):
     """What the next pair is compared with."""
 
     pair: StereoPair  #: The last pair that was not repeated; a frozen image is replaced by the last exposed image.
-    left: StaleRows  #: Stale rows of the left image of this pair. A frozen image does not change them.
-    right: StaleRows  #: Likewise of the right image.
+    left: RepeatedRows  #: Repeated rows of the left image of this pair. A frozen image does not change them.
+    right: RepeatedRows  #: Likewise of the right image.
 
 
 class ImageComparison(NamedTuple):
@@ -94,7 +94,7 @@ class ImageComparison(NamedTuple):
     #: The pair with its stale parts blanked. A repeated pair is not blanked, because its two images belong together.
     pair: StereoPair
     memory: ImageMemory  #: What the next pair is compared with.
-    stale_rows: Mask  #: `(H,)` rows that were blanked in an image whose other rows are new.
+    blanked_rows: Mask  #: `(H,)` rows that were blanked in an image whose other rows are new.
     is_repeated: bool = False  #: Whether both images repeat the previous pair, possibly swapped.
     is_left_frozen: bool = False  #: Whether the left image repeats the previous one. It is blanked.
     is_right_frozen: bool = False  #: Whether the right image repeats the previous one. It is blanked.
@@ -109,11 +109,11 @@ def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
     """Compare a pair with the previous pair, and blank the parts that were not exposed again."""
     nothing = np.zeros(len(pair.left), np.bool_)
     if memory is None:
-        fresh = StaleRows(nothing, is_frozen=False, is_same=False)
+        fresh = RepeatedRows(nothing, is_frozen=False, is_same=False)
         return ImageComparison(pair, ImageMemory(pair, fresh, fresh), nothing)
     before = memory.pair
-    left = stale_rows(before.left, pair.left)
-    right = stale_rows(before.right, pair.right)
+    left = repeated_rows(before.left, pair.left)
+    right = repeated_rows(before.right, pair.right)
     if is_swapped_repeat(before, pair) or (left.is_repeated and right.is_repeated):
         return ImageComparison(pair, memory, nothing, is_repeated=True)
     if not (left.rows.any() or right.rows.any()):
@@ -132,26 +132,26 @@ def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
     return ImageComparison(
         pair=replace(pair, left=_blanked(pair.left, blank_left), right=_blanked(pair.right, blank_right)),
         memory=ImageMemory(exposed, rows_left, rows_right),
-        stale_rows=torn_left | torn_right,
+        blanked_rows=torn_left | torn_right,
         is_left_frozen=left.is_frozen,
         is_right_frozen=right.is_frozen,
     )
 
 
-def stale_rows(before: GreyImage, now: GreyImage) -> StaleRows:
+def repeated_rows(before: GreyImage, now: GreyImage) -> RepeatedRows:
     """Return the rows of an image that repeat the previous image."""
     # fast test, because most images differ by more than noise
     change = cv2.subtract(now[1 : -1 : ROW_STEPS[0]], before[1 : -1 : ROW_STEPS[0]], dtype=cv2.CV_32F)
     is_small = cv2.meanStdDev(change)[1].item() ** 2 <= NOISE_MARGIN * MAX_NOISE**2
     if is_small and is_repeated_with_noise(before, now):
-        return StaleRows(np.ones(len(now), np.bool_), is_frozen=True, is_same=True)
+        return RepeatedRows(np.ones(len(now), np.bool_), is_frozen=True, is_same=True)
     same = equal_rows(before, now)
     if same.any():
         textured = np.ptp(now, axis=1) >= MIN_ROW_RANGE
         rows = same & textured
         if np.count_nonzero(rows) >= MIN_STALE_FRACTION * len(now):
-            return StaleRows(rows, is_frozen=bool(same[textured].all()), is_same=bool(same.all()))
-    return StaleRows(np.zeros(len(now), np.bool_), is_frozen=False, is_same=bool(same.all()))
+            return RepeatedRows(rows, is_frozen=bool(same[textured].all()), is_same=bool(same.all()))
+    return RepeatedRows(np.zeros(len(now), np.bool_), is_frozen=False, is_same=bool(same.all()))
 
 
 def equal_rows(before: GreyImage, now: GreyImage) -> Mask:
@@ -169,7 +169,7 @@ def is_swapped_repeat(before: StereoPair, now: StereoPair) -> bool:
     change = cv2.subtract(now.left[few], before.right[few], dtype=cv2.CV_32F)
     if cv2.meanStdDev(change)[1].item() ** 2 > NOISE_MARGIN * MAX_NOISE**2:
         return False
-    return stale_rows(before.right, now.left).is_same and stale_rows(before.left, now.right).is_same
+    return repeated_rows(before.right, now.left).is_same and repeated_rows(before.left, now.right).is_same
 
 
 def are_equal(one: GreyImage, other: GreyImage) -> bool:

@@ -118,7 +118,7 @@ def test_a_frozen_image_does_not_hide_the_stale_rows_of_the_other_one() -> None:
     assert not images.pair.left.any()
     assert not images.pair.right[HEIGHT // 2 :].any()
     assert images.pair.right[: HEIGHT // 2].any()
-    assert images.stale_rows[HEIGHT // 2 :].all()
+    assert images.blanked_rows[HEIGHT // 2 :].all()
 
 
 @pytest.mark.parametrize("is_fixed", [False, True])
