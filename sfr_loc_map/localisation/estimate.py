@@ -81,7 +81,9 @@ class TrackingStatistics:
     """Statistics of one call; None for a value that the call does not provide."""
 
     features: int | None = None  #: Landmarks searched for.
-    inliers: int | None = None  #: Landmarks that agree with the pose; 0 if no pose of the pair was accepted.
+    #: Landmarks that agree with the pose; 0 if the pair was refused; None for a repeated pair and for a pair whose
+    #: landmarks are new.
+    inliers: int | None = None
     keyframes: int | None = None  #: Keyframes since the start.
     #: Median over the landmarks of the squared Mahalanobis residual per degree of freedom.
     chi_median: float | None = None
