@@ -23,10 +23,11 @@ inferred ones. The published reason is therefore not always that of the largest 
 
 A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, and a call in the localiser:
 
-- A guard that needs only the images is called in `_locate`. A guard that depends on the pose is called in
-  `_check_pose`, which is repeated for the pose of a keyframe from all landmarks. Any other guard is called in `_judge`.
-  A new window (`_begin`) is checked for landmarks and for a gap. If there was no map, the findings of the images and of
-  the last adjustment apply to it as well.
+- A guard that needs only the images is called in `_locate`. A guard that refuses poses, and takes little time, is
+  called in `_check_pose`. These guards are repeated for the pose of a keyframe from all landmarks. Their findings then
+  decide only whether this pose is used, so that they must not degrade. Any other guard is called in `_judge`. A new
+  window (`_begin`) is checked for landmarks and for a gap. If there was no map, the findings of the images and of the
+  last adjustment apply to it as well.
 - The memory of a guard is a field of `State`. A memory that learns from poses is passed to `_accept` by the `Candidate`
   and changes only there. The memory of the ground is passed by `Ground`.
 
@@ -103,10 +104,16 @@ class Inflation(Flag):
     AMBIGUITY = auto()
 
 
-class Rule(NamedTuple):
-    """The consequences of a finding."""
+class Refusal(NamedTuple):
+    """The consequences of a finding that refuses the pose of a pair."""
 
-    action: Action
+    action: Action  #: One of the actions with `Action.refuses`.
+    reason: StateReason
+
+
+class Degradation(NamedTuple):
+    """The consequences of a finding with which a pose is accepted and degraded."""
+
     reason: StateReason
     inflation: Inflation = Inflation.NONE
     #: Whether the pair may be a reference for later pairs: as a keyframe, as a recovery image, and as the earlier image
@@ -114,46 +121,43 @@ class Rule(NamedTuple):
     can_be_reference: bool = True
 
 
-RULES: Final = {
-    # Refused: a keyframe requires an accepted pose.
-    Finding.REPEATED_PAIR: Rule(Action.KEEP, StateReason.REPEATED_IMAGES),
-    Finding.IDENTICAL_IMAGES: Rule(Action.REJECT, StateReason.NO_STEREO),
-    Finding.UNTEXTURED: Rule(Action.RESTART, StateReason.UNTEXTURED_IMAGES),
-    Finding.FROZEN_AND_FEW: Rule(Action.RESTART, StateReason.REPEATED_IMAGES, can_be_reference=False),
-    Finding.FEW_LANDMARKS: Rule(Action.RESTART, StateReason.FEW_LANDMARKS),
-    Finding.CONTRADICTED: Rule(Action.KEEP, StateReason.MOVING_REGIONS),
-    Finding.SINGULAR: Rule(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
-    Finding.TOO_FAST: Rule(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
-    Finding.SWAPPED: Rule(Action.REJECT, StateReason.NO_STEREO),
+RULES: Final[dict[Finding, Refusal | Degradation]] = {
+    Finding.REPEATED_PAIR: Refusal(Action.KEEP, StateReason.REPEATED_IMAGES),
+    Finding.IDENTICAL_IMAGES: Refusal(Action.REJECT, StateReason.NO_STEREO),
+    Finding.UNTEXTURED: Refusal(Action.RESTART, StateReason.UNTEXTURED_IMAGES),
+    Finding.FROZEN_AND_FEW: Refusal(Action.RESTART, StateReason.REPEATED_IMAGES),
+    Finding.FEW_LANDMARKS: Refusal(Action.RESTART, StateReason.FEW_LANDMARKS),
+    Finding.CONTRADICTED: Refusal(Action.KEEP, StateReason.MOVING_REGIONS),
+    Finding.SINGULAR: Refusal(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
+    Finding.TOO_FAST: Refusal(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
+    Finding.SWAPPED: Refusal(Action.REJECT, StateReason.NO_STEREO),
     # No keyframe: without the blanked image no landmark can be triangulated.
-    Finding.FROZEN_IMAGE: Rule(Action.DEGRADE, StateReason.REPEATED_IMAGES, can_be_reference=False),
+    Finding.FROZEN_IMAGE: Degradation(StateReason.REPEATED_IMAGES, can_be_reference=False),
     # No keyframe: the edges of the blanked rows would be detected as texture.
-    Finding.STALE_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, can_be_reference=False),
+    Finding.STALE_ROWS: Degradation(StateReason.TORN_IMAGES, can_be_reference=False),
     # Keyframe: a window begins with the pair. Later pairs of the window report the gap.
-    Finding.DIVERGED: Rule(Action.DEGRADE, StateReason.IMPLAUSIBLE_MOTION),
+    Finding.DIVERGED: Degradation(StateReason.IMPLAUSIBLE_MOTION),
     # Keyframe: the images are good, and the finding ends after further keyframes.
-    Finding.AFTER_GAP: Rule(Action.DEGRADE, StateReason.UNSEEN_MOTION),
+    Finding.AFTER_GAP: Degradation(StateReason.UNSEEN_MOTION),
     # Keyframe: the yaw is estimated from keyframes and would otherwise never be corrected.
-    Finding.CALIBRATION: Rule(Action.DEGRADE, StateReason.CALIBRATION_DRIFT),
+    Finding.CALIBRATION: Degradation(StateReason.CALIBRATION_DRIFT),
     # Keyframe: a rolling shutter shears all pairs, and without keyframes tracking would be lost.
-    Finding.SHEARED_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    Finding.SHEARED_ROWS: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # No keyframe: landmarks in stale parts would have wrong positions.
-    Finding.PARTIAL_TRANSFER: Rule(
-        Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED, can_be_reference=False
-    ),
+    Finding.PARTIAL_TRANSFER: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED, can_be_reference=False),
     # Keyframe: one exposure dominates, and without keyframes tracking would be lost.
-    Finding.DOUBLE_EXPOSURE: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    Finding.DOUBLE_EXPOSURE: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: a scene that changes quickly requires new landmarks, and outliers are removed.
-    Finding.UNEXPLAINED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    Finding.UNEXPLAINED: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: one motion explains this pair, and only an earlier pair was faulty.
-    Finding.RECOVERING: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    Finding.RECOVERING: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: new landmarks are matched between the two images, which fails where one image is stale.
-    Finding.ONE_SIDED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    Finding.ONE_SIDED: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: the window continues with the more likely motion. The covariance includes the ambiguity.
-    Finding.GROUND_IN_DOUBT: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
+    Finding.GROUND_IN_DOUBT: Degradation(StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
     # Keyframe: the pair shows no motion, and the finding ends only when the rover moves.
-    Finding.AT_REST_IN_DOUBT: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS),
-    Finding.AMBIGUOUS: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
+    Finding.AT_REST_IN_DOUBT: Degradation(StateReason.MOVING_REGIONS),
+    Finding.AMBIGUOUS: Degradation(StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
 }
 """Consequences of each finding, in the order of precedence.
 
@@ -201,14 +205,15 @@ def decide(findings: Findings) -> Verdict:
     if not findings:
         return NO_FINDING
     present = [finding for finding in RULES if finding in findings]
-    rules = [RULES[finding] for finding in present]
+    first = RULES[present[0]]
+    degradations = [rule for finding in present if isinstance(rule := RULES[finding], Degradation)]
     inflation = Inflation.NONE
-    for rule in rules:
+    for rule in degradations:
         inflation |= rule.inflation
     return Verdict(
         finding=present[0],
-        action=rules[0].action,
-        reason=rules[0].reason,
+        action=first.action if isinstance(first, Refusal) else Action.DEGRADE,
+        reason=first.reason,
         inflation=inflation,
-        can_be_reference=all(rule.can_be_reference for rule in rules),
+        can_be_reference=all(rule.can_be_reference for rule in degradations),
     )

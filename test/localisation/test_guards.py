@@ -11,7 +11,7 @@ from helpers.loc_drive import drive, errors, localiser, noisy, run
 from helpers.made_scene import HEIGHT, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
-from sfr_loc_map.localisation.findings import RULES, Action, Finding, Inflation, decide
+from sfr_loc_map.localisation.findings import RULES, Action, Finding, Inflation, Refusal, decide
 from sfr_loc_map.localisation.guards import check_images
 from sfr_loc_map.localisation.stale_images import compare
 
@@ -22,13 +22,16 @@ def test_each_finding_has_a_rule_and_the_first_rule_gives_the_reason() -> None:
     assert set(RULES) == set(Finding)
     order = list(RULES)
     for finding, rule in RULES.items():
-        assert decide({finding})[:4] == (finding, *rule[:3])
+        alone = decide({finding})
+        assert (alone.finding, alone.reason) == (finding, rule.reason)
+        assert alone.refuses == isinstance(rule, Refusal)
         for other in order[order.index(finding) :]:
             verdict = decide({other, finding})
-            assert verdict.reason == rule.reason
-            assert verdict.inflation == rule.inflation | RULES[other].inflation
-            assert verdict.can_be_reference == (rule.can_be_reference and RULES[other].can_be_reference)
-    refusing = [rule.action.refuses for rule in RULES.values()]
+            of_other = decide({other})
+            assert (verdict.action, verdict.reason) == (alone.action, alone.reason)
+            assert verdict.inflation == alone.inflation | of_other.inflation
+            assert verdict.can_be_reference == (alone.can_be_reference and of_other.can_be_reference)
+    refusing = [isinstance(rule, Refusal) for rule in RULES.values()]
     assert refusing == sorted(refusing, reverse=True)  # what refuses a pair comes first
     assert decide(set()) == (None, Action.ACCEPT, None, Inflation.NONE, True)
 
