@@ -39,58 +39,9 @@ pair at six points, and the later stages are then skipped:
 A pair that `_begin` refuses is lost. At the other points, the finding determines whether the last pose is kept, the
 localiser is lost, or a window may begin (`findings.Action`).
 
-The state between two pairs is one immutable value (`state.State`), and each stage takes and returns values. A pair
-changes these parts of the state:
-
-| pair | changes |
-|---|---|
-| accepted (`_accept`) | all but `clean_from_keyframe`; the state learns from poses only here |
-| kept (`_keep`) | path (covariance and step), status, reason |
-| lost (`_lose`) | path (a standstill is predicted), number of failed recoveries (after a good image), status, reason |
-| begins a window (`_begin`) | all but `shear_mean`; the window starts at the last known pose |
-
-Five other events change the state:
-
-- A keyframe of the previous call is finished: path, map, calibration and recovery images. If its adjustment diverged,
-  the map is discarded and the calibration is reset instead.
-- An external pose is applied: path. The map is discarded if the stamp of that pose is more than one period later than
-  the last pair that was accepted or began a window.
-- A pair arrives: path (its stamp; with the first pair also the stamp of the start pose).
-- `set_pose` is called: path.
-- `reset` is called: all.
-
-Two memories also change with refused pairs. `image_memory` changes with every pair that does not repeat the previous
-pair. `ground_memory` changes with every pair that has stale rows, or whose image contradicts its pose. If the localiser
-is already lost, a pair that would otherwise be kept is lost as well.
-
-The order of the rows of `findings.RULES` decides which reason is published if a pair has several findings. The
-docstring of `findings` lists what a new guard requires.
-
-What enlarges the covariance of a pose (`uncertainty.covariance` has the formulas):
-
-| event | adds | until |
-|---|---|---|
-| accepted pair | covariance given the keyframes; `blur_px` of the image | next accepted pair |
-| step | yaw and lens errors in proportion to its length | external pose |
-| keyframe | drift of the window by the adjustment, times `adjustment_inflation` | external pose |
-| finding with `Inflation.UNOBSERVED` | speed times the time since the last accepted pair | next accepted pair |
-| finding with `Inflation.AMBIGUITY` | distance between two motions, at least the above; sigmas add up | external pose |
-| kept pair | speed times the time since the last accepted pair | next accepted pair |
-| a window begins | speed times the time since the last known pose; `blur_px` of the image | external pose |
-| external pose with a past stamp | speed times the time to the nearest accepted pair | external pose |
-| lost pair | the covariance of an unknown pose replaces all | next pair that is not lost |
-
-The speed is the last one, but at least `motion.unseen_speed_m_s` and at most `motion.max_speed_m_s`. The turn rate and
-the angle are treated likewise.
-
-Where a new error source goes. Its size is always a field of `error_sources.ErrorSources`:
-
-| the error | is a term of |
-|---|---|
-| of one pose, from its images or its calibration | `pose_covariance`, and `step_covariance` or `pose_noise` |
-| common to all steps, with a constant direction | `pose_covariance` by `PathErrors.bias`, and `systematic_step` |
-| required by findings | `inflation_of`, with a flag of `findings.Inflation` |
-| that accumulates along the path | `PathErrors`, added in `trajectory._errors_at` (docstring of `covariance`) |
+The state between two pairs is one immutable value (`state.State`, with the changes by each pair and event). Each stage
+takes and returns values. `findings` contains the consequences of all findings, and what a new guard requires.
+`uncertainty.covariance` contains what enlarges the covariance, and where a new error source belongs.
 """
 
 from __future__ import annotations
@@ -391,7 +342,7 @@ class Localiser:
         return decide(findings)
 
     def _check_pose(self, state: State, frame: StereoFrame, tracks: Tracks) -> Findings:
-        """Return the findings that depend only on the pose of a pair."""
+        """Return the findings that refuse a pose, which are cheap enough to be repeated for the pose of a keyframe."""
         findings = guards.check_tracks(frame, tracks)
         return findings | guards.check_pose(tracks, state.path.last, frame.stamp_ns, self._config.motion)
 

@@ -1,5 +1,29 @@
 """State of the localiser between two pairs, and the outcome of one pair.
 
+Each call takes a state and returns the next one. A pair changes these parts of the state:
+
+| pair | changes |
+|---|---|
+| accepted (`_accept`) | all but `clean_from_keyframe` and `has_diverged`; the state learns from poses only here |
+| kept (`_keep`) | path (covariance and step), status, reason |
+| lost (`_lose`) | path (a standstill is predicted), number of failed recoveries (after a good image), status, reason |
+| begins a window (`_begin`) | all but `shear_mean`; the window starts at the last known pose |
+
+Five other events change the state:
+
+- A keyframe of the previous call is finished: path, map, calibration and recovery images. If its adjustment diverged,
+  the map is discarded, the calibration is reset and `has_diverged` is set instead.
+- An external pose is applied: path. `trajectory._placed` applies a pose whose stamp is more than one period later than
+  the last pair that was accepted or began a window, and a pose without such a pair. The map is then discarded.
+  `trajectory._rebased` applies any other pose.
+- A pair arrives: path (its stamp; with the first pair also the stamp of the start pose).
+- `set_pose` is called: path.
+- `reset` is called: all.
+
+Two memories also change with refused pairs. `image_memory` changes with every pair that does not repeat the previous
+pair. `ground_memory` changes with every pair that has stale rows, or whose image contradicts its pose. If the localiser
+is already lost, a pair that would otherwise be kept is lost as well.
+
 The state contains several similar stamps and poses. The table gives the meaning of each, and the events that change
 it: an accepted pair (A), a kept pair (K), a pair that begins a window (W), or another event.
 
@@ -8,9 +32,9 @@ it: an accepted pair (A), a kept pair (K), a pair that begins a window (W), or a
 | `path.last.T_world_left` | last known pose, in the present map | A; adjustment of a keyframe |
 | `path.published.T_world_left` | pose published last, where the next step begins | A, K, W |
 | `path.published.stamp_ns` | stamp of the pose published last | A, K, W |
-| `path.last.known_ns` | stamp since which the motion is unobserved | A, W; first pair; external pose after `last_ns` |
+| `path.last.known_ns` | stamp since which the motion is unobserved | A, W; first pair; `_placed` |
 | `path.last.tracked_ns` | stamp from which missing pairs are counted | A, W |
-| `path.history.last_ns` | last stamp to which an external pose can be applied | A, W; external pose after it |
+| `path.history.last_ns` | last stamp to which an external pose can be applied | A, W; None after `_placed` |
 | `path.datum.pending` | external pose that is not applied yet | `set_pose`; first pair; when the pose is applied |
 """
 

@@ -33,7 +33,34 @@ from that pose. Each of the two steps contains its covariance, which is conserva
 (`PublishedPose.undone_by_next_step`). The parts of the previous pose are zero if its pair began a window, because the
 step is measured from its image.
 
-A new error source requires a field of `ErrorSources`, and a term in one of the formulas (table in `localiser`).
+What enlarges the covariance of a pose:
+
+| event | adds | until |
+|---|---|---|
+| accepted pair | covariance given the keyframes; `blur_px` of the image | next accepted pair |
+| step | yaw and lens errors in proportion to its length | external pose |
+| correction of a drift of the right camera | attitude, by `followed_attitude_ratio` | external pose |
+| yaw of the right camera is detected or uncertain | attitude, by `bent_attitude_ratio` | better estimate of the yaw |
+| keyframe | drift of the window by the adjustment, times `adjustment_inflation` | external pose |
+| finding with `Inflation.UNOBSERVED` | speed times the time since the last accepted pair | next accepted pair |
+| finding with `Inflation.AMBIGUITY` | distance between two motions, at least the above; sigmas add up | external pose |
+| kept pair | speed times the time since the last accepted pair | next accepted pair |
+| a window begins | speed times the time since the last known pose; `blur_px` of the image | external pose |
+| external pose for a past pair | what that pair added until the next accepted pair | external pose |
+| external pose between pairs that are not consecutive | speed times the time to the nearer pair | external pose |
+| lost pair | the covariance of an unknown pose replaces all | next pair that is not lost |
+
+The speed is the last one, but at least `motion.unseen_speed_m_s` and at most `motion.max_speed_m_s`. The turn rate and
+the angle are treated likewise.
+
+A new error source requires a field of `ErrorSources`, and a term in one of the formulas:
+
+| the error | is a term of |
+|---|---|
+| of one pose, from its images or its calibration | `pose_covariance`, and `step_covariance` or `pose_noise` |
+| common to all steps, with a constant direction | `pose_covariance` by `PathErrors.bias`, and `systematic_step` |
+| required by findings | `inflation_of`, with a flag of `findings.Inflation` |
+| that accumulates along the path | `PathErrors`, added in `trajectory._errors_at` |
 
 An error that accumulates along the path also requires a field of `path_errors.PathErrors`, which only the methods of
 that class change, and its increment in `trajectory._errors_at`. The table of that class shows what each event does to
