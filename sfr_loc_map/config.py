@@ -185,7 +185,7 @@ def load_yaml(path: Path) -> dict[str, Any]:
     if content is None:
         return {}
     if not isinstance(content, dict):
-        raise ConfigError(f"'{path}' contains a {type(content).__name__}: a mapping of names to values is required")
+        raise ConfigError(f"'{path}' contains {content!r:.40}: names with values (NAME: VALUE) are required")
     return content
 
 

@@ -98,7 +98,7 @@ def test_every_number_of_the_suite_refuses_infinity(config_type: type) -> None:
     [
         (b"a: [1", "not valid YAML"),
         (b"\xff\xfe\xff", "not valid YAML"),
-        (b"- 1\n- 2", "contains a list: a mapping of names to values is required"),
+        (b"- 1\n- 2", "names with values"),
         (b"a: !!python/object:os.system {}", "not valid YAML"),
         (b"a: " + b"9" * 400, "an integer of 400 digits"),
         (b"[" * 1000, "nested too deeply"),

@@ -64,7 +64,7 @@ def check(
     check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
     if len(estimate or ()) > MAX_ESTIMATES:
         raise ConfigError(
-            f"'--estimate': at most {MAX_ESTIMATES} estimates are allowed, because our own run is the third"
+            f"'--estimate': at most {MAX_ESTIMATES} estimates are allowed, because the suite's own run is the third"
         )
     others = read_estimates(estimate or ())
     conditions = list(dict.fromkeys(Condition.parse(text) for text in condition or CONDITIONS))

@@ -29,7 +29,7 @@ HTML_SUFFIXES = (".html", ".htm")
 
 
 def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
-    """Raise OutputError if the name of an output ends in none of the suffixes."""
+    """Raise OutputError if the name of an output does not end in one of the suffixes."""
     if path is not None and path.suffix not in suffixes:
         raise OutputError(f"cannot write '{path}': a name that ends in {' or '.join(suffixes)} is required")
 

@@ -67,8 +67,8 @@ def check_drive(
 ) -> DriveCheck:
     """Run each variant of the localiser over the first pairs of a drive; compare the runs and other estimates.
 
-    Only our own runs decide the result. Other estimates contribute figures. `progress` is called after each of the
-    `calls_of` calls of the variants.
+    Only the suite's own runs decide the result. Other estimates contribute figures. `progress` is called after each of
+    the `calls_of` calls of the variants.
     """
     drive = PairsInMemory(sequence.rig, list(islice(sequence.pairs(), most_pairs)))
     if len(drive) < MIN_PAIRS:

@@ -26,7 +26,7 @@ def at_pairs_of(run: DriveRun, other: DriveRun) -> DriveRun:
     if not theirs.has_attitude:
         raise InputError(f"the estimate {other.name} has only positions: give an estimate with orientations")
     config = AssociationConfig()
-    frames, _ = associate(ours, theirs, config)  # which calls its second argument the truth
+    frames, _ = associate(ours, theirs, config)  # the other estimate takes the place of the ground truth
     if len(frames.stamps_ns) < 2:
         spans = [f"{poses.stamps_ns.min()} ns to {poses.stamps_ns.max()} ns" for poses in (theirs, ours)]
         raise InputError(

@@ -24,7 +24,7 @@ SPACING = 5  #: Number of frames between starts: half of the spacing of a score,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunAtPairs:
-    """A run at the pairs that another run has as well, in the order of the recording. Frames are counted from 0."""
+    """A run, restricted to the pairs of another run, in the order of the recording. Frames are counted from 0."""
 
     run: DriveRun
     rows: IntArray  #: Row of the estimates of the run for each frame.

@@ -141,12 +141,12 @@ class Source:
 def drive_of(source: Source) -> LocSequence:
     """Return the localisation pairs of a source."""
     if source.loc is None or not len(source.loc):
-        raise InputError(f"no drive (localisation pairs) in '{source.path}': give a source that has one")
+        raise InputError(f"'{source.path}' has no drive (localisation pairs): give a source that has one")
     return source.loc
 
 
 def panorama_of(source: Source) -> NavSequence:
     """Return the mapping pairs of a source."""
     if source.nav is None or not len(source.nav):
-        raise InputError(f"no mapping pairs in '{source.path}': give a source that has them")
+        raise InputError(f"'{source.path}' has no mapping pairs: give a source that has them")
     return source.nav

@@ -249,7 +249,7 @@ def _check_setting(key: str, value: object) -> None:
 def check_remap(source: Path, remap: Mapping[str, str]) -> None:
     """Raise ConfigError if topics of a source without topics are remapped."""
     if remap and source.exists() and not is_bag(source):
-        raise ConfigError(f"a remapping (--remap) applies only to topics of a bag, which '{source}' is not: omit it")
+        raise ConfigError(f"'--remap' applies only to topics of a bag, but '{source}' is not a bag: omit it")
 
 
 def source_config(source: Path, path: Path | None = None, remap: Mapping[str, str] | None = None) -> SourceConfig:

@@ -42,6 +42,6 @@ def check_configuration(text: str, truth: Trajectory | None) -> None:
         found |= named & units_of(rows[np.isfinite(rows).all(axis=1)])
     if len(found) > MOST_POSITIONS:
         raise ConfigError(
-            f"the configuration of the method has {len(found)} of {len(true)} positions of the ground truth: a method "
-            "under test must not know them; give a configuration without them"
+            f"the configuration of the method contains {len(found)} of {len(true)} positions of the ground truth: a "
+            "method under test must not know them; give a configuration without them"
         )

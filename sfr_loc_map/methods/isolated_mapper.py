@@ -139,7 +139,7 @@ class IsolatedMapper(IsolatedMethod):
             return None
         found: FloatImage = self._array(arrays, "disparity")
         if found.shape != pair.left.shape:
-            text = f"the disparity image is {found.shape}, the left image {pair.left.shape}"
+            text = f"the disparity image has the shape {found.shape}: {pair.left.shape} of the left image is required"
             raise MethodFailureError(FindingKind.INVALID_RESULT, text)
         if np.isinf(found).any():
             raise MethodFailureError(FindingKind.NOT_FINITE, "a disparity is infinite")
@@ -158,9 +158,9 @@ class IsolatedMapper(IsolatedMethod):
             text = f"the sigma of a point is negative: {cloud.sigma.min():g} m"
             raise MethodFailureError(FindingKind.INVALID_RESULT, text)
         if len(cloud) and not (cloud.u.max() < self._rig.width and cloud.v.max() < self._rig.height):
-            raise MethodFailureError(FindingKind.INVALID_RESULT, "a point names a pixel outside the image")
+            raise MethodFailureError(FindingKind.INVALID_RESULT, "the pixel of a point is outside of the image")
         if len(cloud) and not cloud.pair.max() < pairs:
-            text = f"a point names pair {cloud.pair.max()}: there are {pairs}, counted from 0"
+            text = f"a point has the pair number {cloud.pair.max()}: 0 to {pairs - 1} is required"
             raise MethodFailureError(FindingKind.INVALID_RESULT, text)
         return cloud
 

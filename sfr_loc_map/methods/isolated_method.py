@@ -126,5 +126,5 @@ def _check_stamp(pair: StereoPair, answer: Answer) -> None:
     """Reject an answer with the stamp of another pair; an answer without a stamp is accepted."""
     stamp_ns = answer.get("stamp_ns", pair.stamp_ns)
     if stamp_ns != pair.stamp_ns:
-        text = f"answered for stamp {stamp_ns}, asked for {pair.stamp_ns}"
+        text = f"answered with stamp {stamp_ns}: stamp {pair.stamp_ns} of the pair is required"
         raise MethodFailureError(FindingKind.WRONG_STAMP, text)

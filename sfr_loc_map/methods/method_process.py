@@ -210,7 +210,7 @@ class MethodProcess:
 
     def _crash(self) -> MethodFailureError:
         """Return how the process has ended, with the last line of its log."""
-        how = "has closed its output and still runs"
+        how = "has closed its output but is still running"
         with suppress(subprocess.TimeoutExpired):
             how = f"has ended {_ending(self._process.wait(EXIT_TIMEOUT_S))}"
         self._log.seek(0)

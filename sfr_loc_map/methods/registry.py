@@ -154,7 +154,7 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
 def find_peer(peer: Peer, python: Path | None, vocabulary: Path | None = None) -> tuple[Method | None, str]:
     """Return the method of a peer in an interpreter, or None and the reason why the method cannot be run."""
     if python is None:
-        return None, f"not looked for: give --peer-python, an interpreter with it ({peer.install})"
+        return None, f"no interpreter was given: name one that has the method by --peer-python ({peer.install})"
     code = f"import importlib.util as u, sys; sys.exit(0 if all(map(u.find_spec, {peer.modules!r})) else 3)"
     try:
         status = subprocess.run([python, "-c", code], capture_output=True, timeout=60, check=False).returncode

@@ -402,7 +402,7 @@ UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def _of_left_camera(rig: StereoRig | None) -> Iterator[Mismatch]:
-    """Yield the mismatches that the poses are those of the left camera of the rig."""
+    """Yield the mismatches in which the poses are poses of the left camera of the rig."""
     if rig is not None and rig.T_rb_sb is not None:
         lever = rig.T_rb_sb.apply(np.array([0.0, 0.5 * rig.baseline_m, 0.0]))
         turn = quat_from_matrix(rig.T_rb_sb.rotation.dot(OPTICAL_IN_BODY))
@@ -411,7 +411,7 @@ def _of_left_camera(rig: StereoRig | None) -> Iterator[Mismatch]:
 
 
 def _of_fitted_point(truth: PoseArrays, estimate: PoseArrays) -> Iterator[Mismatch]:
-    """Yield the mismatches that the poses are those of a camera or another point of the rover, with fitted extrinsics.
+    """Yield the mismatches in which the poses are poses of a camera or another point, with fitted extrinsics.
 
     The rotation of a tilted camera aligns the directions of the estimated motions with those of the true motions
     (Kabsch 1976). The directions are the rotation axes and displacements of the sub-trajectories in the frame of their
@@ -444,7 +444,7 @@ def _of_fitted_point(truth: PoseArrays, estimate: PoseArrays) -> Iterator[Mismat
 def _left_camera(
     turn: FloatArray, lever_m: FloatArray, words: str, setting: str, *, is_fitted: bool = False
 ) -> Mismatch:
-    """Return the mismatch that the poses are those of a camera at a point of RB."""
+    """Return the mismatch in which the poses are poses of a camera at a point of RB."""
     if not setting:
         numbers = (*lever_m.tolist(), *turn.tolist())
         setting = "extrinsics=" + ",".join(repr(round(number, 9)) for number in numbers)

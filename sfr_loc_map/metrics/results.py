@@ -1,7 +1,7 @@
 """The results of the three parts of a score: the trajectory, the map and the calls.
 
 `trajectory_score`, `cloud_error` and `calls` compute them, `scoring.score_parts` adds warnings, and `scoring.assembly`
-combines them to a score. A result without figures is that of a run without this part.
+combines them to a score. A result has no figures if the run does not have this part.
 """
 
 from __future__ import annotations

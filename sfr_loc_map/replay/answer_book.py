@@ -22,7 +22,7 @@ class AnswerBook:
     """Counts the pairs and answers of a run."""
 
     def __init__(self, timeout_s: float, frames: str) -> None:
-        """Start without pairs. Without `frames`, all answers must name those of the first."""
+        """Start without pairs. Without `frames`, all answers must name the frames of the first answer."""
         self.frames = frames
         self.ended = ""  #: How the node's process ended during the run; empty while the process runs.
         self._timeout_s = timeout_s

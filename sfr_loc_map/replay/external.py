@@ -338,4 +338,6 @@ def external_node(
         return ExternalLocaliser(peer, options, command, results, source.loc)
     if options.task is Task.MAPPING and source.nav is not None:
         return ExternalMapper(peer, options, command, results, source.nav)
-    raise ConfigError(f"'--external {options.task}': the source has no pairs for it; give one that has them")
+    raise ConfigError(
+        f"'--external {options.task}': the source has no pairs for this task; give a source that has them"
+    )

@@ -92,7 +92,9 @@ def task_under_test(source: Source, external: str | None, method: str) -> Task |
     if method != "external":
         return None
     if source.loc is not None and source.nav is not None:
-        raise ConfigError("'--method external': the source has both tasks; give --external localisation or mapping")
+        raise ConfigError(
+            "'--method external': the source has pairs for both tasks; give --external localisation or mapping"
+        )
     return Task.LOCALISATION if source.nav is None else Task.MAPPING
 
 

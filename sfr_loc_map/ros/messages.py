@@ -96,7 +96,9 @@ def points_of(message: PointCloud2, wanted: Mapping[str, Sequence[type[np.generi
             raise InputError(f"{what}: field '{name}' exceeds the point of {message.point_step} bytes")
     height, width, step, row = (int(n) for n in (message.height, message.width, message.point_step, message.row_step))
     if row < step * width or len(message.data) < row * height:
-        raise InputError(f"{what} is {width} x {height} points of {step} bytes: {len(message.data)} bytes are too few")
+        raise InputError(
+            f"{what} has {len(message.data)} bytes: {width} x {height} points of {step} bytes are required"
+        )
     dtype = np.dtype({"names": list(wanted), "formats": formats, "offsets": offsets, "itemsize": step})
     if not height * width:
         return np.zeros((height, width), dtype)
@@ -302,7 +304,7 @@ def hazard_from_msg(message: OccupancyGrid) -> FloatArray32:
     rows, columns = int(message.info.height), int(message.info.width)
     data = np.frombuffer(message.data, np.int8)
     if len(data) != rows * columns:
-        raise InputError(f"hazard of {columns} x {rows} cells has {len(data)} values")
+        raise InputError(f"hazard has {len(data)} values: one for each of {columns} x {rows} cells is required")
     return np.where(data < 0, np.nan, data).astype(np.float32).reshape(rows, columns)
 
 
@@ -326,5 +328,5 @@ def message_type(msgtype: str) -> type[Any]:
     try:
         found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError) as error:
-        raise NodeError(f"messages of type {msgtype} are unknown here: install or source {package}") from error
+        raise NodeError(f"message type {msgtype} is not available: install or source {package}") from error
     return found

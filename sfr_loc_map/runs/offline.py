@@ -145,8 +145,8 @@ def unstamped_start_warning(start: StartPose, sequence: LocSequence) -> str | No
     if abs(after_s) * NS_PER_S <= MAX_START_GAP_NS:
         return None
     return (
-        f"the start pose is that of {abs(after_s):.3g} s {'after' if after_s > 0.0 else 'before'} the first pair, at "
-        "which the method starts: its poses are offset by the motion between them, as are errors that are not re-based"
+        f"the start pose is the true pose {abs(after_s):.3g} s {'after' if after_s > 0.0 else 'before'} the first "
+        "pair: all poses of the method, and errors without re-basing, are offset by the motion in this time"
     )
 
 

@@ -97,7 +97,7 @@ def test_localise_shows_ours_and_opencv_with_the_accuracy_of_the_score(drive: Pa
     out, estimate, scored = (tmp_path / name for name in ("bench.json", "estimate.csv", "score.json"))
     options = ("--condition", "frames=3", "--spacing", 2)
     printed = sfr("bench", "localise", drive, "--repeat", 2, *options, "--json", out).out
-    assert "skipped: orbslam3: not looked for: give --peer-python" in printed
+    assert "skipped: orbslam3: no interpreter was given" in printed
     assert "host times" in printed
     result = json.loads(out.read_text())
     for name, metres in (("ours", 0.01), ("opencv", 0.1)):

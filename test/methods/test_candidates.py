@@ -279,7 +279,7 @@ def test_a_class_may_map_a_set_in_one_call_and_ours_gives_the_bits_of_its_stages
             "invalid result: the mapper returned ndarray of shape (120, 160): a PointCloud, or an object with a "
             "PointCloud as 'cloud', is required for a set",
         ),
-        ("pair", "invalid result: a point names pair 2: there are 2, counted from 0"),
+        ("pair", "invalid result: a point has the pair number 2: 0 to 1 is required"),
     ):
         method = find_method(f"{tmp_path}/classes.py:Set", Task.MAPPING, config)
         assert map_pairs_with(nav, UnderTest(method, hidden=())).records[0].finding == finding

@@ -62,14 +62,17 @@ def test_two_cameras_that_are_8_ms_apart_are_localised_and_those_further_apart_n
             for side, late_ns in (("left", 0), ("right", PERIOD_NS // 2)):
                 send_image(peer, index, side, late_ns)
             peer.spin(0.1)
-            if doctor.poll() is not None and "let one trigger" in node.text:
+            if doctor.poll() is not None and "the time of one trigger" in node.text:
                 break
         assert len(peer.odometry) == 4
         assert doctor.stdout is not None
         found = {item["cause"]: item for item in json.loads(doctor.stdout.read())["issues"]}["unsynchronised"]
         assert found["where"] == "loc/left/image_rect, loc/right/image_rect"
-        assert "left and right images of 'loc' are 50 ms apart, input.stamp_tolerance_s allows 10 ms" in node.text
-        peer.well(Level.WARN, "let one trigger stamp both")
+        assert (
+            "left and right images of 'loc' are 50 ms apart: at most 10 ms is allowed (input.stamp_tolerance_s)"
+            in node.text
+        )
+        peer.well(Level.WARN, "stamp both images with the time of one trigger")
 
 
 def test_a_source_that_has_ended_is_named_ever_more_seldom(

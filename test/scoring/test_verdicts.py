@@ -116,7 +116,7 @@ def test_an_exit_code_is_the_verdict_and_a_limit_the_number_that_is_written(judg
         ("map:\n  missing_max_share: 0.6\n", "unknown key 'missing_max_share'"),
         ("completeness:\n  missing_max_shre: 0.6\n", "did you mean 'missing_max_share'"),
         ("completeness:\n  missing_max_share: 60\n", "a fraction from 0 to 1 is required"),
-        ("completeness:\n  - 5\n", "a mapping of names to limits is required, found int"),
+        ("completeness:\n  - 5\n", "contains 5: limits as NAME: NUMBER are required"),
         ("completeness:\n  id: A\n", "id 'A' has no limit"),
         (OVER_5_M + "1\nmap:\n  id: R3\n  text: The map is dense.\n", "id 'R3', text 'The map is dense.' has no limit"),
         ("timing:\n  mapping_total_s: 5\n", "did you mean 'mapping_call_s'"),

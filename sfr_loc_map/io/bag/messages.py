@@ -78,7 +78,9 @@ def points(stamp_ns: int, truth: NDArray[np.float32], grid_m: float | None) -> A
     """Return `(H, W, 3)` points in LM (NaN: no point) as PointCloud2, rounded to `grid_m`, a power of two, if given."""
     if grid_m is not None:
         if not (grid_m > 0 and math.frexp(grid_m)[0] == 0.5):
-            raise OutputError(f"truth grid is {grid_m} m: a power of two is required, such as 0.0009765625")
+            raise OutputError(
+                f"the grid of the true points is {grid_m} m: a power of two is required, such as 0.0009765625"
+            )
         truth = (np.round(truth.astype(np.float64) / grid_m) * grid_m).astype(np.float32)
     height, width, _ = truth.shape
     fields = [_T["sensor_msgs/msg/PointField"](name, 4 * i, FLOAT32, 1) for i, name in enumerate("xyz")]

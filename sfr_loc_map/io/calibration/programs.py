@@ -342,7 +342,7 @@ def _colmap(opened: OpenedFile) -> CameraPair:
     rows = [line.split() for line in read_text(file).splitlines() if line.strip() and line.strip()[0] != "#"]
     rows.sort(key=lambda row: int(row[0]))  # order by CAMERA_ID, because COLMAP writes cameras in any order
     if len(of_rig) != 2 or len(rows) not in (1, 2):
-        raise ValueError(f"the first rig has {len(of_rig)} cameras and '{file.name}' {len(rows)}: two are required")
+        raise ValueError(f"the first rig has {len(of_rig)} cameras and '{file.name}' has {len(rows)}: two are required")
     found, names = [], []
     for row, camera in zip((rows[0], rows[-1]), of_rig, strict=True):
         lens = str(camera.get("camera_model_name", row[1]))

@@ -64,8 +64,8 @@ def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, 
         if rig_at_stamp is None or rig_at_stamp.text != rig.text:
             by = "unknown" if rig_at_stamp is None else f"from {rig_at_stamp.text}"
             raise InputError(
-                f"bag '{bag.path}': the pose of the cameras is from {rig.text} on /tf, but it is {by} at stamp "
-                f"{stamp}: record /tf {RECORDING}"
+                f"bag '{bag.path}': the pose of the cameras on /tf is read from {rig.text}, but at stamp {stamp} "
+                f"it is {by}: record /tf {RECORDING}"
             )
     return [found.T_rb_sb for found in rigs if found is not None]
 
@@ -80,7 +80,7 @@ def _by_joints(bag: Bag, camera_frame: str, stamps_ns: IntArray, config: FramesC
     position, quat = config.head_to_navsb_m, config.head_to_navsb_quat_xyzw
     if not any((*position, *quat)):
         raise InputError(
-            f"bag '{bag.path}': joints move the cameras: give the position of the cameras on the head, "
+            f"bag '{bag.path}': the cameras are moved by joints: give their position on the head by "
             "--set 'frames.head_to_navsb_m=[X, Y, Z]'"
         )
     with refusing("frames.head_to_navsb_m, frames.head_to_navsb_quat_xyzw", "correct them"):

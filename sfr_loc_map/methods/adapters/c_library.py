@@ -113,7 +113,7 @@ class LibraryLocaliser(Library):
         if failed:
             raise ValueError(f"sfr_candidate_process returned {failed}")
         if any((mark != MARK).any() for mark in marks):
-            raise ValueError("wrote beyond the pose or the covariance")
+            raise ValueError("the candidate wrote beyond the pose or the covariance")
         if not 0 <= status < len(STATES):
             raise ValueError(f"status is {status}: 0 to {len(STATES) - 1} is required")
         state, stamp_ns = STATES[status], int(pose["stamp_ns"])
@@ -175,14 +175,14 @@ class LibraryMapper(Library):
         if (mark != MARK).any():
             raise ValueError(f"the candidate wrote beyond the end of the buffer of {len(points)} points")
         if count > len(points):
-            raise ValueError(f"wrote {count} points: there is room for {len(points)}")
+            raise ValueError(f"the candidate returned {count} points: at most {len(points)} are allowed")
         points = points[: int(count)]
         pairs, height, width = lefts.shape
         if len(points) and not (points["u"].max() < width and points["v"].max() < height):
-            raise ValueError(f"a point names a pixel outside {width} x {height}")
+            raise ValueError(f"the pixel of a point is outside of the image of {width} x {height} pixels")
         pair = points["pair"] if self.maps_sets else np.zeros(len(points), np.uint16)
         if len(points) and not pair.max() < pairs:
-            raise ValueError(f"a point names pair {pair.max()}: the set has {pairs}, counted from 0")
+            raise ValueError(f"a point has the pair number {pair.max()}: 0 to {pairs - 1} is required")
         if fused not in (0, 1):
             raise ValueError(f"fused is {fused}: 0 or 1 is required")
         cloud = np.zeros(len(points), PointCloud.dtype())

@@ -84,7 +84,7 @@ def _limits_of(section: LimitSection, block: object, origin: str, condition: str
     `id`, `text` and `certain` of the block apply to all its limits. A limit `{limit: ...}` can override them.
     """
     if not isinstance(block, Mapping):
-        raise ConfigError(f"{origin}: a mapping of names to limits is required, found {type(block).__name__}")
+        raise ConfigError(f"{origin} contains {block!r:.40}: limits as NAME: NUMBER are required")
     shares = [key for key, other in SHARES.items() if other is section]
     _check_keys(block, (*LIMITED_NUMBERS[section], *shares, *REQUIREMENT), origin)
     of_all = {key: block[key] for key in REQUIREMENT if key in block}

@@ -227,8 +227,8 @@ class StereoInput:
         apart_ms = float(np.median(np.abs(left[:, None] - right).min(axis=1))) * 1e-6
         allowed_ms = self._config.stamp_tolerance_s * 1e3
         return (
-            f"left and right images of '{self._name}' are {apart_ms:.3g} ms apart, input.stamp_tolerance_s allows "
-            f"{allowed_ms:.3g} ms: let one trigger stamp both sides"
+            f"left and right images of '{self._name}' are {apart_ms:.3g} ms apart: at most {allowed_ms:.3g} ms "
+            "is allowed (input.stamp_tolerance_s); stamp both images with the time of one trigger"
         )
 
     def reset_received(self) -> None:

@@ -57,7 +57,7 @@ class TruthFrame:
         """Accept a frame and one of its ancestors as `PARENT:CHILD`; raise a ConfigError for any other text."""
         self._parent, _, self._child = (name.strip("/") for name in frame.rpartition(":"))
         if not self._parent or not self._child:
-            raise ConfigError(f"truth.frame is '{frame}': both frames, PARENT:CHILD, are required in a node")
+            raise ConfigError(f"truth.frame is '{frame}': a node requires both frames, as PARENT:CHILD")
         self._series = FrameSeries()
         self._orders: dict[tuple[str, str], RunOrder[PoseRow]] = {}
         self._received = Counter[str]()  # number of transforms of each frame

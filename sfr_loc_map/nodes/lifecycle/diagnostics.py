@@ -313,7 +313,7 @@ class StatusReporter:
 
 
 def _joined(reasons: Sequence[tuple[Level, str]]) -> str:
-    """Return the texts of reasons, worst first, of which at most `MAX_REASONS`; empty without reasons."""
+    """Return the texts of at most `MAX_REASONS` reasons, the worst first; empty without reasons."""
     texts = [text for severity in reversed(SEVERITY) for level, text in reasons if level is severity]
     if len(texts) > MAX_REASONS:
         texts[MAX_REASONS:] = [f"and {len(texts) - MAX_REASONS} more"]

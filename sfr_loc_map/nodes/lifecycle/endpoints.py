@@ -48,7 +48,7 @@ class Endpoints:
         """Return a publisher that sends only while the node is active."""
         incompatible = self._warning(
             f"a subscriber of {self._node.resolve_topic_name(topic)} requests stricter {{}} than this node offers, so "
-            f"that nothing is sent to it: change the subscriber, or the parameter output_reliability of this node"
+            f"it receives nothing: change the subscriber, or the parameter output_reliability of this node"
         )
         qos = profile(self.reliability, depth)
         if latched:
@@ -70,7 +70,7 @@ class Endpoints:
         prefix = f"qos_overrides.{full_name}.subscription."
         incompatible = self._warning(
             f"a publisher of {full_name} offers weaker {{}} than this node requests, so nothing is received from "
-            f"it: set the parameter {prefix}{{parameter}} to the offered value, or change the publisher"
+            f"this publisher: set the parameter {prefix}{{parameter}} to the offered value, or change the publisher"
         )
         # Only given parameters: rclpy would declare the others and keep the default of this activation.
         given = [policy for policy in QoSPolicyKind if self._node.has_parameter(prefix + policy.name.lower())]

@@ -31,9 +31,7 @@ def read_configurations(value: object, path: Path) -> dict[str, dict[str, object
     if value is None:
         return {"default": {}}
     if not isinstance(value, Mapping) or not value:
-        raise ConfigError(
-            f"{path}: 'configurations' requires a mapping of names to parameters, such as {{default: {{}}}}"
-        )
+        raise ConfigError(f"{path}: 'configurations' requires names with parameters, such as {{default: {{}}}}")
     return {
         str(name): _parameters(content, f"{path}: configuration '{name}'", path.parent)
         for name, content in value.items()
@@ -42,11 +40,15 @@ def read_configurations(value: object, path: Path) -> dict[str, dict[str, object
 
 def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]:
     if not isinstance(content, Mapping):
-        raise ConfigError(f"{origin}: a mapping with 'localisation' and 'mapping' is required")
+        raise ConfigError(
+            f"{origin} is {content!r:.40}: parameters in the sections {' and '.join(SECTIONS)} are required"
+        )
     changed: dict[str, object] = {}
     for section, values in content.items():
         if section not in SECTIONS or not isinstance(values, Mapping):
-            raise ConfigError(f"{origin}: '{section}' is not a mapping of parameters; known: {', '.join(SECTIONS)}")
+            raise ConfigError(
+                f"{origin}: '{section}' is not a section of parameters: {' or '.join(SECTIONS)} is required"
+            )
         kind, task = SECTIONS[section]
         default = flatten(kind())
         own = {name: value for name, value in values.items() if name not in METHOD_KEYS}

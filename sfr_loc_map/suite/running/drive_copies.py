@@ -87,7 +87,7 @@ class StepWindows(NamedTuple):
 
     @property
     def distinct(self) -> FloatArray:
-        """The windows with evidence, of which windows that agree within half of the tolerance are kept once."""
+        """The windows with evidence. Of several windows that agree within half of the tolerance, one is kept."""
         windows = self.features[self.has_evidence]
         if not len(windows):
             return windows
@@ -144,7 +144,7 @@ def _pairs_with_same_path(traces: Sequence[DriveTrace]) -> Iterator[tuple[int, i
 
 
 def _pairs_with_common_steps(windows: Sequence[StepWindows]) -> Iterator[tuple[int, int]]:
-    """Yield the pairs of drives of which the shorter has a large fraction of its windows in common with the other.
+    """Yield the pairs of drives in which a large fraction of the shorter drive's windows occurs in the other drive.
 
     All windows are in one search tree, so that the time grows with the number of drives and not with that of pairs.
     """

@@ -79,7 +79,7 @@ def use_threads(count: int) -> None:
 def _localise(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     source = _source_with_faults(job, path)
     if source.loc is None:
-        raise InputError(f"no drive in '{job.source.path}': give a source that has one")
+        raise InputError(f"'{job.source.path}' has no drive (localisation pairs): give a source that has one")
     section, start = _section(job, "localisation"), start_pose(source.loc, job.start)
     method = chosen_method(section, Task.LOCALISATION)
     how = build(LocalisationConfig, section) if method is None else UnderTest(method, hidden=_hidden(source, cache))
@@ -96,7 +96,7 @@ def _localise(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
 def _map(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     source = _source_with_faults(job, path)
     if source.nav is None:
-        raise InputError(f"no mapping pairs in '{job.source.path}': give a source that has them")
+        raise InputError(f"'{job.source.path}' has no mapping pairs: give a source that has them")
     section = _section(job, "mapping")
     method = chosen_method(section, Task.MAPPING)
     how = build(MappingConfig, section) if method is None else UnderTest(method, hidden=_hidden(source, cache))

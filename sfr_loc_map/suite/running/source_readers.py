@@ -135,7 +135,9 @@ class SimulatedSource(SourceReader):
         seeds, changes = entry.get("seeds", [0]), entry.get("set", {})
         is_whole = isinstance(seeds, list) and all(type(seed) is int for seed in seeds)
         if set(entry) - {"simulate", "seeds", "set"} or not is_whole or not seeds or not isinstance(changes, Mapping):
-            raise ConfigError(f"{origin}: 'simulate' takes 'seeds', a list of whole numbers, and 'set', a mapping")
+            raise ConfigError(
+                f"{origin}: 'simulate' accepts 'seeds' (a list of whole numbers) and 'set' (settings as NAME: VALUE)"
+            )
         scenario = folder / str(entry["simulate"])
         settings = scenario_settings(scenario) | dict(changes)
         for seed in seeds:

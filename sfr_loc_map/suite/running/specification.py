@@ -95,9 +95,9 @@ def load_specification(path: Path) -> SuiteSpecification:
     stated_limits = _stated_limits(limits_value, path)
     settings = build(SuiteSettings, content, origin=str(path))
     if odd := next((name for name, value in lists.items() if not isinstance(value, list)), None):
-        raise ConfigError(f"{path}: '{odd}' is a {type(lists[odd]).__name__}: a list is required")
+        raise ConfigError(f"{path}: '{odd}' is {lists[odd]!r:.40}: a list is required")
     if not lists["sources"]:
-        raise ConfigError(f"{path}: no 'sources': give paths, globs or simulations")
+        raise ConfigError(f"{path}: 'sources' is missing or empty: give paths, globs or simulations")
     tasks = _tasks(lists["tasks"], path)
     if not settings.nominal and not lists["perturb"]:
         raise ConfigError(f"{path}: with 'nominal: false' at least one fault in 'perturb' is required")

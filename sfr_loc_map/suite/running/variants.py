@@ -86,8 +86,8 @@ def parse_budget(content: object, origin: str) -> tuple[ErrorSource, ...]:
     """Return the sources of error in the key `budget` of a suite's file; raise ConfigError if it is invalid."""
     if not isinstance(content, Mapping) or len(content) < 2:
         raise ConfigError(
-            f"{origin}: 'budget' requires a mapping of the names of at least two sources of error to 'fault: KIND' or "
-            "'without: {SETTING: VALUE}'"
+            f"{origin}: 'budget' requires at least two sources of error, each as NAME: {{fault: KIND}} or "
+            "NAME: {without: {SETTING: VALUE}}"
         )
     return tuple(_error_source(str(name), value, f"{origin}: budget: '{name}'") for name, value in content.items())
 

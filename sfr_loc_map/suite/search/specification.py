@@ -153,8 +153,7 @@ def load_search(path: Path) -> SearchSpecification:
         raise ConfigError(f"{path}: a list of whole numbers is required for 'seeds'")
     if not isinstance(ranges, Mapping) or not ranges or not isinstance(changes, Mapping):
         raise ConfigError(
-            f"{path}: 'ranges' requires a mapping of parameters to [LOW, HIGH], and 'set' a mapping of settings to "
-            "values"
+            f"{path}: 'ranges' requires parameters as NAME: [LOW, HIGH], and 'set' settings as NAME: VALUE"
         )
     scenario = path.absolute().parent / scenario_name
     given = scenario_settings(scenario)

@@ -111,7 +111,7 @@ REFUSED: dict[str, tuple[Callable[[], Recording], FramesConfig, str]] = {
     "a place not given": (
         lambda: joints_at(0, 900),
         FramesConfig(),
-        "give the position of the cameras on the head, --set 'frames.head_to",
+        "give their position on the head by --set 'frames.head_to",
     ),
     "a turn that is none": (
         lambda: joints_at(0, 900),
@@ -133,7 +133,7 @@ REFUSED: dict[str, tuple[Callable[[], Recording], FramesConfig, str]] = {
     "after the frames": (
         lambda: frames_at(0, 400),
         PLACE,
-        "base_link to pancam_left_optical on /tf, but it is unknown at stamp",
+        "base_link to pancam_left_optical, but at stamp .* it is unknown",
     ),
     "frames of another rover": (
         lambda: frames_at(0, 900),

@@ -56,7 +56,7 @@ def test_every_key_means_something(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"sources": []}, "no 'sources'"),
+        ({"sources": []}, "'sources' is missing or empty"),
         ({"sources": "a"}, "a list is required"),
         ({"sources": [3]}, "a path, a URL"),
         ({"sources": ["*.bag"]}, "no match in"),
