@@ -11,7 +11,7 @@ from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from threading import RLock
-from typing import Any
+from typing import Any, assert_never
 
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.live import updates
@@ -260,8 +260,10 @@ class LiveState:
                 self._take_image_problem(update)
             case updates.GraphNodes():
                 self._take_graph(update)
-            case _:  # media
+            case updates.ImageSample() | updates.ElevationSample():
                 self._take_media(update)
+            case _:
+                assert_never(update)
 
     def _take_score(self, update: updates.PublishedScore) -> None:
         """Add a score of the monitor."""
