@@ -36,7 +36,7 @@ PANELS = {
     "Methods of your own": ("bench",),
     "Data": ("convert", "simulate"),
 }
-"""Subcommands in the order of the help, grouped by the titles of the panels."""
+"""Subcommands in the order of the help, grouped by the titles of the panels. Other subcommands are last."""
 HINTS = "SFR_HINTS"
 
 

@@ -39,12 +39,12 @@ UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # the class of cl
 
 app.add_typer(bench.app, name="bench")
 app.add_typer(suite.app, name="suite")
-_panel_of = {name: panel for panel, names in PANELS.items() for name in names}  # a new command needs a row in PANELS
+_panel_of = {name: panel for panel, names in PANELS.items() for name in names}
 for _command in app.registered_commands:
     _command.name = _command.name or str(getattr(_command.callback, "__name__", ""))
-    _command.rich_help_panel = _panel_of[_command.name]
+    _command.rich_help_panel = _panel_of.get(_command.name)
 for _group in app.registered_groups:
-    _group.rich_help_panel = _panel_of[str(_group.name)]
+    _group.rich_help_panel = _panel_of.get(str(_group.name))
 
 
 class _LineFormatter(logging.Formatter):
