@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import sys
+import tempfile
 from collections.abc import MutableMapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from sfr_loc_map.errors import NodeError
 
@@ -17,6 +20,7 @@ PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES
 EXPORT_LINE = f"export {' '.join(f'{name}={PROFILE}' for name in PROFILE_VARIABLES)}"
 """Command that selects the profile in the shell of a camera driver."""
 DOMAINS = 101  #: Highest domain chosen: the ports of domains 1 to 101 are below the ephemeral range.
+_locks: list[IO[str]] = []  # locked files of the domains that this process has chosen
 
 
 def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
@@ -43,11 +47,31 @@ def see_whole_graph(environment: MutableMapping[str, str] = os.environ) -> None:
 
 
 def isolate(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Choose a domain from the process id and restrict discovery to this host, unless the user has set them."""
+    """Choose a domain and restrict discovery to this host, unless the user has set them."""
     if not environment.get("ROS_DOMAIN_ID"):
-        environment["ROS_DOMAIN_ID"] = str(1 + os.getpid() % DOMAINS)
+        environment["ROS_DOMAIN_ID"] = str(_unused_domain())
     if not environment.get("ROS_LOCALHOST_ONLY"):
         environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+
+def _unused_domain() -> int:
+    """Return a domain that no other process on this host has chosen, and keep it until this process ends.
+
+    If all domains are in use, the domain of the process id is returned.
+    """
+    by_process = os.getpid() % DOMAINS
+    for number in range(DOMAINS):
+        domain = 1 + (by_process + number) % DOMAINS
+        with suppress(OSError):  # another process has locked the domain
+            lock = Path(tempfile.gettempdir(), f"sfr_ros_domain_{domain}.lock").open("a")  # noqa: SIM115 - kept open
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                lock.close()
+                raise
+            _locks.append(lock)
+            return domain
+    return 1 + by_process
 
 
 def start_ros(arguments: Sequence[str] = (), *, signals: bool = False) -> None:

@@ -13,6 +13,14 @@ def test_what_the_user_chose_stays() -> None:
     assert 1 <= int(fresh["ROS_DOMAIN_ID"]) <= environment.DOMAINS
 
 
+def test_two_choices_are_two_domains() -> None:
+    """Replays whose process ids differ by a multiple of the number of domains must not meet."""
+    chosen: list[dict[str, str]] = [{}, {}]
+    for variables in chosen:
+        environment.isolate(variables)
+    assert chosen[0]["ROS_DOMAIN_ID"] != chosen[1]["ROS_DOMAIN_ID"]
+
+
 def test_fast_dds_of_both_versions_gets_the_same_profile() -> None:
     for given, expected in (("", str(environment.PROFILE)), ("/own.xml", "/own.xml")):
         for named in environment.PROFILE_VARIABLES:
