@@ -199,7 +199,7 @@ class AnswerCounts(Record, frozen=True, kw_only=True, omit_defaults=False):
     early: int = 0  #: Answers before the last image of their pair was published.
     late: int = 0  #: Answers that were ignored because they arrived after the answer timeout.
     doubled: int = 0  #: Answers that were ignored because their pair had been answered before.
-    other_stamp: int = 0  #: Answers whose stamp is not that of a pair; poses are scored with an interpolated truth.
+    other_stamp: int = 0  #: Answers whose stamp is not that of a pair; they are not used.
     other_frame: int = 0  #: Answers that were ignored because they have other frame ids.
     not_usable: int = 0  #: Answers that were ignored as invalid: not finite, no unit quaternion, or no x, y, z.
 

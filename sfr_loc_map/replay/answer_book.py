@@ -42,6 +42,8 @@ class AnswerBook:
     def note_answer(self, stamp_ns: int, frames: str, problem: str) -> bool:
         """Note an answer; return whether the answer is used. Only the first answer to a pair is used.
 
+        An answer to a stamp that is not of a published pair is used once a pair of this stamp is published.
+
         `frames` are `parent -> child` of a pose, `parent` of a cloud. `problem` is why the answer is unusable; empty if
         the answer is usable.
         """
@@ -61,6 +63,10 @@ class AnswerBook:
         earlier = self._early.setdefault(stamp_ns, [])
         earlier.append(now)
         return len(earlier) == 1
+
+    def has_pair(self, stamp_ns: int) -> bool:
+        """Return whether a pair of this stamp is published."""
+        return stamp_ns in self._sent
 
     def note_restart(self, how: str) -> None:
         """Note that the node ended during the run, although another process answers in its place.

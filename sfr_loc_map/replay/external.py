@@ -51,6 +51,7 @@ from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import RECTIFIED
 
 DEPTH = 1000
+MAX_EARLY = 64  #: Maximum number of answers that wait for their pair; the oldest are dropped.
 PUBLISHER_GRACE_S = 2.0
 """Maximum wait for the publisher of a subscribed node. Some nodes create their publisher with the first result."""
 CHECK_PERIOD_S = 0.2  #: Period of the checks of its publishers.
@@ -79,6 +80,7 @@ class ExternalNode(ABC):
         self._answers = AnswerBook(options.timeout_s, options.frames)
         self._publishers: set[tuple[int, ...]] | None = None  # global ids of the publishers at the first answer
         self._checked_s = 0.0
+        self._early: dict[int, tuple[Any, Any]] = {}  # answers to pairs that are not published yet, by stamp
 
     @abstractmethod
     def read(self, message: Any) -> Any:  # noqa: ANN401 - of `kind`
@@ -91,6 +93,8 @@ class ExternalNode(ABC):
     def note_sent(self, stamp_ns: int, sent_s: float) -> None:
         """Note a pair and the time of the monotonic clock when its last image was published, s."""
         self._answers.note_sent(stamp_ns, sent_s)
+        if (early := self._early.pop(stamp_ns, None)) is not None:
+            self.accept(*early)
 
     def note_call(self, call: CallRecord) -> None:
         """Note a call that the node has reported, and the version of the node if the call states it."""
@@ -223,8 +227,15 @@ class ExternalNode(ABC):
         frames = message.header.frame_id
         if self.kind is Odometry:
             frames += f" -> {message.child_frame_id}"
-        if self._answers.note_answer(stamp_of(message), frames, problem):
+        stamp_ns = stamp_of(message)
+        if not self._answers.note_answer(stamp_ns, frames, problem):
+            return
+        if self._answers.has_pair(stamp_ns):
             self.accept(message, content)
+            return
+        self._early[stamp_ns] = message, content
+        if len(self._early) > MAX_EARLY:
+            del self._early[next(iter(self._early))]
 
 
 class ExternalLocaliser(ExternalNode):
