@@ -187,6 +187,11 @@ class Bag:
         names = {topic: topic.strip("/") for topic in self.topics}
         for old, new in wanted.items():
             if old not in names.values():
+                if new in names.values() and any(f"/{old}".endswith(f"/{name}") for name in TOPICS_READ):
+                    raise ConfigError(
+                        f"'--remap {old}:={new}': the names are in the order of ROS (-r), but '{new}' is a topic of "
+                        f"'{self.path}': write --remap {new}:={old}"
+                    )
                 near = _near(old, sorted(self.topics))
                 raise InputError(f"bag '{self.path}' has no topic '{old}' to remap to '{new}': {near}")
             if not any(f"/{new}".endswith(f"/{name}") for name in TOPICS_READ):

@@ -13,7 +13,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
 from helpers.made_worlds import START_NS, World, assert_is_world, assert_same_pairs, write_bag
 from helpers.message_bags import write_messages
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.encoding import TYPESTORE
@@ -92,6 +92,8 @@ def test_topics_of_others_by_remap_and_namespace(tmp_path: Path, world: World) -
         loc = open_source(bag, SourceConfig(remap={old: new})).loc
         assert_same_pairs(loc.pairs(), world.pairs)
         assert (loc.ground_truth, loc.rig.T_rb_sb) == (None, None)
+    with pytest.raises(ConfigError, match="--remap front_l/pic:=loc/left/image_rect"):
+        open_source(bag, SourceConfig(remap={"/loc/left/image_rect": "/front_l/pic"}))  # in the order of ros2 run -r
     spaced = open_source(write_messages(tmp_path / "spaced", loc_entries(world, "/rover_1/"))).loc
     assert_same_pairs(spaced.pairs(), world.pairs)
     with pytest.raises(InputError, match=r"several topics.*/a/loc.*/b/loc"):
