@@ -378,7 +378,7 @@ MUTATIONS = (
     Mutation(OTHER_FRAMES, "BEYOND = 3.0", "BEYOND = 0.1"),
     Mutation(OTHER_FRAMES, "np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)", "known"),
     Mutation(SHORTFALLS, "BEYOND_MOST = 0.02", "BEYOND_MOST = 0.2"),
-    Mutation(INCOMPLETE, "value is not None and not meets(limit, value)", "value is not None"),
+    Mutation(INCOMPLETE, "is_far and not meets(limit, value)", "is_far"),
     # repeated poses, copies of true poses
     Mutation("metrics/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
     Mutation("metrics/copies.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),
@@ -472,7 +472,9 @@ MUTATIONS = (
     Mutation("methods/child/loop.py", 'return {"fault": "raised", "text": raised}', "pass"),
     Mutation("methods/child/loop.py", 'order["call"] == "set" else', 'order["call"] != "set" else'),
     Mutation("methods/child/loop.py", 'images[: len(order["pairs"])]', "images[:1]"),
-    Mutation("methods/call_monitor.py", "abs(measured_s - stated_s) > max(", "measured_s - stated_s > max("),
+    Mutation(
+        "methods/call_monitor.py", "abs(measured_s - stated_s) <= allowed_s", "measured_s - stated_s <= allowed_s"
+    ),
     Mutation("methods/method_process.py", "MethodCall(measured.usage,", "MethodCall(type(measured.usage)(stated_s),"),
     Mutation("methods/call_monitor.py", "return min(self._between_s,", "return min(0.0,"),
     Mutation("methods/channel.py", "if now_s >= check_s:", "if False:"),
