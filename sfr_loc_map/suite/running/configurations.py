@@ -32,10 +32,17 @@ def read_configurations(value: object, path: Path) -> dict[str, dict[str, object
         return {"default": {}}
     if not isinstance(value, Mapping) or not value:
         raise ConfigError(f"{path}: 'configurations' requires names with parameters, such as {{default: {{}}}}")
-    return {
-        str(name): _parameters(content, f"{path}: configuration '{name}'", path.parent)
-        for name, content in value.items()
-    }
+    found: dict[str, dict[str, object]] = {}
+    for name, content in value.items():
+        parameters = _parameters(content, f"{path}: configuration '{name}'", path.parent)
+        equal = next((other for other, of_other in found.items() if of_other == parameters), None)
+        if equal is not None:
+            raise ConfigError(
+                f"{path}: configuration '{name}' equals '{equal}': parameters that differ from their defaults are "
+                "compared; change a parameter, or remove one of the two"
+            )
+        found[str(name)] = parameters
+    return found
 
 
 def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]:
