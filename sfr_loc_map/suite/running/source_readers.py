@@ -140,6 +140,8 @@ class SimulatedSource(SourceReader):
             )
         scenario = folder / str(entry["simulate"])
         settings = scenario_settings(scenario) | dict(changes)
+        if "seed" in changes:
+            raise ConfigError(f"{origin}: 'seed' in 'set' has no effect: give 'seeds'")
         for seed in seeds:
             yield simulated_source(scenario, settings, seed, f"{scenario}: 'set'")
 

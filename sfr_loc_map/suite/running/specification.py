@@ -114,6 +114,7 @@ def load_specification(path: Path) -> SuiteSpecification:
     named = [Condition.parse(str(text)).setting for text in lists["conditions"] or ["distance=5"]]
     limits = parse_limits(stated_limits, f"{path}: limits") if stated_limits else None
     named += () if limits is None else limits.conditions
+    _check_effects(settings, limits, budget, path)
     conditions = tuple(dict.fromkeys(named))
     return SuiteSpecification(
         path=path,
@@ -130,6 +131,17 @@ def load_specification(path: Path) -> SuiteSpecification:
         kept_errors=() if limits is None else _kept_errors(limits),
         settings=settings,
     )
+
+
+def _check_effects(settings: SuiteSettings, limits: Limits | None, budget: Sequence[ErrorSource], path: Path) -> None:
+    """Raise ConfigError if a setting has no effect in this suite."""
+    is_sequential = [] if limits is None else [limit.good is not None for limit in limits.limits]
+    if settings.stop_when_decided and not (is_sequential and all(is_sequential)):
+        raise ConfigError(f"{path}: 'stop_when_decided' has no effect unless every limit has 'good': remove it")
+    if settings.order_seed and not any(is_sequential):
+        raise ConfigError(f"{path}: 'order_seed' has no effect without a limit with 'good': remove it")
+    if budget and settings.repeats > 1:
+        raise ConfigError(f"{path}: 'repeats' has no effect in a suite with 'budget': remove it, and give more seeds")
 
 
 def limits_in(path: Path) -> Mapping[str, Any]:

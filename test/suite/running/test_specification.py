@@ -64,6 +64,7 @@ def test_every_key_means_something(tmp_path: Path) -> None:
         ({"sources": [{"estimate": "e"}]}, "truth"),
         ({"perturb": ["rain"]}, "rain"),
         ({"configurations": {"a": {"localisation": {"wheels": 6}}}}, "wheels"),
+        ({"configurations": {"a": {}, "b": {"localisation": {}}}}, "configuration 'b' equals 'a'"),
         ({"configurations": {"a": {"radar": {}}}}, "radar"),
         ({"configurations": {"a": {"mapping": {"method": "opencv"}}}}, "no method 'opencv'"),
         ({"configurations": {"a": {"localisation": {"method": "lib:none.so"}}}}, "there is no library"),
@@ -71,6 +72,20 @@ def test_every_key_means_something(tmp_path: Path) -> None:
         ({"conditions": ["distance=-1"]}, "distance=-1"),
         ({"limits": {"map": {"hills": 1}}}, "hills"),
         ({"repeats": 0}, "repeats"),
+        ({"stop_when_decided": True}, "'stop_when_decided' has no effect"),
+        ({"order_seed": 3}, "'order_seed' has no effect"),
+        ({"sources": [{"simulate": "s.yaml", "set": {"seed": 9}}]}, "'seed' in 'set' has no effect"),
+        (
+            {
+                "sources": [{"simulate": "s.yaml"}],
+                "budget": {"blur": {"fault": "blurred"}, "noise": {"fault": "noisy"}},
+                "limits": None,
+                "perturb": [],
+                "conditions": [],
+                "repeats": 5,
+            },
+            "'repeats' has no effect",
+        ),
         ({"timeout": 3}, "did you mean 'timeout_s'"),
     ],
 )
