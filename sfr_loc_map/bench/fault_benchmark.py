@@ -44,7 +44,7 @@ FAULTS = (
 A rotation of 0.06 deg is about half a pixel at 512 px and 60 deg field of view.
 """
 NO_FAULT = "none"  #: Name of the drive without a fault.
-LIMIT = 5.0  #: An error above this many stated 3 sigma is silent, because 15 sigma cannot be random (chosen).
+SILENT_RATIO = 5.0  #: An error above this many stated 3 sigma is silent, because 15 sigma cannot be random (chosen).
 VALID = (TrackingState.INITIALISING, TrackingState.TRACKING)  #: States in which pose and covariance are valid.
 
 
@@ -53,7 +53,7 @@ class ErrorReport(StrEnum):
 
     SILENT = "silent"  #: Errors beyond the limit in pairs with a valid state.
     REPORTED = "reported"  #: No silent errors; a problem was reported by degraded or lost pairs.
-    STATED = "stated"  #: No silent errors and no degraded or lost pairs; the errors are within the stated sigmas.
+    NOT_SILENT = "not silent"  #: No silent errors and no degraded or lost pairs. Errors may exceed the stated 3 sigma.
     NOT_COMPARED = "not compared"  #: No true pose has the stamp of a pair with a valid state.
 
 
@@ -68,7 +68,7 @@ class StatedErrors:
     position_ratio: float | None = None  #: Largest ratio of a position error to its 3 sigma (from the trace).
     attitude_ratio: float | None = None  #: Largest ratio of an attitude error to its 3 sigma.
     step_ratio: float | None = None  #: Largest ratio of the translation or rotation error of a step to its 3 sigma.
-    beyond_share: float | None = None  #: Fraction of valid pairs with a ratio above `LIMIT`.
+    beyond_share: float | None = None  #: Fraction of valid pairs with a ratio above `SILENT_RATIO`.
     largest_error_m: float | None = None  #: Largest position error of valid pairs, metres.
 
     @property
@@ -78,7 +78,7 @@ class StatedErrors:
             return ErrorReport.SILENT
         if self.valid and not self.compared:
             return ErrorReport.NOT_COMPARED
-        return ErrorReport.REPORTED if self.degraded + self.lost else ErrorReport.STATED
+        return ErrorReport.REPORTED if self.degraded + self.lost else ErrorReport.NOT_SILENT
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ class FaultBenchmark:
             "kind": "faults",
             "condition": self.condition,
             "seed": self.seed,
-            "limit": LIMIT,
+            "limit": SILENT_RATIO,
             "provenance": dict(self.provenance),
             "entries": {fault: entry.content() for fault, entry in self.entries.items()},
             "missing": dict(self.missing),
@@ -157,7 +157,7 @@ def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> State
         position_ratio=float(position_ratios.max()),
         attitude_ratio=float(attitude_ratios.max()),
         step_ratio=float(step_ratios.max()),
-        beyond_share=float((largest_ratios > LIMIT).mean()),
+        beyond_share=float((largest_ratios > SILENT_RATIO).mean()),
         largest_error_m=float(errors[:, 0].max()),
     )
 
