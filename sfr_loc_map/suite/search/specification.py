@@ -85,6 +85,7 @@ class SearchSpecification:
     scoring: TrajectoryScoreConfig
     settings: SearchSettings
     running: SuiteSettings  #: Settings of the jobs, except `UNUSED`.
+    code: str  #: Fingerprint of the code at the start of the search, so that a change of the code runs no point again.
 
     @property
     def usual(self) -> Point:
@@ -124,7 +125,7 @@ class SearchSpecification:
             scoring=self.scoring,
             repeat=0,
             threads=self.running.threads,
-            code=code_fingerprint(),
+            code=self.code,
         )
 
     def ratio_of(self, score: Score) -> float | None:
@@ -169,6 +170,7 @@ def load_search(path: Path) -> SearchSpecification:
         scoring=TrajectoryScoreConfig((condition,), running.spacing, running.rebase, running.partial),
         settings=settings,
         running=running,
+        code=code_fingerprint(),
     )
 
 

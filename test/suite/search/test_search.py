@@ -112,6 +112,14 @@ def test_a_fault_that_has_an_effect_at_every_amount_is_no_parameter(specificatio
         load_search(file)
 
 
+def test_a_change_of_the_code_during_a_search_changes_no_job(
+    specification: SearchSpecification, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = specification.jobs_at(specification.usual)
+    monkeypatch.setattr("sfr_loc_map.suite.search.specification.code_fingerprint", lambda: "changed")
+    assert specification.jobs_at(specification.usual) == before
+
+
 def test_a_failed_job_is_not_the_worst_case_and_the_search_continues(
     specification: SearchSpecification, tmp_path: Path
 ) -> None:
