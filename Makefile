@@ -31,9 +31,10 @@ endef
 export PYTHONDONTWRITEBYTECODE :=
 TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_m=0.2 --set drive.pairs=2 --set 'drive.segments=[straight 1]' \
 	--set loc.width=48 --set loc.height=40 --set loc.focal_px=40 --set nav.width=48 --set nav.height=40 --set nav.focal_px=40
+CORES := $(shell nproc 2>/dev/null || sysctl -n hw.ncpu)
 # One process more than cores, because tests of nodes and commands wait for other processes. The tests of a file stay in
 # one process, because they share what its fixtures make. The quick tests only compute: they take a process a core.
-PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
+PARALLEL := -n $(shell expr $(CORES) + 1) --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=test $(BIN)/python -P -m campaigns
 
 .PHONY: help demo sample test test-fast test-quick faults misbehaviour signals drivers soak example-candidate fuzz recordings random-faults history-power mutants record compare kernels nees suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
@@ -56,22 +57,22 @@ sample: $(DEV_STAMP)  ## Render the sample bag again
 test: $(COMPILED)  ## Run all tests; the slowest are listed at the end
 	$(BIN)/python -m pytest $(PARALLEL) --durations=60 --durations-min=2
 
-test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor seconds each, for daily work
+test-fast: $(COMPILED)  ## Run the tests without running nodes that take less than seconds each, for daily work
 	$(BIN)/python -m pytest $(PARALLEL) -m "not ros and not slow"
 
-test-quick: $(TEST_STAMP)  ## Run the quick tests of some folders (DIR="metrics geometry localisation"): no ROS, no sample, none slow
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not ros and not slow and not sample" $(addprefix test/,$(DIR))
+test-quick: $(TEST_STAMP)  ## Run the quick tests of some folders (DIR="metrics geometry localisation") without ROS, the sample and slow tests
+	$(BIN)/python -m pytest -n $(CORES) --dist loadgroup -m "not ros and not slow and not sample" $(addprefix test/,$(DIR))
 
-faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=); what was observed goes to out/faults.json
+faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=) and write the observations to out/faults.json
 	$(CAMPAIGN) faults $(FAULTS)
 
 misbehaviour: $(STAMP)  ## Run methods that misbehave, and print the table of docs/candidates.md (CASES="crash hang")
 	$(CAMPAIGN) misbehaviour $(CASES)
 
-signals: $(DEV_STAMP)  ## Send signals to every long command at random times (COUNT=100): is anything lost or left
+signals: $(DEV_STAMP)  ## Send signals to every long command at random times (COUNT=100) and check that no result is lost and no process remains
 	$(CAMPAIGN) signals $(or $(COUNT),100)
 
-drivers: $(STAMP)  ## Localise from two cameras as drivers publish them: rates, sizes, raw, encodings; some 15 minutes
+drivers: $(STAMP)  ## Localise from two cameras as drivers publish them: rates, sizes, raw images, encodings (about 15 minutes)
 	$(CAMPAIGN) drivers
 
 soak: $(STAMP)  ## Localise and map as fast as the nodes answer, and judge the growth of their memory (MINUTES=60)
@@ -83,29 +84,29 @@ example-candidate: $(STAMP)  ## Compile the example candidate in C and run it on
 	$(BIN)/sfr localise sample/sample.mcap --start truth --method lib:out/candidate/libcandidate.so -o out/candidate/estimate.csv --stats out/candidate/stats.csv --overwrite
 	$(BIN)/sfr score out/candidate/estimate.csv sample/sample.mcap --stats out/candidate/stats.csv
 
-fuzz: $(COMPILED)  ## Feed 2000 mutated files to all readers (SEED=N); what fails is kept in out/fuzz
+fuzz: $(COMPILED)  ## Feed 2000 mutated files to all readers (SEED=N) and keep the files that fail in out/fuzz
 	$(CAMPAIGN) fuzz --seed $(SEED) $(ARGUMENTS)
 
-recordings: $(COMPILED)  ## From each kind of recording to a verdict: commands, seconds, error, what is said without (ROWS=)
+recordings: $(COMPILED)  ## Process each kind of recording up to a verdict and list commands, times, errors and messages (ROWS=)
 	$(CAMPAIGN) recordings $(ROWS)
 
-random-faults: $(COMPILED)  ## Localise 100 drives with random faults: is one wrong without saying so (SEED=N)
+random-faults: $(COMPILED)  ## Localise 100 drives with random faults and count the drives with silent errors (SEED=N)
 	$(CAMPAIGN) random-faults 100 $(SEED) sample/sample.mcap
 
-history-power: $(COMPILED)  ## Simulate 2000 histories of suites: false alarms, what is found, nights needed (SEED=N)
+history-power: $(COMPILED)  ## Simulate 2000 histories of suites and count false alarms, detected changes and nights until detection (SEED=N)
 	$(CAMPAIGN) history-power --seed $(SEED)
 
-mutants: $(COMPILED)  ## Change one place of metrics, geometry, scores, suites or methods at a time: is there a test that fails (WORDS=)
+mutants: $(COMPILED)  ## Change one place of metrics, geometry, scores, suites or methods at a time and check that a test fails (WORDS=)
 	$(BIN)/python tools/mutants.py $(WORDS)
 
-record: $(STAMP)  ## Record what localiser and mapper compute (RECORD=out/record.json SOURCES=sample/sample.mcap)
+record: $(STAMP)  ## Record the outputs of localiser and mapper (RECORD=out/record.json SOURCES=sample/sample.mcap)
 	mkdir -p out
 	$(BIN)/python tools/compare.py record $(or $(RECORD),out/record.json) $(or $(SOURCES),sample/sample.mcap)
 
-compare: $(STAMP)  ## Compare two records (BEFORE=out/before.json AFTER=out/record.json): is every output bit-identical
+compare: $(STAMP)  ## Compare two records (BEFORE=out/before.json AFTER=out/record.json) and check that every output is bit-identical
 	$(BIN)/python tools/compare.py compare $(or $(BEFORE),out/before.json) $(or $(AFTER),out/record.json)
 
-kernels: $(CORE)  ## Compile all kernels as after an installation: seconds of each
+kernels: $(CORE)  ## Compile all kernels as after an installation and list the time of each
 	$(BIN)/python tools/kernel_times.py $(PARTS)
 
 suite-overhead: $(COMPILED)  ## Measure what a suite adds to tasks of known length, and how long workers wait
@@ -125,26 +126,26 @@ format: $(DEV_STAMP)  ## Format the code
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-docs: $(DOCS_STAMP)  ## Build the documentation site, warnings are errors; it is out/docs/index.html
+docs: $(DOCS_STAMP)  ## Build the documentation site as out/docs/index.html; warnings are errors
 	$(BIN)/sphinx-build -q -W --keep-going -j auto docs out/docs
 
-docs-check: docs $(DEV_STAMP)  ## Open every page of the site in a browser, at 1280 and 390 px, and search: needs chromium
+docs-check: docs $(DEV_STAMP)  ## Open every page of the site in a browser, at 1280 and 390 px, and search (requires chromium)
 	$(BIN)/python tools/site_check.py
 
 figures: $(DOCS_STAMP)  ## Draw the figures of the concept pages again
 	$(BIN)/python docs/_figures/draw.py
 	$(BIN)/python docs/_figures/mars.py
 
-nees: $(DOCS_STAMP)  ## NEES of the motion by interval, twelve rendered drives from SEEDS on, and KITTI=PATH: an hour at first
+nees: $(DOCS_STAMP)  ## Compute the NEES of the motion by interval on twelve rendered drives from SEEDS on, and on KITTI=PATH (an hour at first)
 	$(BIN)/python tools/nees.py --seeds $(SEEDS) --figure docs/images/concepts/nees_by_interval.svg $(if $(KITTI),--kitti $(KITTI))
 
-screens: $(DEV_STAMP)  ## Film and photograph the pages of the suite for the site: needs chromium
+screens: $(DEV_STAMP)  ## Film and photograph the pages of the suite for the site (requires chromium)
 	PYTHONPATH=test $(BIN)/python docs/_figures/screens.py
 
 traceability: $(BIN)/python  ## Write docs/traceability.md from the clauses and the markers of the tests
 	$(BIN)/python docs/_ext/traceability.py
 
-docs-test: $(DEV_STAMP)  ## Run every command of the tutorials as it stands; some ten minutes
+docs-test: $(DEV_STAMP)  ## Run every command of the tutorials (about ten minutes)
 	$(BIN)/python tools/tutorial_runner.py
 
 dist: $(BIN)/python  ## Build the source distribution, with the sample, and the wheel into dist/
@@ -162,7 +163,7 @@ dist-test: dist  ## Install the wheel into a fresh environment and run it there,
 			--set drive.pairs=6 --set loc.width=256 --set loc.height=256 --set loc.focal_px=200 \
 		&& sfr localise drive -o estimate.csv --start truth && sfr score estimate.csv drive --condition frames=3 | tee score.txt && ! grep -E '[1-9] lost' score.txt
 
-check: lint types docs test  ## Style, types, documentation and all tests: what continuous integration runs
+check: lint types docs test  ## Check style, types and documentation, and run all tests, as continuous integration does
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -204,5 +205,5 @@ $(COMPILED): $(DEV_STAMP) $(KERNEL_FILES)
 	scratch=$$(mktemp -d) && $(BIN)/sfr simulate $$scratch/tiny --workers 1 $(TINY) && rm -r $$scratch
 	@touch $@
 
-clean:  ## Remove what was made here
+clean:  ## Remove the environment and all generated files
 	rm -rf $(VENV) out build install log *.egg-info
