@@ -225,7 +225,8 @@ def expected_without_images(estimates_ns: IntArray, true_ns: IntArray, associati
     """
     if len(true_ns) < 2:
         return true_ns
-    is_covered = is_spanned(estimates_ns, true_ns, max_gap_of(association), tolerance_of(association))
+    near_ns = nearness_ns(estimates_ns, tolerance_of(association))
+    is_covered = is_spanned(estimates_ns, true_ns, near_ns, association)
     return np.union1d(true_ns, estimates_ns[~is_covered])
 
 
@@ -249,7 +250,7 @@ def coverage_of(
     near_ns = nearness_ns(expected_ns, tolerance_of(association))
     has_estimate = has_own(expected_ns, estimates_ns, near_ns)
     has_frame = has_own(expected_ns, frames_ns, near_ns)
-    has_truth = is_spanned(expected_ns, true_ns, max_gap_of(association), tolerance_of(association))
+    has_truth = is_spanned(expected_ns, true_ns, near_ns, association)
     has_truth &= has_frame | ~has_estimate | ~needs_frame(expected_ns, true_ns, near_ns, association.mode)
     return Coverage(expected_ns, has_estimate, has_truth)
 
@@ -273,22 +274,25 @@ def needs_frame(expected_ns: IntArray, true_ns: IntArray, near_ns: int, mode: As
     return np.asarray(is_inside)
 
 
-def is_spanned(expected_ns: IntArray, true_ns: IntArray, max_gap_ns: int, tolerance_ns: int) -> Mask:
+def is_spanned(expected_ns: IntArray, true_ns: IntArray, near_ns: int, association: Association) -> Mask:
     """Return which expected stamps the ground truth covers; both stamps are ascending.
 
-    A true pose covers one median period of the truth before and after it, so that a truth that is sparser than the
-    images covers the images at both ends. A gap that is longer than both `max_gap_ns` and five median periods is not
-    covered.
+    An interpolated truth covers the stamps within `near_ns` of its ends, because files round stamps, but no estimate
+    farther away is a frame. A matched truth may be sparser than the images. Each of its poses therefore covers one of
+    its median periods before and after it. A gap that is longer than both the longest interpolated gap and five median
+    periods is not covered.
     """
     if not len(true_ns):
         return np.zeros(len(expected_ns), np.bool_)
     usual_ns = float(np.median(np.diff(true_ns))) if len(true_ns) > 1 else 0.0
-    reach_ns = max(tolerance_ns, round(usual_ns))
+    is_matched = association.mode == AssociationMode.MATCH
+    reach_ns = max(tolerance_of(association), round(usual_ns)) if is_matched else near_ns
+    longest_ns = max(max_gap_of(association), GAP_PERIODS * usual_ns)
     before = np.searchsorted(true_ns, expected_ns, "right") - 1
     after = np.searchsorted(true_ns, expected_ns, "left")
     since = expected_ns - true_ns[np.maximum(before, 0)]
     until = true_ns[np.minimum(after, len(true_ns) - 1)] - expected_ns
-    is_inside = (before >= 0) & (after < len(true_ns)) & (since + until <= max(max_gap_ns, GAP_PERIODS * usual_ns))
+    is_inside = (before >= 0) & (after < len(true_ns)) & (since + until <= longest_ns)
     is_beside = ((before >= 0) & (since <= reach_ns)) | ((after < len(true_ns)) & (until <= reach_ns))
     return np.asarray(is_inside | is_beside)
 

@@ -104,6 +104,19 @@ def test_truth_sparser_than_the_images_is_covered() -> None:
         assert made.unmatched_estimates == COUNT - 81
 
 
+@pytest.mark.parametrize("images_known", [True, False])
+def test_images_outside_of_an_interpolated_truth_are_not_judged(images_known: bool) -> None:
+    """Their estimates are not frames, so that no figure contains their errors."""
+    images, truth = straight(), straight(50, 351, every=50)
+    config = AssociationConfig(truth="interpolate", max_gap_s=6.0)
+    stamps = images.stamps_ns if images_known else None
+    scored = score_trajectory(
+        Estimates.of(images), truth, TrajectoryScoreConfig(association=config), image_stamps_ns=stamps
+    )
+    drive = Covered(as_score(scored))
+    assert (drive.matched, drive.without_truth) == (301, 100)
+
+
 def test_one_hole_longer_than_a_condition_is_named_whatever_its_share() -> None:
     long = straight(last=100_001)
     keep = np.ones(100_001, np.bool_)
