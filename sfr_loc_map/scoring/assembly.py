@@ -13,7 +13,8 @@ from sfr_loc_map.metrics.config import Condition, ScoreConfig
 from sfr_loc_map.metrics.details import CallPlots, Details, MapDetails, TrajectoryDetails
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.judge import judged_by
-from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.judging.limit_scope import limits_of
+from sfr_loc_map.metrics.limits import Limits, Rules
 from sfr_loc_map.metrics.records import ConventionRecord, MethodKind, MethodRecord, Provenance
 from sfr_loc_map.metrics.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.score import Score
@@ -85,9 +86,12 @@ def _details(
 
 
 def _partial_warnings(score: Score) -> Iterator[str]:
-    """Yield a warning if an incomplete result is judged only because the user allowed it."""
-    without_rules = struct_replace(score, rules=None)
-    if score.incomplete is None and (text := text_of(incompleteness(without_rules))) is not None:
+    """Yield a warning about what is missing, if only partial judging (`--partial`) accepts it."""
+    if score.rules is None or not score.rules.partial:
+        return
+    complete_only = struct_replace(score, rules=Rules.of(limits_of(score), partial=False))
+    accepted = [item for item in incompleteness(complete_only) if item.kind.is_lifted_by_partial]
+    if (text := text_of(accepted)) is not None:
         yield f"a part of the drive is judged: {text}"
 
 

@@ -49,6 +49,15 @@ def test_one_missing_estimate_of_four_hundred_is_incomplete_only_by_limits(judge
     assert (result.code, score_rows.number(score, "missing", part="count")) == (3, 1)
 
 
+def test_partial_judging_states_each_shortfall_that_it_accepts(judge: Judge) -> None:
+    """A shortfall that is one only with limits is stated as well."""
+    most = judge.estimate[np.flatnonzero(np.arange(POSES) != 200)]
+    for changed in ({"estimate": most}, {"truth": judge.truth[:300]}):
+        result, score = judge("--partial", limits=FEW_INDEPENDENT + OVER_5_M + "1\n", **changed)
+        assert (result.code, score["verdict"]) == (0, "pass")
+        assert any("a part of the drive is judged" in text for text in score["warnings"])
+
+
 def test_a_share_may_be_missing_where_a_limit_says_so(judge: Judge) -> None:
     half = judge.estimate[:201]
     for share, code in ((0.6, 0), (0.4, 1)):
