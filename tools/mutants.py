@@ -388,7 +388,6 @@ MUTATIONS = (
     Mutation("metrics/copies.py", "EXACT_SHARE = 1e-5", "EXACT_SHARE = 1e-6"),
     Mutation("metrics/copies.py", "ROUNDED_IN_A_ROW = 50", "ROUNDED_IN_A_ROW = 51"),
     Mutation("metrics/copies.py", "ROUNDED_IN_A_ROW = 50", "ROUNDED_IN_A_ROW = 49"),
-    Mutation("metrics/copies.py", "MIN_STEPS = 10", "MIN_STEPS = 9"),
     Mutation("metrics/copies.py", "repeats_pose(frames) & ~is_reported", "repeats_pose(frames)"),
     Mutation("metrics/copies.py", "frames.true_position[new], axis=1", "frames.true_position[new - 1], axis=1"),
     Mutation("metrics/copies.py", "max(least_m, float(own_m.min()), 0.5", "max(least_m, 0.5"),

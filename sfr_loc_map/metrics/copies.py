@@ -32,7 +32,6 @@ FINEST_M = RESOLUTIONS_M[-1]  #: Resolution of the positions of a file that is f
 ROUNDED_IN_A_ROW = 50  #: Number of consecutive rounded true poses that an estimate does not reach by chance.
 ROUNDED_PATH = 2000.0
 """Minimum path of these poses, in units of the resolution: an error of 0.05 % over 2 m equals a resolution of 1 mm."""
-MIN_STEPS = 10  #: Minimum number of steps of a moving rover for which the fraction is known.
 
 
 def copy_rows(frames: Frames, truth: Trajectory, is_reported: Mask, *, interpolated: bool) -> Iterator[Figure]:
@@ -49,8 +48,7 @@ def copy_rows(frames: Frames, truth: Trajectory, is_reported: Mask, *, interpola
     is_moving = moving_steps(frames.true_position)
     moving = int(np.count_nonzero(is_moving))
     copied = int(np.count_nonzero(is_of_truth(frames, references, is_moving)))
-    yield figure_row("poses_of_truth", n=moving, value=copied / moving if moving >= MIN_STEPS else None)
-    yield figure_row("poses_of_truth", part="count", n=moving, value=copied)
+    yield from share_rows("poses_of_truth", copied, moving)
 
 
 def scatter_m(positions: FloatArray) -> float:
@@ -165,7 +163,7 @@ def judged_of_truth(frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]])
         starts, ends = starts[is_moving], ends[is_moving]
         is_true = is_true_motion(frames, frames.true_position, starts, ends, resolution_m)
         count = len(is_true)
-        share = share_of(int(np.count_nonzero(is_true)), count) if count >= MIN_STEPS else None
+        share = share_of(int(np.count_nonzero(is_true)), count)
         if share is not None and share >= (worst.value or 0.0):
             worst = figure_row("errors_of_truth", n=count, value=share)
     return worst

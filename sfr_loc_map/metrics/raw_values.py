@@ -15,7 +15,6 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST
 from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, STANDING, Subject
 from sfr_loc_map.metrics.config import CallKind, Condition
-from sfr_loc_map.metrics.copies import MIN_STEPS
 from sfr_loc_map.metrics.details import CallPlots, Details, SubTrajectoryRows
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.limits import LimitSection
@@ -308,8 +307,7 @@ def _of_counts(score: Score) -> Iterator[str]:
         share, count = score.figure(name, part=None), score.figure(name, part="count")
         if share is None or count is None or count.value is None or not count.n:
             continue
-        is_defined = name != "poses_of_truth" or count.n >= MIN_STEPS
-        if share.value is None and is_defined:
+        if share.value is None:
             yield f"{name} is null, but its count is {count.value:.9g} of {count.n}"
         elif share.value is not None and abs(share.value * count.n - count.value) > EXACT * count.n:
             yield f"{name} is {share.value:.9g} of {count.n}, but its count is {count.value:.9g}"

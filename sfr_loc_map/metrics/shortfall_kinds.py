@@ -136,7 +136,10 @@ TEXTS = {
 }
 """Why a scope is incomplete by a figure; `percent`, `value` and `part` (the calls) are inserted. `judging.incomplete`
 composes the other texts."""
-TEXTS_IF_UNKNOWN = {
+NOTHING_REQUIRED = {
     "pixels_without_point": "no mapping pair has a true pixel in the scored range, so no point was required"
 }
-"""Why a scope is incomplete by an unknown figure; any other unknown figure is accepted."""
+"""Why a scope is incomplete by a figure that is unknown because it is a fraction of 0 items. Other figures are accepted
+then, because nothing of this kind can be missing or wrong."""
+UNKNOWN_FIGURE = "the fraction of {title} is unknown"
+"""Why a scope is incomplete by a figure that is unknown although there are items."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from helpers.random_drives import as_score
 from sfr_loc_map.errors import MetricsError
@@ -95,6 +96,20 @@ def test_truth_that_goes_on_after_the_images_needs_them_to_be_known() -> None:
     part = straight(100, 300)
     assert covered(part, straight()).incomplete is not None
     assert covered(part, straight(), part).incomplete is None
+
+
+def test_an_unknown_fraction_of_expected_items_is_not_complete() -> None:
+    limits = parse_limits({"trajectory": [{"condition": "distance=2", "position_max_m": 1.0}]}, "limits")
+    config = TrajectoryScoreConfig(conditions=("distance=2",))
+    moved = straight()
+    moved = Trajectory(moved.stamps_ns, 1.001 * moved.positions, moved.quats_xyzw)
+    score = as_score(score_trajectory(Estimates.of(moved), straight(), config, image_stamps_ns=moved.stamps_ns))
+    assert judged_by(score, limits).incomplete is None
+    for name in ("missing", "images_without_truth", "poses_repeated", "poses_of_truth", "errors_of_truth"):
+        figures = tuple(
+            replace(row, value=None) if (row.figure, row.part) == (name, None) else row for row in score.figures
+        )
+        assert judged_by(replace(score, figures=figures), limits).incomplete is not None, name
 
 
 def test_truth_sparser_than_the_images_is_covered() -> None:

@@ -104,17 +104,17 @@ def test_steps_of_a_rover_that_stands_say_nothing() -> None:
     assert moving_steps(along_x(places)).sum() == 100
     creeping = np.append(0.009 * np.arange(80), 0.711 + 0.1 * np.arange(1, 121))
     assert moving_steps(along_x(creeping)).sum() == 120
-    few = Score(
+    stationary = Score(
         figures=tuple(
             copy_rows(
-                frames(TRUE, along_x(np.append(np.zeros(191), 0.1 * np.arange(1, 10)))),
+                frames(TRUE, along_x(np.zeros(COUNT))),
                 Trajectory(STAMPS, TRUE, LEVEL),
                 np.zeros(COUNT, np.bool_),
                 interpolated=False,
             )
         )
     )
-    assert few.number("poses_of_truth") is None
+    assert stationary.number("poses_of_truth") is None
 
 
 def test_a_slow_drive_in_millimetres_is_no_copy() -> None:

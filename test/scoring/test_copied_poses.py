@@ -50,6 +50,19 @@ def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_move
     assert sfr("score", *paths, "--limits", labelled).code == 0, "a simulated estimate without an error says so"
 
 
+def test_a_copy_of_eight_poses_is_found(tmp_path: Path, sfr: Sfr) -> None:
+    paths, whole = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(0.0)
+    every = COUNT // 8
+    few = Trajectory(whole.stamps_ns[::every][:8], whole.positions[::every][:8], whole.quats_xyzw[::every][:8])
+    for path in paths:
+        save_trajectory(path, few)
+    rules = tmp_path / "limits.yaml"
+    rules.write_text("trajectory:\n  - {condition: frames=1, position_max_m: 1}\n", encoding="utf-8")
+    done = sfr("score", *paths, "--limits", rules, "--spacing", 1)
+    assert done.code == 3
+    assert "are those of the ground truth" in done.out
+
+
 @pytest.mark.parametrize("kept", [10, 2])
 def test_true_poses_at_starts_and_ends_alone_are_a_copy(tmp_path: Path, sfr: Sfr, kept: int) -> None:
     """Sub-trajectories of 5 m start and end at every tenth frame; no two successive poses are of the truth."""

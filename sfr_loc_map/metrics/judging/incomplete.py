@@ -26,10 +26,11 @@ from sfr_loc_map.metrics.shortfall_kinds import (
     HIDDEN_CONDITIONS,
     IN_GAPS,
     JUDGED,
+    NOTHING_REQUIRED,
     SHORTFALLS,
     TEXTS,
-    TEXTS_IF_UNKNOWN,
     UNANSWERED,
+    UNKNOWN_FIGURE,
     UNMEASURED,
     ShortfallKind,
 )
@@ -109,14 +110,17 @@ def is_lifted_by_partial(score: Score) -> bool:
 
 
 def above_most(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
-    """Yield a shortfall if the figure of a kind exceeds its largest complete value."""
+    """Yield a shortfall if the figure of a kind exceeds its largest complete value, or is unknown."""
     calls = part.of_calls.text
     row = score.figure(kind.figure, subject=Subject.COMPLETENESS, part=calls)
     if most is None or row is None:
         return
-    if row.value is None and kind.figure in TEXTS_IF_UNKNOWN:
-        yield Shortfall(kind, part, most, None, TEXTS_IF_UNKNOWN[kind.figure], score.index_of(row))
-    if row.value is not None and row.value > most:
+    if row.value is None and row.n:
+        text = UNKNOWN_FIGURE.format(title=title_of(kind.figure))
+        yield Shortfall(kind, part, most, None, text, score.index_of(row))
+    elif row.value is None and kind.figure in NOTHING_REQUIRED:
+        yield Shortfall(kind, part, most, None, NOTHING_REQUIRED[kind.figure], score.index_of(row))
+    elif row.value is not None and row.value > most:
         yield Shortfall(kind, part, most, row.value, filled_text(kind, row.value, calls), score.index_of(row))
 
 
