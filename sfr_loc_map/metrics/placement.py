@@ -65,8 +65,15 @@ def placed_frames(
     config: TrajectoryScoreConfig,
     images_ns: IntArray | None = None,
 ) -> PlacedFrames:
-    """Return the frames of an estimate and a truth; the estimate is aligned with a truth that has no attitudes."""
+    """Return the frames of an estimate and a truth; the estimate is aligned with a truth that has no attitudes.
+
+    MetricsError for a condition that requires attitudes of a truth without roll and pitch.
+    """
     known = as_truth(truth)
+    has_turn = any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts)
+    if has_turn and not (truth.has_attitude and known.has_tilt):
+        has = "no roll and pitch" if truth.has_attitude else "only positions"
+        raise MetricsError(f"a condition turn=DEG requires true attitudes, but the truth has {has}: omit it")
     if truth.has_attitude:
         reading, placement = Reading(config.rebase), None
         frames, association = associate(estimates.trajectory, truth, config.association, images_ns)
@@ -74,9 +81,7 @@ def placed_frames(
             frames = with_estimated_tilt(frames)
         errors_of = without_unknown_attitudes(known, ERROR_FUNCTIONS[reading])
     else:
-        estimates, frames, association, placement = associate_positions(
-            estimates, truth, conditions, config.association, images_ns
-        )
+        estimates, frames, association, placement = associate_positions(estimates, truth, config.association, images_ns)
         reading = Reading.YAW_ALIGNED if placement.tilt_deg is None else Reading.ROTATION_ALIGNED
         errors_of = formulas.position_reading
     true_position = frames.true_position
@@ -122,21 +127,14 @@ def with_estimated_tilt(frames: Frames) -> Frames:
 
 
 def associate_positions(
-    estimates: Estimates,
-    truth: Trajectory,
-    conditions: Sequence[Condition],
-    config: AssociationConfig,
-    images_ns: IntArray | None = None,
+    estimates: Estimates, truth: Trajectory, config: AssociationConfig, images_ns: IntArray | None = None
 ) -> tuple[Estimates, Frames, Association, Placement]:
     """Return estimates of the point that the truth tracks, their frames, and the alignment with the truth.
 
     Yaw and translation are fitted by least squares, because neither vision nor gravity observes them (Zhang, Scaramuzza
     2018, section IV-B). A vision-only estimate that begins at the identity on a slope has a tilted z-axis. The complete
-    rotation is therefore fitted if it tilts z and reduces the residual by `TILT_GAIN`. MetricsError for a condition
-    that requires attitudes.
+    rotation is therefore fitted if it tilts z and reduces the residual by `TILT_GAIN`.
     """
-    if any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts):
-        raise MetricsError("a condition turn=DEG requires true attitudes, but the truth has only positions: omit it")
     poses = estimates.trajectory
     if isinstance(truth, Truth) and poses.has_attitude:
         poses = at_point(poses, truth.lever_arm_m)

@@ -218,3 +218,12 @@ def test_the_truth_error_of_a_position_has_the_attitude_by_which_the_estimate_is
         assert (verdict.state, verdict.truth_error) == (state, pytest.approx(found))
         assert verdict.by_reading == {"pose": state, "displacement": "pass", "position": "pass"}
         assert judged_by(exact, limits).on_limits[0].state == "pass"
+
+
+def test_a_turn_of_a_truth_without_roll_and_pitch_is_refused() -> None:
+    """The tilt of the estimate would otherwise decide where the sub-trajectories end."""
+    truth, estimate = drive()
+    planar = Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw, has_tilt=False)
+    config = TrajectoryScoreConfig(conditions=("turn=5",))
+    with pytest.raises(MetricsError, match="turn=DEG"):
+        score_trajectory(Estimates.of(estimate), planar, config)
