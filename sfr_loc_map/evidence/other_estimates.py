@@ -7,14 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.evidence.agreement import MIN_SUB_TRAJECTORIES, Agreement, compare
+from sfr_loc_map.evidence.agreement import MIN_SUB_TRAJECTORIES, Agreement
+from sfr_loc_map.evidence.paired_runs import SPACING, RunAtPairs, paired
 from sfr_loc_map.evidence.variants import DriveRun
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import Estimates, associate
+from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.association import Estimates, StampedPoses, associate
 from sfr_loc_map.metrics.config import AssociationConfig, Condition
+from sfr_loc_map.metrics.consistency import relative_errors
 from sfr_loc_map.metrics.intervals import student_quantile
 from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.metrics.trajectory_errors import select
 
 
 def at_pairs_of(run: DriveRun, other: DriveRun) -> DriveRun:
@@ -61,15 +65,32 @@ def hat_rows(runs: Sequence[DriveRun], condition: Condition) -> list[Figure]:
     """Return the sigma of each of three estimates by the three-cornered hat; no rows for another number of runs."""
     if len(runs) != 3:
         return []
-    first, second, third = runs
+    first, second, third = at_common_pairs(*runs)
+    starts, ends = select(condition, SPACING, first, formulas.path_length_m(first.position))
     pairs = ((first, second), (first, third), (second, third))
-    differences = [compare(one, other, condition).differences.position_m for one, other in pairs]
-    count = min(map(len, differences))
+    differences = [relative_errors(one, other, starts, ends)[:, :3] for one, other in pairs]
+    count = len(starts)
     sigmas = three_cornered_hat(*differences) if count > 1 else None
     return [
         figure_row("hat_sigma", condition.setting, run.name, n=count, value=None if sigmas is None else sigmas[index])
         for index, run in enumerate(runs)
     ]
+
+
+def at_common_pairs(first: DriveRun, second: DriveRun, third: DriveRun) -> tuple[StampedPoses, ...]:
+    """Return the poses of a forward run and of two other runs at the pairs that all three have.
+
+    The variances of the differences determine those of the runs only if they are variances of the same sample.
+    """
+    ours, of_second = paired(first, second)
+    also_ours, of_third = paired(first, third)
+    _, with_second, with_third = np.intersect1d(ours.rows, also_ours.rows, return_indices=True)
+    return (poses_of(ours, with_second), poses_of(of_second, with_second), poses_of(of_third, with_third))
+
+
+def poses_of(run: RunAtPairs, frames: IntArray) -> StampedPoses:
+    """Return the poses of a run at frames."""
+    return StampedPoses(*(column[frames] for column in run.poses))
 
 
 def three_cornered_hat(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float] | None:

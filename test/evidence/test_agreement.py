@@ -12,7 +12,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import compare, results_of
 from sfr_loc_map.evidence.calibration import Advice, advice_of, offset_rows, right_camera_offsets
 from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
-from sfr_loc_map.evidence.other_estimates import at_pairs_of, scale_row, three_cornered_hat
+from sfr_loc_map.evidence.other_estimates import at_pairs_of, hat_rows, scale_row, three_cornered_hat
 from sfr_loc_map.evidence.recording import RecordingCheck
 from sfr_loc_map.evidence.variants import DriveRun
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -163,6 +163,24 @@ def test_the_hat_gives_each_sigma_and_refuses_what_it_cannot() -> None:
     hidden = three_cornered_hat((a + shared) - (b + shared), a - c, b - c)
     assert hidden == pytest.approx(found), "what is shared stays hidden"
     assert three_cornered_hat(a * 0.1, a, a * 0.1) is None
+
+
+def test_the_hat_compares_the_same_sub_trajectories_of_all_three() -> None:
+    """Half of the second run is missing: the sigma of the others is that of the same half."""
+    rng = np.random.default_rng(4)
+    turns, moves = true_steps(rng)
+    runs = [run_of(name, turns, moves, seed) for seed, name in enumerate("abc")]
+    half = Trajectory(*(column[:200] for column in (STAMPS, *poses_of(runs[1]))))
+    halves = [
+        replace(run, estimates=Estimates.of(Trajectory(*(c[:200] for c in (STAMPS, *poses_of(run)))))) for run in runs
+    ]
+    mixed = hat_rows([runs[0], DriveRun("b", Estimates.of(half)), runs[2]], CONDITION)
+    expected = hat_rows(halves, CONDITION)
+    assert [(row.n, row.value) for row in mixed] == [(row.n, row.value) for row in expected]
+
+
+def poses_of(run: DriveRun) -> tuple[np.ndarray, np.ndarray]:
+    return run.estimates.trajectory.positions, run.estimates.trajectory.quats_xyzw
 
 
 def test_a_right_camera_that_is_off_is_named_with_its_cost() -> None:
