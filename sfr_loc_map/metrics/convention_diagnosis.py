@@ -4,7 +4,8 @@ Each mismatch of the table is undone, and the disagreement is computed for the c
 
 | mismatch | numbers fitted to the truth | is found by |
 |---|---|---|
-| quaternion order, inverted poses, unit, axes, swapped or mirrored sides | none | `MISMATCHES` |
+| quaternion order, inverted poses, axes, swapped or mirrored sides | none | `MISMATCHES` |
+| unit of the estimate or of the truth | none | `_of_units` |
 | poses of the left camera of the rig | none | `_of_left_camera` |
 | poses of a camera or of another point of the rover | lever arm, rotation | `_of_fitted_point` |
 | stamps | offset | `_of_stamps` |
@@ -66,6 +67,7 @@ HONEST_SCALES = (0.8, 1.25)
 MIN_LEVER_M = 0.05  #: Minimum fitted lever arm. Smaller lever arms are errors of extrinsics, and no other point.
 MAX_TILT_DEG = 60.0  #: Maximum rotation of a fitted camera from forward-looking optical axes. Chosen by hand.
 MIN_CORRELATION = 0.5  #: Minimum correlation of estimated and true displacements for a wrong unit; noise has about 0.
+SPEEDS = (0.005, 40.0)  #: Range of the speed of a vehicle, from a slow rover to a car, m/s. Chosen by hand.
 MIN_POSES = 8  #: Minimum number of frames, because a sub-trajectory contains an eighth of the poses.
 MAX_POSES, SUB_TRAJECTORIES, SEARCHED_POSES = 20_000, 400, 800
 """Maximum numbers of estimates, of sub-trajectories, and of poses in the search for an offset. They bound the time of a
@@ -278,7 +280,7 @@ def _of_poses(compared: ComparedPoses) -> Iterator[Tried]:
     if compared.plain is None:
         return
     fitted = _of_fitted_point(compared.true, compared.found)
-    for item in (*MISMATCHES, *_of_left_camera(compared.rig), *fitted):
+    for item in (*MISMATCHES, *_of_units(compared), *_of_left_camera(compared.rig), *fitted):
         if item.applies(compared.true, compared.found):
             yield item.tried(compared)
 
@@ -354,20 +356,6 @@ MISMATCHES = (
         lambda p, q: (p, quat_multiply(q, quat_conjugate(OPTICAL))),
     ),
     Mismatch(
-        "millimetres",
-        "metres_per_unit=0.001",
-        "its positions are in millimetres: write metres",
-        lambda p, q: (p * 1e-3, q),
-        applies=_moves_in_true_directions,
-    ),
-    Mismatch(
-        "kilometres",
-        "metres_per_unit=1000",
-        "its positions are a thousand times too small (the truth in millimetres, or kilometres): write metres",
-        lambda p, q: (p * 1e3, q),
-        applies=_moves_in_true_directions,
-    ),
-    Mismatch(
         "swapped left and right images",
         "",
         "it moves backwards where the truth moves forwards: the left and right images are swapped",
@@ -396,6 +384,51 @@ MISMATCHES = (
     ),
 )
 """The mismatches whose correction has no fitted numbers."""
+
+
+def _of_units(compared: ComparedPoses) -> Iterator[Mismatch]:
+    """Yield the mismatches that the unit of the positions is not the metre.
+
+    The ratio of the sizes does not show whether estimate or truth has the wrong unit. The estimate is corrected only if
+    the truth has the speed of a vehicle and the estimate does not. Otherwise the truth is named, without a correction.
+    """
+    if not _moves_in_true_directions(compared.true, compared.found):
+        return
+    is_of_truth = not _has_speed_of_vehicle(compared.truth) or _has_speed_of_vehicle(compared.estimate)
+    if is_of_truth:
+        yield _unit_of_truth("kilometres", 1e3, "those of the estimate in millimetres")
+        yield _unit_of_truth("millimetres", 1e-3, "those of the estimate in kilometres")
+        return
+    yield Mismatch(
+        "millimetres",
+        "metres_per_unit=0.001",
+        "its positions are in millimetres: write metres",
+        lambda p, q: (p * 1e-3, q),
+    )
+    yield Mismatch(
+        "kilometres", "metres_per_unit=1000", "its positions are in kilometres: write metres", lambda p, q: (p * 1e3, q)
+    )
+
+
+def _unit_of_truth(unit: str, metres: float, otherwise: str) -> Mismatch:
+    """Return the mismatch that the positions of the truth have another unit, of this number of metres."""
+    return Mismatch(
+        f"truth in {unit}",
+        "",
+        f"its positions are in {unit}, or {otherwise}: write metres",
+        lambda p, q: (p * metres, q),
+        is_of_truth=True,
+    )
+
+
+def _has_speed_of_vehicle(poses: Trajectory) -> bool:
+    """Return whether the positions have the speed of a vehicle if they are in metres; poses are in time order.
+
+    The ninth decile of the speeds between successive poses is compared, because a rover may often be stationary.
+    """
+    steps = np.linalg.norm(np.diff(poses.positions, axis=0), axis=1)
+    speed = float(np.quantile(steps / (np.diff(poses.stamps_ns) / NS_PER_S), NEARLY_ALL))
+    return SPEEDS[0] <= speed <= SPEEDS[1]
 
 
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])

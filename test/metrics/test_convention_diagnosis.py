@@ -193,3 +193,13 @@ def test_the_covariance_is_that_of_sampled_poses() -> None:
     full = full + np.triu(full, 1).T
     np.testing.assert_allclose(scatter, full, atol=0.1 * np.abs(full).max())
     assert np.abs(full - root @ root.T).max() > 0.3 * np.abs(full).max()  # the lever arm matters here
+
+
+@pytest.mark.parametrize(("metres", "unit"), [(1e-3, "kilometres"), (1e3, "millimetres")])
+def test_a_unit_of_the_truth_is_not_corrected_in_the_estimate(metres: float, unit: str) -> None:
+    """In the unit of the truth, an estimate that misses a limit in metres would meet it."""
+    (stamps, positions, quats), estimate = rover(1)
+    truth = Trajectory(stamps, metres * positions, quats)
+    found = diagnose(Trajectory(*estimate), truth, AssociationConfig()).found
+    assert found is not None
+    assert (found.mismatch, found.setting) == (f"truth in {unit}", "")
