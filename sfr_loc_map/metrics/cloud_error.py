@@ -233,7 +233,7 @@ def score_map(
     ranges = [truth.ranges_m() for truth in truths]
     scored = (config.scored_from_m, config.scored_to_m)
     if cloud.fused:
-        covered = footprint_coverage(cloud, truths, ranges, max(config.scored_to_m, *config.range_edges_m))
+        covered = footprint_coverage(cloud, truths, ranges, max((config.scored_to_m, *config.range_edges_m)))
     else:
         covered = pixel_coverage(cloud, truths)
     figures = [*error_rows(None, errors, np.full(len(errors.index), True))]

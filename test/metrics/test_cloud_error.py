@@ -38,6 +38,13 @@ def test_a_perfect_cloud_and_one_of_the_near_pair_alone() -> None:
     assert got.number("pairs_without_cloud", part="count") == 1
 
 
+def test_a_fused_cloud_is_scored_without_ranges() -> None:
+    truths = [wall(3.0)]
+    fused = replace(cloud_of(truths), fused=True)
+    found = score_map(fused, truths, replace(CONFIG, range_edges_m=()))
+    assert Score(figures=found.figures).number("coverage") == 1.0
+
+
 def test_pairs_of_the_same_stamp_count_as_one_pair() -> None:
     truths = [wall(3.0)] * 3
     for stamps, absent, repeated in (((1, 2, 3), 0.0, 0.0), ((1, 1, 1), 2.0, 2.0 * 36 * 64)):
