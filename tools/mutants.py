@@ -365,7 +365,7 @@ MUTATIONS = (
         "metrics/drive_completeness.py", "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"
     ),
     Mutation("metrics/drive_completeness.py", "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
-    Mutation(INCOMPLETE, "value is None and kind.figure in TEXTS_IF", "value is None and kind.figure not in TEXTS_IF"),
+    Mutation(INCOMPLETE, "value is None and kind.figure in NOTHING", "value is None and kind.figure not in NOTHING"),
     Mutation(INCOMPLETE, "share.value <= most or moving", "share.value <= 1.0 or moving"),
     Mutation(INCOMPLETE, " or not meets(limit, value):\n            text = standing", ":\n            text = standing"),
     Mutation("metrics/standing.py", "farthest_m > MOVING_SHARE * np.max", "farthest_m >= 0.0 * np.max"),
@@ -409,11 +409,7 @@ MUTATIONS = (
         "abs(share.value * count.n - count.value) > EXACT",
         "count.value - share.value * count.n > EXACT",
     ),
-    Mutation(
-        "metrics/raw_values.py",
-        "if share.value is None and is_defined:\n            yield",
-        "if False:\n            yield",
-    ),
+    Mutation("metrics/raw_values.py", "if share.value is None:\n            yield", "if False:\n            yield"),
     Mutation("metrics/limits.py", "if item.section is LimitSection.TRAJECTORY]", "if item.terms is not None]"),
     # several scores, several drives
     Mutation("metrics/judging/several_scores.py", "if len(made) < len(scores):", "if not made:"),
