@@ -90,7 +90,8 @@ def at_common_pairs(first: DriveRun, second: DriveRun, third: DriveRun) -> tuple
 
 def poses_of(run: RunAtPairs, frames: IntArray) -> StampedPoses:
     """Return the poses of a run at frames."""
-    return StampedPoses(*(column[frames] for column in run.poses))
+    poses = run.poses
+    return StampedPoses(poses.stamps_ns[frames], poses.position[frames], poses.attitude[frames])
 
 
 def three_cornered_hat(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float] | None:
