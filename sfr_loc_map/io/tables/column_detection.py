@@ -110,10 +110,11 @@ def _with_time_unit(found: PoseColumns, head: TableHead) -> PoseColumns:
     texts = [cells[column] for cells in head.rows if len(cells) > column]
     if texts and not is_number(texts[0]) and is_time(texts[0]):
         return replace(found, units={**found.units, STAMP: UTC_UNIT}, inferred=UTC_UNIT)
-    unit = time_unit(texts, is_seconds=found.format is TrajectoryFormat.TUM)
+    is_seconds = found.format is TrajectoryFormat.TUM
+    unit = time_unit(texts, is_seconds=is_seconds)
     if not unit:
         raise InputError(
             f"{head.name}: the unit of the stamps {', '.join(texts[:3])} is ambiguous: name the unit "
             f"(s, ms, us or ns), for example {head.option.replace('COLUMNS', 't[ns],x,y,z,qx,qy,qz,qw')}"
         )
-    return replace(found, units={**found.units, STAMP: unit}, inferred="" if unit == "s" else unit)
+    return replace(found, units={**found.units, STAMP: unit}, inferred="" if unit == "s" and is_seconds else unit)

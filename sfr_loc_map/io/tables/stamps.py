@@ -31,6 +31,7 @@ NANOSECOND_DIGITS = 9  #: Number of decimals of a stamp in seconds with nanoseco
 EARLIEST_CLOCK_S = 3e8  #: Stamps of clocks are in 1979 or later; smaller stamps count from the start of a program.
 LATEST_CLOCK_S = 4.62e9  #: 146 years after 1970, the limit of stamps; larger numbers have a smaller unit.
 LONGEST_SENSOR_STEP = 10.0  #: Longest step of stamps from which seconds are inferred.
+SECONDS_OR_MILLISECONDS = 1.0  #: Shortest step of stamps that a sensor may have in seconds and in milliseconds.
 LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps in seconds.
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 _BELOW_MICROSECONDS = re.compile(r"[.,][0-9]{6}([0-9]{1,3})")
@@ -146,7 +147,7 @@ def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
     """Return the unit of stamps, inferred from their magnitude; empty if several units are possible.
 
     Stamps of a clock are between 1979 and 2116 in only one unit. Other stamps are in seconds if they have nine
-    decimals, or in the only unit with steps of a sensor; decimals exclude smaller units for short steps only.
+    decimals, or in the only unit with steps of a sensor; decimals exclude smaller units for steps below 1 only.
     `is_seconds`: the layout prescribes seconds.
     """
     numbers = np.array([number_or_nan(text) for text in texts])
@@ -162,7 +163,7 @@ def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
     has_decimals = bool((numbers != np.floor(numbers)).any())
     steps = np.abs(np.diff(numbers))
     step = float(np.median(steps)) if len(steps) > 1 else 0.0
-    is_long = step > LONGEST_STEP_S if is_seconds or magnitude >= EARLIEST_CLOCK_S else step > LONGEST_SENSOR_STEP
+    is_long = step > LONGEST_STEP_S if is_seconds or magnitude >= EARLIEST_CLOCK_S else step >= SECONDS_OR_MILLISECONDS
     if magnitude <= LATEST_CLOCK_S and (has_nine_decimals or (has_decimals and not is_long)):
         return "s"
     unit = "" if has_decimals else _unit_of_step(step)

@@ -259,6 +259,11 @@ REFUSED = {
         "",
         "the unit of the stamps 0.25, 100.25, 200.25 is ambiguous",
     ),
+    "decimals of milliseconds at 120 Hz": (
+        "time,x,y,z\n" + "".join(f"{k / 0.12:.3f},1,2,3\n" for k in range(20)),
+        "",
+        "the unit of the stamps 0.000, 8.333, 16.667 is ambiguous",
+    ),
     "times of day": ("time,x,y,z\n10:22:01.25,1,2,3\n", "", "line 1 is 'time,x,y,z', line 2 is '10:22:01.25,1,2,3'"),
     "a text without rows": ('{"poses": []}\n', "", """has no pose: .* line 1 is '{"poses": \\[\\]}'"""),
 }
@@ -305,6 +310,14 @@ def test_a_table_that_cannot_be_understood_is_refused_by_what_was_found(tmp_path
     (tmp_path / "theirs.csv").write_text(text)
     with pytest.raises(InputError, match=f"^'{tmp_path}/theirs.csv'[^\n]*{words}[^\n]*$"):
         read_trajectory_file(tmp_path / "theirs.csv", columns)
+
+
+def test_an_inferred_unit_of_stamps_is_reported(tmp_path: Path) -> None:
+    (tmp_path / "theirs.csv").write_text("time,x,y,z\n" + "".join(f"{k / 10:.1f},1,2,3\n" for k in range(20)))
+    found = read_trajectory_file(tmp_path / "theirs.csv")
+    assert found.columns is not None
+    assert found.columns.inferred == "s"
+    assert found.is_announced
 
 
 @pytest.mark.parametrize(("encoding", "words"), [("utf-16", "UTF-16: save it in UTF-8"), ("utf-32-be", "binary file")])

@@ -154,7 +154,7 @@ def test_a_skipped_line_of_kitti_poses_keeps_the_stamps_of_the_later_lines(tmp_p
 
 
 def test_the_detected_columns_of_a_table_without_a_header_are_named(tmp_path: Path) -> None:
-    (tmp_path / "t.txt").write_text("".join(f"{k}.5 {k} 0 0\n" for k in range(5)))
+    (tmp_path / "t.txt").write_text("".join(f"0.{k} {k} 0 0\n" for k in range(5)))
     assert "t.txt: t x y z, 5 positions" in read_trajectory_file(tmp_path / "t.txt").text
 
 
