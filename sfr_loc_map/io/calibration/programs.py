@@ -343,6 +343,12 @@ def _colmap(opened: OpenedFile) -> CameraPair:
     rows.sort(key=lambda row: int(row[0]))  # order by CAMERA_ID, because COLMAP writes cameras in any order
     if len(of_rig) != 2 or len(rows) not in (1, 2):
         raise ValueError(f"the first rig has {len(of_rig)} cameras and '{file.name}' has {len(rows)}: two are required")
+    is_complete = all({"camera_model_name", "camera_params"} <= camera.keys() for camera in of_rig)
+    if rows[0][1:] != rows[-1][1:] and not is_complete:
+        raise ValueError(
+            f"the cameras of '{file.name}' differ, and '{rig_file.name}' does not state which of them is left: "
+            "camera_model_name and camera_params of each camera are required there"
+        )
     found, names = [], []
     for row, camera in zip((rows[0], rows[-1]), of_rig, strict=True):
         lens = str(camera.get("camera_model_name", row[1]))

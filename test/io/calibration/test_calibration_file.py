@@ -145,6 +145,7 @@ def colmap(folder: Path, pair: Pair) -> Path:
         x, y, z, w = quat_from_matrix(pose.rotation).tolist()
         cameras.append({"image_prefix": f"camera{n}/", "cam_from_rig_rotation": [w, x, y, z]})
         cameras[-1]["cam_from_rig_translation"] = pose.translation.tolist()
+        cameras[-1] |= {"camera_model_name": COLMAP_NAMES[pair.model], "camera_params": list(map(float, numbers))}
     (folder / "cameras.txt").write_text("# Camera list\n" + "\n".join(rows[::-1]) + "\n")
     (folder / "rig_config.json").write_text(json.dumps([{"cameras": cameras}]))
     return folder
@@ -202,6 +203,17 @@ def test_what_the_recordings_have_beside_them_is_their_rig(name: str, tmp_path: 
 
 def moved(*metres: float) -> Pair:
     return Pair(T_right_left=Transform(np.eye(3), np.array(metres)))
+
+
+def colmap_rig_edited(old: str, new: str) -> Callable[[Path], Path]:
+    """Return what writes a calibration of COLMAP, in the rig of which a text is replaced."""
+
+    def make(folder: Path) -> Path:
+        rig = colmap(folder, Pair()) / "rig_config.json"
+        rig.write_text(rig.read_text().replace(old, new))
+        return folder
+
+    return make
 
 
 def edited(write: Callable[[Path, Pair], Path], *changes: tuple[str, str]) -> Callable[[Path], Path]:
@@ -289,8 +301,12 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "one camera of ROS": (without("left/ost.yaml", ros), "has one camera: add the file of the other camera beside it"),
     "no size of ROS": (without("cameras.txt", colmap), "(cam0, cam1), EuRoC, ORB-SLAM, OpenCV (M1"),
     "an unknown lens of COLMAP": (
-        edited(colmap, ("OPENCV", "FOV")),
+        colmap_rig_edited("OPENCV", "FOV"),
         "camera model FOV is not supported; supported are SIMPLE_PINHOLE",
+    ),
+    "different cameras of COLMAP without a name": (
+        colmap_rig_edited("camera_params", "params"),
+        "the cameras of 'cameras.txt' differ",
     ),
     "a foreign file": (text_file("a: 1\nb: 2\n"), "the file has a, b; a file of"),
     "no file": (lambda folder: folder / "left.yaml", "No such file or directory"),
