@@ -38,17 +38,20 @@ class Reader(NamedTuple):
 
     matches: Callable[[Path], bool]  #: Whether a path has this layout.
     open: Opener
-    ignored: tuple[str, ...] = ()  #: Beginnings of the settings that do not apply, because the files have the values.
+    ignored: tuple[str, ...] = ()  #: Beginnings of the settings that do not apply.
 
 
-_STATED = ("sync.", "calibration.")  #: Files that list the stereo pairs and contain the calibration.
+_FRAMES = "frames."  #: Only bags have frames.
+_STATED = (_FRAMES, "sync.", "calibration.")  #: Files that list the stereo pairs and contain the calibration.
 READERS: dict[SourceFormat, Reader] = {
     SourceFormat.BAG: Reader(is_bag, _open_bag),
     SourceFormat.FOLDER: Reader(is_folder, open_folder, _STATED),
     SourceFormat.KITTI: Reader(is_kitti, open_kitti, _STATED),
-    SourceFormat.EUROC: Reader(is_euroc, open_euroc, ("sync.stamps", "calibration.")),
+    SourceFormat.EUROC: Reader(is_euroc, open_euroc, (_FRAMES, "sync.stamps", "calibration.")),
     SourceFormat.IMAGES: Reader(
-        is_image_folder, open_image_folder, ("sync.stamps", "calibration.baseline_m", "calibration.stereo_layout")
+        is_image_folder,
+        open_image_folder,
+        (_FRAMES, "sync.stamps", "calibration.baseline_m", "calibration.stereo_layout"),
     ),
 }
 """The readers of all layouts, in the order of detection.
@@ -67,14 +70,26 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
     name = format_of(path)
     config = source_config(path) if config is None else config
     reader = READERS[name]
-    settings = changed(config.sync, "sync.") | changed(config.calibration, "calibration.")
-    if ignored := [setting for setting in settings if setting.startswith(reader.ignored)]:
-        _log.warning(f"'{path}': {', '.join(ignored)} ignored: the files of this format have these values")
+    sections = ("frames", "sync", "calibration", "truth")
+    settings = [setting for section in sections for setting in changed(getattr(config, section), f"{section}.")]
+    without_effect = (*reader.ignored, *_ignored_of_truth(path, config.truth))
+    if ignored := [setting for setting in settings if setting.startswith(without_effect)]:
+        _log.warning(f"'{path}': {', '.join(ignored)} ignored: they do not apply to the files of this source")
     source = reader.open(path, config)
     named = Path(config.truth.source)
     if config.truth.source and named.exists():  # otherwise a topic of the bag
         source = replace(source, truth_files=(*source.truth_files, named))
     return replace(source, config=config)
+
+
+def _ignored_of_truth(path: Path, truth: TruthConfig) -> tuple[str, ...]:
+    """Return the settings of the truth that do not apply to its origin: a bag, a file, or the files of a data set."""
+    named = Path(truth.source)
+    origin = named if truth.source and named.exists() else path
+    if is_bag(origin):
+        return ("truth.columns",)
+    of_bags = ("truth.frame", "truth.stamps")
+    return of_bags if origin.is_file() else (*of_bags, "truth.columns")
 
 
 def format_of(path: Path) -> SourceFormat:

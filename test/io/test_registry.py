@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import pytest
 
 from helpers import made_layouts as made
 from helpers.made_worlds import make_world, write_folder
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
+from sfr_loc_map.io.source_config import CalibrationConfig, FramesConfig, SourceConfig, SyncConfig
+from sfr_loc_map.io.truth.config import TruthConfig
 
 LAYOUTS: dict[str, Callable[[Path], Path]] = {
     "folder": lambda path: write_folder(path, make_world()),
@@ -78,3 +80,28 @@ def test_settings_that_do_not_apply_to_a_layout_are_reported(
     open_source(folder, SourceConfig(calibration=CalibrationConfig(baseline_m=0.2), sync=sync))
     names = {"euroc": "sync.stamps, calibration.baseline_m"}
     assert names.get(layout, "sync.stamp_tolerance_s, sync.stamps, calibration.baseline_m") + " ignored" in caplog.text
+    given = SourceConfig(
+        frames=FramesConfig(base="foo"), truth=TruthConfig(frame="map:base_link", stamps="record", columns="t,x,y,z")
+    )
+    open_source(folder, given)
+    assert "frames.base, truth.frame, truth.stamps, truth.columns ignored" in caplog.text
+
+
+def test_settings_of_a_truth_in_another_file_are_those_of_its_kind(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = made.write_kitti(tmp_path / "a")
+    (tmp_path / "truth.txt").write_text("0.0 1 2 3\n0.1 1 2 3\n0.2 1 2 3\n")
+    truth = TruthConfig(source=str(tmp_path / "truth.txt"), frame="map:base_link", columns="t[s],x,y,z")
+    open_source(folder, SourceConfig(truth=truth))
+    assert "truth.frame ignored" in caplog.text
+    assert "columns" not in caplog.text
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.5])
+def test_a_calibration_of_kitti_for_images_of_another_size_is_refused(tmp_path: Path, factor: float) -> None:
+    folder = made.write_kitti(tmp_path / "a")
+    for file in folder.rglob("*.png"):
+        cv2.imwrite(str(file), cv2.resize(cv2.imread(str(file)), None, fx=factor, fy=factor))
+    with pytest.raises(InputError, match=r"principal point is .* scale P"):
+        open_source(folder)
