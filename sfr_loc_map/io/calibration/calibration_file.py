@@ -14,6 +14,7 @@ is accepted.
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,10 @@ from sfr_loc_map.io.calibration.programs import READERS
 from sfr_loc_map.io.calibration.rectification import common_projection
 from sfr_loc_map.io.calibration.stereo_calibration import StereoCalibration
 
+_log = logging.getLogger(__name__)
+
 ENDINGS = (".yaml", ".yml", ".xml", ".json", ".txt")
+LONG_BASELINE_M = 1.0  #: Baseline, m, above the largest of rovers; the unit may be the side of a square of the board.
 LARGEST_BASELINE_M = 5.0  #: Largest baseline, m; larger numbers are in millimetres.
 
 
@@ -62,6 +66,10 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> StereoCalibration:
     rig = rig_from_projections(np.array(left.p), common_projection(left, right), left.size, where)
     if rig.baseline_m > LARGEST_BASELINE_M:
         raise InputError(f"{where}: the baseline is {rig.baseline_m:g} m: give it in metres")
+    if rig.baseline_m > LONG_BASELINE_M:
+        _log.warning(
+            f"{where}: the baseline is {rig.baseline_m:g} m: verify the unit of its board, which must be metres"
+        )
     return StereoCalibration((left, right), left.is_rectified and right.is_rectified, T_rb_sb, text)
 
 

@@ -319,6 +319,14 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
 }
 
 
+@pytest.mark.parametrize(("baseline_m", "is_reported"), [(0.4, False), (3.34, True)])
+def test_a_baseline_in_squares_of_the_board_is_reported(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, baseline_m: float, is_reported: bool
+) -> None:
+    read_calibration(opencv("yml")(tmp_path, moved(-baseline_m, 0, 0)), SIZE)
+    assert ("baseline is 3.34" in caplog.text) == is_reported
+
+
 @pytest.mark.parametrize("what", REFUSED)
 def test_what_is_no_calibration_of_a_pair_is_refused_in_one_line(what: str, tmp_path: Path) -> None:
     make, words = REFUSED[what]
