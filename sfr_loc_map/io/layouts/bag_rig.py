@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -143,10 +143,15 @@ def _by_file(images: BagImages, file: Path) -> tuple[StereoCalibration, str]:
     return read_calibration(file, (width, height)), str(message.header.frame_id)
 
 
+def camera_info_topics(images: BagImages) -> list[Topic]:
+    """Return the topics of the calibrations of both cameras; InputError if a topic is missing."""
+    return [require_topic(images.bag, f"{images.task.rig}/{side}/camera_info", CAMERA_INFO) for side in SIDES]
+
+
 def _by_camera_info(images: BagImages) -> tuple[StereoCalibration, str]:
     """Return the calibration in the first camera_info of both cameras, and the frame of the left camera."""
     bag, rig = images.bag, images.task.rig
-    topics = [require_topic(bag, f"{rig}/{side}/camera_info", CAMERA_INFO) for side in SIDES]
+    topics = camera_info_topics(images)
     infos = bag.first(topics)
     for topic in topics:
         if topic.name not in infos:
@@ -159,3 +164,17 @@ def _by_camera_info(images: BagImages) -> tuple[StereoCalibration, str]:
         with naming_bag(bag):
             cameras = rectifiable_cameras((left, right), rig)
     return StereoCalibration(cameras, images.are_rectified, None, "camera_info"), str(left.header.frame_id)
+
+
+def check_one_calibration(images: BagImages, topic: Topic, messages: Iterable[bytes]) -> None:
+    """Raise InputError if the messages of a camera_info topic contain several calibrations of the images."""
+    calibrations = set()
+    for raw in messages:
+        info = images.bag.deserialise(topic, raw)
+        parts = (info.p,) if images.are_rectified else (info.d, info.k, info.r, info.p)
+        calibrations.add((info.width, info.height, *(tuple(np.ravel(part).tolist()) for part in parts)))
+    if len(calibrations) > 1:
+        raise InputError(
+            f"bag '{images.bag.path}', '{topic.bag_name}': the calibration changes: one is required; divide "
+            "the bag at the change, or give a file by --calibration"
+        )

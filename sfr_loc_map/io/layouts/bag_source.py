@@ -16,12 +16,20 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing
-from sfr_loc_map.io.bag.bag import Bag
+from sfr_loc_map.io.bag.bag import Bag, restamped
 from sfr_loc_map.io.bag.poses import pose_of
 from sfr_loc_map.io.clouds.point_image import points_image
 from sfr_loc_map.io.images.codec import SampleDepth
 from sfr_loc_map.io.images.files import check_size
-from sfr_loc_map.io.layouts.bag_rig import BagImages, image_name, naming_bag, require_topic, rig_of_bag
+from sfr_loc_map.io.layouts.bag_rig import (
+    BagImages,
+    camera_info_topics,
+    check_one_calibration,
+    image_name,
+    naming_bag,
+    require_topic,
+    rig_of_bag,
+)
 from sfr_loc_map.io.layouts.head_pose import head_poses
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.sequence import RecordedBag, Source, SourceFormat
@@ -56,6 +64,7 @@ class _BagPairs:
         self._points = None if is_drive else bag.find(TRUE_POINTS, POINTS)
         self._topics = [*self._images.topics, *([self._points] if self._points else [])]
         self._rig = rig_of_bag(self._images, calibration, config)
+        self._infos = [] if calibration.file else camera_info_topics(self._images)
         self.is_adapted = calibration != CalibrationConfig() or config.sync != SyncConfig()
 
     @property
@@ -108,8 +117,14 @@ class _BagPairs:
     def _stamps(self) -> dict[str, list[int]]:
         """Return the increasing stamps of the messages by topic; InputError if all are 0 or many do not increase."""
         stamps: dict[str, list[int]] = {topic.name: [] for topic in self._topics}
-        for topic, stamp_ns, _ in self._bag.stream(self._topics):
-            stamps[topic.name].append(stamp_ns)
+        infos: dict[str, set[bytes]] = {topic.name: set() for topic in self._infos}
+        for topic, stamp_ns, raw in self._bag.stream([*self._topics, *self._infos]):
+            if topic.name in infos:
+                infos[topic.name].add(restamped(raw, 0))
+            else:
+                stamps[topic.name].append(stamp_ns)
+        for topic in self._infos:
+            check_one_calibration(self._images, topic, infos[topic.name])
         for topic in self._topics:
             where = f"bag '{self._bag.path}', '{topic.bag_name}'"
             if len(stamps[topic.name]) > 1 and not any(stamps[topic.name]):

@@ -83,6 +83,17 @@ def test_a_baseline_that_contradicts_camera_info_is_refused(tmp_path: Path, worl
         open_source(bag, SourceConfig(calibration=CalibrationConfig(baseline_m=9.0)))
 
 
+def test_a_calibration_that_changes_within_a_bag_is_refused(tmp_path: Path, world: World) -> None:
+    one = loc_entries(world)
+    p = messages.camera_info(START_NS, world.loc_rig, "loc", "left").p
+    other = loc_entries(world, p=1.25 * np.asarray(p))
+    half = len(one) // 2
+    source = open_source(write_messages(tmp_path / "b", one[:half] + other[half:]))
+    assert source.loc is not None
+    with pytest.raises(InputError, match="the calibration changes"):
+        len(source.loc)
+
+
 def test_topics_of_others_by_remap_and_namespace(tmp_path: Path, world: World) -> None:
     entries = [(topic.replace("/loc/left/image_rect", "/front_l/pic"), *rest) for topic, *rest in loc_entries(world)]
     bag = write_messages(tmp_path / "others", entries)
