@@ -28,6 +28,7 @@ from sfr_loc_map.io.clouds.ply import ply_bytes, read_ply
 
 _log = logging.getLogger(__name__)
 PIXEL_FIELDS = ("u", "v", "pair")
+SCALAR_PREFIX = "scalar_"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +69,7 @@ def load_cloud(path: Path) -> LoadedCloud:
         fused, pair_stamps_ns = stated_in(fields.comments)
     for note in fields.notes:
         _log.warning(f"cloud '{path}': {note}")
-    columns, grid = fields.columns, fields.grid
+    columns, grid = _without_prefix(fields.columns), fields.grid
     if missing := [name for name in "xyz" if name not in columns]:
         found = ", ".join(columns) or "none"
         raise InputError(f"cloud '{path}' has no field {', '.join(missing)}: it has {found}")
@@ -85,9 +86,20 @@ def load_cloud(path: Path) -> LoadedCloud:
     if farthest > MAX_POSITION_M:
         raise InputError(f"cloud '{path}' has a coordinate of {farthest:g} m: at most {MAX_POSITION_M:g} m is allowed")
     cloud = None
+    if missing := [name for name in PIXEL_FIELDS if name not in columns]:
+        _log.warning(
+            f"cloud '{path}' has no field {', '.join(missing)}: it has {', '.join(columns)}; points are scored by "
+            "their distance to the nearest true point"
+        )
     if all(name in columns for name in PIXEL_FIELDS):
         cloud = PointCloud.from_structured(_records(columns, finite, path), fused, pair_stamps_ns)
     return LoadedCloud(xyz[finite], cloud, grid, not_finite)
+
+
+def _without_prefix(columns: Columns) -> Columns:
+    """Return the fields without the prefix by which CloudCompare marks its scalar fields, unless a name is taken."""
+    plain = {name: name.removeprefix(SCALAR_PREFIX) for name in columns}
+    return {name if plain[name] in columns else plain[name]: values for name, values in columns.items()}
 
 
 def _with_pixels(columns: Columns, width: int, height: int) -> Columns:

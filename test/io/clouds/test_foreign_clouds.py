@@ -228,3 +228,15 @@ def test_points_that_are_not_seen_at_their_pixels_are_named(tmp_path: Path, sfr:
     done = sfr("score", tmp_path / "theirs.ply", tmp_path / "data", "--lenient")
     assert done.code == 0, done.err
     assert ("px from the pixels that they name" in done.err) is bool(wrong)
+
+
+@pytest.mark.parametrize("prefix", ["", "scalar_", "other_"])
+def test_pixels_are_read_by_the_names_of_cloudcompare_and_missing_ones_are_reported(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, prefix: str
+) -> None:
+    fields = "".join(f"property float {prefix}{name}\n" for name in ("u", "v", "pair"))
+    axes = "".join(f"property float {name}\n" for name in "xyz")
+    (tmp_path / "c.ply").write_text(f"ply\nformat ascii 1.0\nelement vertex 1\n{axes}{fields}end_header\n1 2 3 4 5 0\n")
+    has_pixels = prefix != "other_"
+    assert (load_cloud(tmp_path / "c.ply").cloud is not None) == has_pixels
+    assert ("has no field u, v, pair" in caplog.text) != has_pixels
