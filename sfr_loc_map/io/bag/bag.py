@@ -15,7 +15,7 @@ from typing import Any
 
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.io.bag.encoding import TYPESTORE, readable
-from sfr_loc_map.io.bag.files import ZSTD_MAGIC, is_unfinished, reader_paths
+from sfr_loc_map.io.bag.files import ZSTD_MAGIC, is_unfinished, reader_paths, unnamed_files
 from sfr_loc_map.io.bag.readers import BagReader, reader_of
 from sfr_loc_map.message_stamps import NS_PER_S, serialised_stamp
 from sfr_loc_map.message_types import (
@@ -68,6 +68,11 @@ class Bag:
         if self.unfinished:
             _log.warning(f"bag '{path}' was not closed: it is read up to its last complete record")
         with self._reading() as readers:
+            if self._files == [path] and path.is_dir() and (unnamed := unnamed_files(path)):
+                _log.warning(
+                    f"bag '{path}': {', '.join(unnamed)} ignored: metadata.yaml does not name these files; run 'ros2 "
+                    "bag reindex' if they belong to the bag"
+                )
             connections = readable([c for reader in readers for c in reader.connections])
             self.topics: dict[str, str] = {c.topic: c.msgtype for c in connections}
             types = {name: {c.msgtype for c in connections if c.topic == name} for name in self.topics}

@@ -58,6 +58,13 @@ def reader_paths(path: Path) -> list[Path]:
     return files
 
 
+def unnamed_files(folder: Path) -> list[str]:
+    """Return the storage files in the folder of a bag that its metadata.yaml does not name."""
+    text = read_text(folder / "metadata.yaml")
+    stored = sorted(file.name for suffix in STORAGE_SUFFIXES for file in folder.glob(f"*{suffix}"))
+    return [name for name in stored if name not in text]
+
+
 def _by_number(file: Path) -> list[tuple[int, str]]:
     """Return the sort key of a file of a split bag: `bag_2` comes before `bag_10`."""
     parts = re.split(r"([0-9]+)", file.name)

@@ -83,6 +83,17 @@ def test_a_baseline_that_contradicts_camera_info_is_refused(tmp_path: Path, worl
         open_source(bag, SourceConfig(calibration=CalibrationConfig(baseline_m=9.0)))
 
 
+def test_a_file_that_the_metadata_do_not_name_is_reported(
+    tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    bag = write_bag(tmp_path / "x.mcap", world)
+    open_source(bag)
+    assert "ignored" not in caplog.text
+    (bag / "second_1.mcap").write_bytes(storage_of(bag).read_bytes())
+    open_source(bag)
+    assert "second_1.mcap ignored" in caplog.text
+
+
 def test_a_calibration_that_changes_within_a_bag_is_refused(tmp_path: Path, world: World) -> None:
     one = loc_entries(world)
     p = messages.camera_info(START_NS, world.loc_rig, "loc", "left").p
