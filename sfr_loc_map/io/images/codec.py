@@ -112,10 +112,15 @@ class SampleDepth:
         """Return the images of a pair as 8-bit grey."""
         found = max(image.bits for image in images)
         if found > self.bits and not self._is_given:
+            has_changed = self.bits > 0
             self.bits = found
-            if found < SAMPLE_BITS[-1]:
+            if has_changed or found < SAMPLE_BITS[-1]:
+                change = (
+                    "; earlier images were scaled by fewer bits, so that the brightness changes" if has_changed else ""
+                )
                 self._report(
                     f"images of '{self._name}' have 16-bit samples, of which {found} bits are used: 0 to {2**found - 1}"
+                    f"{change}"
                 )
         return [image.grey(self.bits or SAMPLE_BITS[-1]) for image in images]
 

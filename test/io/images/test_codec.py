@@ -195,3 +195,12 @@ def test_a_codec_that_is_not_read_is_named(name: str) -> None:
     packed = SimpleNamespace(header=HEADER, format=form, data=np.frombuffer(data, np.uint8))
     with pytest.raises(InputError, match=f"{re.escape(name)}.*publish raw images, PNG or JPEG"):
         samples_of(packed).grey()
+
+
+@pytest.mark.parametrize("largest", [4000, 60000])
+def test_a_depth_that_grows_is_reported_as_a_change_of_the_brightness(largest: int) -> None:
+    reports: list[str] = []
+    depth = SampleDepth(lambda text: reports.append(str(text)), "camera")
+    for value in (200, largest):
+        depth.grey(Samples(np.full((2, 2), value, np.uint16)))
+    assert ["brightness changes" in text for text in reports] == [False, True]
