@@ -207,7 +207,7 @@ def test_the_warnings_of_the_pairs_and_of_the_fusion_are_reported(drive: Path, t
             "disparity",
             "invalid result: the mapper returned ndarray of shape (120, 160): a PointCloud, or an object with",
         ),
-        ("stamp", "wrong stamp: answered for stamp 1, asked for "),
+        ("stamp", "wrong stamp: answered with stamp 1: "),
     ],
 )
 def test_an_invalid_fusion_is_a_finding_and_the_points_of_all_pairs_are_kept(
