@@ -171,7 +171,7 @@ def test_what_a_limit_says_of_itself_counts_before_what_its_block_says() -> None
         ({"completeness": {"missing_max_share": 5}}, "a fraction from 0 to 1"),
         ({"map": {"coverage_min": 95}}, "a fraction from 0 to 1"),
         ({"minimum_independent": 0.5, "map": {"coverage_min": 0.8}}, "minimum_independent"),
-        ({"map": [1]}, "a mapping"),
+        ({"map": [1]}, "limits as NAME: NUMBER"),
         ({"minimum_count": 1, "map": {"coverage_min": 0.8}}, "minimum_count"),
         ({}, "no limit"),
     ],

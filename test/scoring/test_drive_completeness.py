@@ -113,7 +113,7 @@ def test_two_runs_in_one_file_are_refused(judge: Judge) -> None:
     result, _ = judge(estimate=Trajectory(stamps, np.concatenate([judge.estimate.positions, moved]), quats))
     assert result.code == 2
     assert result.err.count("\n") == 1
-    assert "two runs" in result.err
+    assert "one run is required" in result.err
 
 
 def test_the_images_of_the_source_are_what_has_to_be_covered(sfr: Sfr, judge: Judge, source: Path) -> None:

@@ -173,7 +173,10 @@ def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: fl
         value = None if others is None else others.statistic(statistic)
         if share is None or share.value is None or value is None:
             continue
-        is_far = share.value > most or (statistic in QUANTILES and value > BEYOND * limit.limit)
+        judged = score.figure(limited.figure, condition=limit.condition, part=score.reading)
+        judged_value = None if judged is None else judged.statistic(statistic)
+        is_met = judged_value is not None and meets(limit, judged_value)
+        is_far = share.value > most or (statistic in QUANTILES and is_met and value > BEYOND * limit.limit)
         if is_far and not meets(limit, value):
             text = beyond_text(score, limit, share.value, value)
             yield Shortfall(kind, part, most, share.value, text, score.index_of(share))

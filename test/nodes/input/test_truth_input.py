@@ -89,5 +89,5 @@ def test_strays_are_dropped_and_a_new_run_begins_with_transforms_that_agree() ->
 
 
 def test_one_frame_alone_is_refused() -> None:
-    with pytest.raises(ConfigError, match="both frames, PARENT:CHILD, are required"):
+    with pytest.raises(ConfigError, match="both frames, as PARENT:CHILD"):
         TruthFrame("base_link")
