@@ -214,7 +214,7 @@ def report(
 
 
 @app.command(
-    epilog=examples("sfr suite drives --prob 0.95 --confidence 0.95 --power 0.9", "sfr suite drives runs/today")
+    "plan", epilog=examples("sfr suite plan --prob 0.95 --confidence 0.95 --power 0.9", "sfr suite plan runs/today")
 )
 def drives(
     context: Context,

@@ -393,7 +393,7 @@ def test_a_suite_stops_when_its_limit_is_decided(sfr: Sfr, decided: tuple[Path, 
     assert all(f"score {name}" in line for name in skipped)
     page = (out / "report.html").read_text()
     assert page.count("the sequential tests decided all limits before this job") >= 6
-    assert sfr("suite", "drives", out).code == 0
+    assert sfr("suite", "plan", out).code == 0
 
 
 @pytest.mark.slow

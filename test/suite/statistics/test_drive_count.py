@@ -1,4 +1,4 @@
-"""`sfr suite drives`: the numbers of drives by limit and group."""
+"""`sfr suite plan`: the numbers of drives by limit and group."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ def test_drives_that_are_missing_follow_from_those_seen() -> None:
 
 
 def test_the_command_plans_without_a_suite(sfr: Sfr) -> None:
-    result = sfr("suite", "drives", "--prob", "0.99", "--confidence", "0.95", "--json", "-")
+    result = sfr("suite", "plan", "--prob", "0.99", "--confidence", "0.95", "--json", "-")
     assert '"without_failure": 299' in result.out or '"without_failure":299' in result.out
-    assert sfr("suite", "drives", "--prob", "99").code == 2
-    assert sfr("suite", "drives", "--prob", "0.95", "--good", "0.06").code == 2
+    assert sfr("suite", "plan", "--prob", "99").code == 2
+    assert sfr("suite", "plan", "--prob", "0.95", "--good", "0.06").code == 2
