@@ -102,7 +102,7 @@ class Night:
             content = json.loads(path.read_text(encoding="utf-8"))
             if content["schema"] != SCHEMA:
                 raise ValueError(f"its schema is {content['schema']}, {SCHEMA} is required")
-            results = {PairKey(item["pairing"], item["configuration"]): item for item in content["results"]}
+            results = {PairKey(item["pairing"], item["configuration"]): item for item in content["drives"]}
             failures = {PairKey(item["pairing"], item["configuration"]): item for item in content["failures"]}
             jobs = results | failures
             labels = {key: item["label"] for key, item in jobs.items()}

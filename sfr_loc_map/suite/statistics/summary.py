@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 from msgspec import Struct
 
@@ -32,7 +33,7 @@ from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
 from sfr_loc_map.suite.statistics.pooling import AXES, DriveScore, axis_row, pool
 
-SCHEMA = "sfr-suite/2"
+SCHEMA = "sfr-suite/1"  #: Other programs read this version: its keys are fixed.
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +83,7 @@ class Group(Struct, frozen=True, kw_only=True):
     task: str
     configuration: str
     faults: str
-    results: int  #: Number of results, each repeat counted.
+    results: int = msgspec.field(name="drives")  #: Number of results, each repeat counted.
     lost: int
     matched: int
     figures: tuple[Figure, ...]  #: Errors over the sub-trajectories of all drives, by condition.
@@ -97,7 +98,7 @@ class Group(Struct, frozen=True, kw_only=True):
 class JobCounts(Struct, frozen=True, kw_only=True):
     """Numbers of jobs by their state."""
 
-    jobs: int  #: Number of planned jobs.
+    jobs: int = msgspec.field(name="tasks")  #: Number of planned jobs.
     done: int
     failed: int
     waiting: int
@@ -183,7 +184,7 @@ class Summary:
             for result in self.results
         ]
         head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": to_plain(self.counts)}
-        return {**head, **self.run, **parts, "results": results}
+        return {**head, **self.run, **parts, "drives": results}
 
 
 def are_decided(groups: Sequence[Group], planned: Collection[GroupKey]) -> bool:

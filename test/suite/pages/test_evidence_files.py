@@ -51,7 +51,7 @@ def budget_file(folder: Path, total: BudgetFigure) -> Path:
         rest=BudgetFigure(0.25),
         total=total,
     )
-    return write(folder / "suite.json", {"schema": "sfr-suite/2", "budgets": [to_plain(budget)]})
+    return write(folder / "suite.json", {"schema": "sfr-suite/1", "budgets": [to_plain(budget)]})
 
 
 def search_file(folder: Path, *ratios: float) -> Path:

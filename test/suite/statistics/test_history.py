@@ -215,7 +215,7 @@ def written(folder: Path, commits: list[str], tables: dict[ComparedKind, np.ndar
             for number, key in enumerate(DRIVES)
         ]  # fmt: skip
         (folder / f"night{night:02}").mkdir()
-        content = {"schema": SCHEMA, "git": {"commit": commit}, "results": drives, "failures": []}
+        content = {"schema": SCHEMA, "git": {"commit": commit}, "drives": drives, "failures": []}
         (folder / f"night{night:02}" / "suite.json").write_text(json.dumps(content))
     return sorted(folder.glob("night*"))
 
@@ -234,11 +234,11 @@ def test_a_night_with_other_configurations_loses_no_drive(names: list[str]) -> N
 def test_a_night_of_an_earlier_version_is_refused_in_one_line(sfr: Sfr, tmp_path: Path) -> None:
     folders = written(tmp_path, ["a" * 40] * 2, nights(2))
     path = folders[0] / "suite.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"schema": "sfr-suite/1"}))
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"schema": "sfr-suite/9"}))
     done = sfr("suite", "history", *folders)
     assert done.code == 2
     assert len(done.err.strip().splitlines()) == 1
-    assert "its schema is sfr-suite/1, sfr-suite/2 is required" in done.err
+    assert "its schema is sfr-suite/9, sfr-suite/1 is required" in done.err
 
 
 def test_the_command_names_commits_and_its_json_the_interval(sfr: Sfr, tmp_path: Path) -> None:
