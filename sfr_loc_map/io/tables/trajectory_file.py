@@ -314,7 +314,7 @@ def _check_one_run(table: Table) -> None:
     steps = np.diff(table.stamps_ns)
     is_downwards = np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0)
     stamps_ns = table.stamps_ns[::-1] if is_downwards else table.stamps_ns
-    starts = np.flatnonzero(np.diff(stamps_ns, prepend=np.iinfo(np.int64).max) < 0)
+    starts = np.append(0, np.flatnonzero(np.diff(stamps_ns) < 0) + 1)
     counts = np.diff(starts, append=len(stamps_ns))
     starts, counts = starts[counts >= RUN_ROWS], counts[counts >= RUN_ROWS]
     margins = np.maximum(counts // 10, 1)  # a stray stamp may begin or end a run

@@ -164,10 +164,11 @@ def text_of(stamps_s: np.ndarray) -> str:
 
 @pytest.mark.parametrize("second_s", [(0.05, 20.05), (0.0, 20.0), (3.0, 8.0), (-5.0, 12.0)])
 @pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("begin_s", [0.0, -100.0])
 def test_two_runs_of_the_same_time_in_one_table_are_refused(
-    tmp_path: Path, second_s: tuple[float, float], direction: int
+    tmp_path: Path, second_s: tuple[float, float], direction: int, begin_s: float
 ) -> None:
-    stamps_s = np.concatenate((np.arange(0.0, 20.0, 0.1), np.arange(*second_s, 0.1)))
+    stamps_s = begin_s + np.concatenate((np.arange(0.0, 20.0, 0.1), np.arange(*second_s, 0.1)))
     (tmp_path / "t.txt").write_text(text_of(stamps_s[::direction]))
     with pytest.raises(InputError, match=r"t.txt' line [0-9]+: .* one run"):
         read_trajectory_file(tmp_path / "t.txt")
