@@ -14,7 +14,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
-from sfr_loc_map.geometry.plausibility import plausible_attitudes, plausible_rotations
+from sfr_loc_map.geometry.plausibility import plausible_attitudes, plausible_positions, plausible_rotations
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.io.tables.column_names import unknown_header, without_names
 from sfr_loc_map.io.tables.number_text import number_or_nan
@@ -201,8 +201,9 @@ def _check_scalar_is_last(head: TableHead, layout: Layout, table: FloatArray) ->
     if layout.keys[-4:] != QUATERNION:
         return
     rows = table[np.isfinite(table[:, : len(layout.keys)]).all(axis=1)]
-    rows = rows[_fitting_rows(layout.keys, rows)]
-    rows = rows[np.lexsort((rows[:, layout.keys.index("x") - 1], rows[:, 0]))]  # by seconds and their fractions
+    first = layout.keys.index("x")
+    rows = rows[_fitting_rows(layout.keys, rows) & plausible_positions(rows[:, first : first + 3])]
+    rows = rows[np.lexsort((rows[:, first - 1], rows[:, 0]))]  # by seconds and their fractions
     positions, quats = (rows[:, [layout.keys.index(key) for key in keys]] for keys in (POSITION, QUATERNION))
     if not quats.any():  # positions without attitude
         return

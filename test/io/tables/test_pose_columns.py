@@ -304,6 +304,15 @@ def test_a_drive_with_the_scalar_last_is_read_at_every_heading(tmp_path: Path, h
     assert len(read_trajectory_file(tmp_path / "xyzw.txt").trajectory) == COUNT
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_huge_position_does_not_affect_the_order_of_quaternions(tmp_path: Path) -> None:
+    lines = tum_rows(level_path(40), (0, 1, 2, 3)).splitlines(keepends=True)
+    stamp, _, *others = lines[5].split()
+    lines[5] = " ".join((stamp, "1.7e308", *others)) + "\n"
+    (tmp_path / "huge.txt").write_text("".join(lines))
+    assert len(read_trajectory_file(tmp_path / "huge.txt").trajectory) == COUNT - 1
+
+
 @pytest.mark.parametrize("case", REFUSED)
 def test_a_table_that_cannot_be_understood_is_refused_by_what_was_found(tmp_path: Path, case: str) -> None:
     text, columns, words = REFUSED[case]
