@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -52,10 +53,16 @@ def facts_tables(facts: dict[str, Any]) -> list[Table]:
 
 
 def _topics(path: Path, config: SourceConfig) -> list[dict[str, Any]]:
-    bag = Bag(path, config.remap)
-    names = {topic: name for name in TOPICS_READ for topic in bag.matches(name)}
-    if config.truth.source:
-        names |= dict.fromkeys(bag.matches(config.truth.source), "truth")
+    """Return the topics of a bag, each with the name under which it is read.
+
+    No topic has such a name if the configuration names wrong topics, which "cannot be read" reports.
+    """
+    bag, names = Bag(path), dict[str, str]()
+    with suppress(SfrError):
+        renamed = bag.renamed(config.remap)
+        names = {topic: name for name in TOPICS_READ for topic in renamed.matches(name)}
+        if config.truth.source:
+            names |= dict.fromkeys(renamed.matches(config.truth.source), "truth")
     return [
         {
             "name": topic.name,
@@ -65,7 +72,7 @@ def _topics(path: Path, config: SourceConfig) -> list[dict[str, Any]]:
             "size": " x ".join(map(str, topic.size)) if all(topic.size) else "",
             "read as": names.get(topic.name, ""),
         }
-        for topic in sorted(seen_topics(Bag(path)), key=lambda topic: topic.name)
+        for topic in sorted(seen_topics(bag), key=lambda topic: topic.name)
     ]
 
 

@@ -89,7 +89,7 @@ def propose_config(
     if recorded is not None:
         _topics(proposal, recorded)
         config = proposal.config
-        bag = Bag(source, config.remap, config.sync.stamps)
+        bag = recorded.renamed(config.remap).stamped_by(config.sync.stamps)
         _calibration(proposal, bag)
         _sync(proposal, bag)
     loc = _opened_drive(proposal)

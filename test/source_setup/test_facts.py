@@ -13,3 +13,11 @@ def test_a_topic_that_is_read_under_its_own_name_is_listed_as_read(tmp_path: Pat
     facts = facts_of(write_bag(tmp_path / "x.mcap", make_world()), SourceConfig())
     read_as = {topic["name"]: topic["read as"] for topic in facts["topics"]}
     assert read_as["/loc/left/image_rect"] == "loc/left/image_rect"
+
+
+def test_a_wrong_remapping_is_a_fact_beside_the_topics(tmp_path: Path) -> None:
+    facts = facts_of(
+        write_bag(tmp_path / "x.mcap", make_world()), SourceConfig(remap={"/nowhere": "loc/left/image_rect"})
+    )
+    assert "no topic 'nowhere'" in facts["cannot be read"]
+    assert "/loc/left/image_rect" in [topic["name"] for topic in facts["topics"]]

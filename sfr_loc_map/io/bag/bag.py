@@ -82,7 +82,13 @@ class Bag:
             self.counts = {name: sum(c.msgcount for c in connections if c.topic == name) for name in self.topics}
         if not any(self.counts.values()):
             raise InputError(f"bag '{path}' has no messages: record it again")
-        self._names = self._renamed(remap or {})
+        self._names = self._names_by(remap or {})
+
+    def renamed(self, remap: Mapping[str, str]) -> Bag:
+        """Return the bag with other new names of topics; InputError or ConfigError if a name is wrong."""
+        other = copy(self)
+        other._names = self._names_by(remap)
+        return other
 
     def stamped_by(self, stamps: str) -> Bag:
         """Return the bag with the stamps of the headers ("header") or the times of recording ("record")."""
@@ -187,7 +193,8 @@ class Bag:
                     break
         return found
 
-    def _renamed(self, remap: Mapping[str, str]) -> dict[str, str]:
+    def _names_by(self, remap: Mapping[str, str]) -> dict[str, str]:
+        """Return the new name of each topic."""
         wanted = {old.strip("/"): new.strip("/") for old, new in remap.items()}
         names = {topic: topic.strip("/") for topic in self.topics}
         for old, new in wanted.items():
