@@ -28,12 +28,12 @@ from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_tra
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import printable
-from sfr_loc_map.metrics import score
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.metrics.details import columns_of
-from sfr_loc_map.metrics.records import MethodRecord
-from sfr_loc_map.metrics.score_json import load_score, to_json
-from sfr_loc_map.metrics.table import COLUMNS
+from sfr_loc_map.metrics.score import score
+from sfr_loc_map.metrics.stored.score_json import load_score, to_json
+from sfr_loc_map.metrics.table.details import columns_of
+from sfr_loc_map.metrics.table.records import MethodRecord
+from sfr_loc_map.metrics.table.rows import COLUMNS
 from sfr_loc_map.runs.call_files import save_stats
 from sfr_loc_map.runs.calls import CallRecord
 

@@ -71,9 +71,10 @@ class Mutation(NamedTuple):
 
 ANSWERS, STORE = "replay/answer_book.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
-OTHER_FRAMES = "metrics/other_frames.py"
+OTHER_FRAMES = "metrics/errors/other_frames.py"
 INCOMPLETE, FORMULAS_BESIDE = "metrics/judging/incomplete.py", "metrics/formulas_beside.py"
-FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_errors.py", "metrics/shortfall_kinds.py"
+FORMULAS, SCORE = "metrics/formulas.py", "metrics/errors/trajectory_errors.py"
+SHORTFALLS = "metrics/completeness/shortfall_kinds.py"
 DRIVES, JOB = "suite/running/drive_copies.py", "suite/running/job.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
@@ -158,11 +159,13 @@ MUTATIONS = (
         "return np.asarray(estimated + np.linalg.norm(",
     ),
     # 4.2.1, 4.2.2 calls
-    Mutation("metrics/calls.py", "statistics(known[1:])", "statistics(known)"),
-    Mutation("metrics/calls.py", "int(known.max()) if len(known)", "int(known.min()) if len(known)"),
-    Mutation("metrics/calls.py", "MappingState.FUSED: CallKind.FUSION", "MappingState.FUSED: CallKind.MAPPING"),
+    Mutation("metrics/calls/call_score.py", "statistics(known[1:])", "statistics(known)"),
+    Mutation("metrics/calls/call_score.py", "int(known.max()) if len(known)", "int(known.min()) if len(known)"),
     Mutation(
-        "metrics/calls.py",
+        "metrics/calls/call_score.py", "MappingState.FUSED: CallKind.FUSION", "MappingState.FUSED: CallKind.MAPPING"
+    ),
+    Mutation(
+        "metrics/calls/call_score.py",
         "calls.peak_bytes > 0.0, calls.peak_bytes, np.nan",
         "calls.peak_bytes >= 0.0, calls.peak_bytes, np.nan",
     ),
@@ -173,109 +176,133 @@ MUTATIONS = (
         "np.asarray(np.abs(actual - estimated).max(axis=1))",
     ),
     Mutation(
-        "metrics/cloud_error.py",
+        "metrics/errors/cloud_error.py",
         "true = truth.points[cloud.v[index], cloud.u[index]]",
         "true = truth.points[cloud.v[index], np.maximum(cloud.u[index], 1) - 1]",
     ),
     Mutation(
-        "metrics/cloud_error.py",
+        "metrics/errors/cloud_error.py",
         "error_rows(None, errors, np.full(len(errors.index), True))",
         "error_rows(None, errors, errors.range_m < 40.0)",
     ),
     Mutation(
-        "metrics/cloud_error.py",
+        "metrics/errors/cloud_error.py",
         "(errors.range_m >= low) & (errors.range_m < high)",
         "(errors.range_m > low) & (errors.range_m <= high)",
     ),
     Mutation(
-        "metrics/cloud_error.py",
+        "metrics/errors/cloud_error.py",
         "inside = [(distance >= low) & (distance < high)",
         "inside = [(distance >= low) & (distance <= high)",
     ),
-    Mutation("metrics/cloud_error.py", "FOOTPRINTS = 2.0", "FOOTPRINTS = 3.0"),
-    Mutation("metrics/cloud_error.py", "truth.depths_m(truth.points) / truth.rig.fx", "distance / truth.rig.fx"),
+    Mutation("metrics/errors/cloud_error.py", "FOOTPRINTS = 2.0", "FOOTPRINTS = 3.0"),
+    Mutation("metrics/errors/cloud_error.py", "truth.depths_m(truth.points) / truth.rig.fx", "distance / truth.rig.fx"),
     Mutation(
-        "metrics/cloud_error.py", "without_truth = len(cloud) - len(errors.index)", "without_truth = len(errors.index)"
+        "metrics/errors/cloud_error.py",
+        "without_truth = len(cloud) - len(errors.index)",
+        "without_truth = len(errors.index)",
     ),
     # association, completeness, consistency, limits
     Mutation(
-        "metrics/association.py", 'np.argsort(difference[candidates], kind="stable")', "np.arange(len(candidates))"
+        "metrics/frames/association.py",
+        'np.argsort(difference[candidates], kind="stable")',
+        "np.arange(len(candidates))",
     ),
     Mutation(
-        "metrics/association.py",
+        "metrics/frames/association.py",
         "- np.unique(stamps_ns[::-1], return_index=True)[1]",
         "- np.unique(stamps_ns[::-1], return_index=True)[1][::-1]",
     ),
     Mutation(
-        "metrics/association.py", "truth.positions[before] + share[:, None] * move", "truth.positions[before] + move"
+        "metrics/frames/association.py",
+        "truth.positions[before] + share[:, None] * move",
+        "truth.positions[before] + move",
     ),
-    Mutation("metrics/drive_completeness.py", "GAP_PERIODS = 5", "GAP_PERIODS = 7"),
+    Mutation("metrics/completeness/drive.py", "GAP_PERIODS = 5", "GAP_PERIODS = 7"),
     Mutation(SHORTFALLS, 'or true path", 0.01, 0.01', 'or true path", 0.01, 0.013'),
-    Mutation("metrics/association.py", "IMAGE_PERIOD_SHARE = 0.4", "IMAGE_PERIOD_SHARE = 0.15"),
-    Mutation("metrics/truth_error.py", "[2.0 * of_position] * 3", "[1.0 * of_position] * 3"),
-    Mutation("metrics/consistency.py", "free_from = end\n", "free_from = start\n"),
-    Mutation("metrics/consistency.py", "+ start.noise + end.noise", "+ end.noise"),
-    Mutation("metrics/limits.py", "abs(value) <= limit.limit", "abs(value) <= 1.001 * limit.limit"),
-    Mutation("metrics/limits.py", "abs(value) <= limit.limit", "value <= limit.limit"),
-    Mutation("metrics/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
-    Mutation("metrics/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
+    Mutation("metrics/frames/association.py", "IMAGE_PERIOD_SHARE = 0.4", "IMAGE_PERIOD_SHARE = 0.15"),
+    Mutation("metrics/frames/truth_error.py", "[2.0 * of_position] * 3", "[1.0 * of_position] * 3"),
+    Mutation("metrics/errors/consistency.py", "free_from = end\n", "free_from = start\n"),
+    Mutation("metrics/errors/consistency.py", "+ start.noise + end.noise", "+ end.noise"),
+    Mutation("metrics/score/limits.py", "abs(value) <= limit.limit", "abs(value) <= 1.001 * limit.limit"),
+    Mutation("metrics/score/limits.py", "abs(value) <= limit.limit", "value <= limit.limit"),
+    Mutation("metrics/score/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
+    Mutation("metrics/score/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
     Mutation(JUDGE, "incomplete = text_of(missing)", "incomplete = score.incomplete"),
     Mutation(JUDGE, "RowPart(Scope.LIVE) in incomplete or needed_part(limit) in", "RowPart(Scope.LIVE) in"),
     Mutation(SHORTFALLS, '"map points", 0.01', '"map points", 0.1'),
     Mutation("metrics/config.py", "return min(states, key", "return max(states, key"),
     Mutation(JUDGE, "figure.n < limits.minimum_count", "figure.n <= limits.minimum_count"),
     Mutation(
-        "metrics/intervals.py",
+        "metrics/statistics/intervals.py",
         "1.0 - 1.0 / count) / (1.0 - 1.0 / independent",
         "1.0 - 1.0 / independent) / (1.0 - 1.0 / count",
     ),
-    Mutation("metrics/intervals.py", "np.sum(parts.squares + apart, axis=-2)", "np.sum(parts.squares, axis=-2)"),
-    Mutation("metrics/intervals.py", "1.0 - lags / float(block * size)", "1.0 - lags / float(block)"),
-    Mutation("metrics/intervals.py", "share *= 1.0 - 1.0 / independent\n    return", "return"),
-    Mutation("metrics/comparison.py", "difference = other - first", "difference = first - other"),
-    Mutation("metrics/catalogue.py", 'return kind.clause if part == Place.TARGET else ""', "return kind.clause"),
-    Mutation("metrics/catalogue.py", 'CallKind.MAPPING_CALL: "4.3.2"}', 'CallKind.MAPPING: "4.3.2"}'),
+    Mutation(
+        "metrics/statistics/intervals.py", "np.sum(parts.squares + apart, axis=-2)", "np.sum(parts.squares, axis=-2)"
+    ),
+    Mutation("metrics/statistics/intervals.py", "1.0 - lags / float(block * size)", "1.0 - lags / float(block)"),
+    Mutation("metrics/statistics/intervals.py", "share *= 1.0 - 1.0 / independent\n    return", "return"),
+    Mutation("metrics/stored/comparison.py", "difference = other - first", "difference = first - other"),
+    Mutation("metrics/table/catalogue.py", 'return kind.clause if part == Place.TARGET else ""', "return kind.clause"),
+    Mutation("metrics/table/catalogue.py", 'CallKind.MAPPING_CALL: "4.3.2"}', 'CallKind.MAPPING: "4.3.2"}'),
     Mutation("report/deviations.py", "item.figure in STAGES or RowPart", "RowPart"),
-    Mutation("metrics/raw_values.py", "(stored is None and name in STATISTICS)", "stored is None"),
-    Mutation("metrics/score.py", "if row.part in ((reading, POOLED) if is_of_pieces else (None,)):", "if True:"),
-    Mutation("metrics/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),
-    Mutation("metrics/aligned_error.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
+    Mutation("metrics/stored/raw_values.py", "(stored is None and name in STATISTICS)", "stored is None"),
+    Mutation("metrics/score/score.py", "if row.part in ((reading, POOLED) if is_of_pieces else (None,)):", "if True:"),
+    Mutation("metrics/frames/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),
+    Mutation("metrics/frames/aligned_error.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
     # limits and limits files
     Mutation("metrics/judging/limits_file.py", 'not 0 <= bound < float("inf")', 'not 0 <= bound <= float("inf")'),
     Mutation("metrics/judging/limits_file.py", '.unit == "1" and bound > 1:', '.unit == "1" and bound > 100:'),
     Mutation("metrics/judging/limits_file.py", "not 1 <= independent < 1e9", "not 0 <= independent < 1e9"),
-    Mutation("metrics/limits.py", "MINIMUM_INDEPENDENT = 5.0", "MINIMUM_INDEPENDENT = 4.0"),
+    Mutation("metrics/score/limits.py", "MINIMUM_INDEPENDENT = 5.0", "MINIMUM_INDEPENDENT = 4.0"),
     Mutation("metrics/judging/limits_file.py", "entry = {**of_all, **entry}", "entry = {**entry, **of_all}"),
     Mutation("metrics/judging/limits_file.py", "minimum_independent=float(independent))", ")"),
-    Mutation("metrics/limits.py", "name: limited.of_target() for", "name: limited for"),
+    Mutation("metrics/score/limits.py", "name: limited.of_target() for", "name: limited for"),
     # completeness of a drive, a map, calls, a live run
-    Mutation("metrics/drive_completeness.py", "self.has_estimate & self.has_truth", "self.has_estimate"),
-    Mutation("metrics/drive_completeness.py", "DOUBLED_SHARE = 0.1 ", "DOUBLED_SHARE = 0.6 "),
-    Mutation("metrics/drive_completeness.py", "stamps_ns.max() - in_flight_ns", "stamps_ns.max() - 2 * in_flight_ns"),
-    Mutation("metrics/completeness.py", "max(expected_pairs - mapped, 0), expected_pairs", "0, expected_pairs"),
-    Mutation("metrics/completeness.py", "max(known, default=None)", "min(known, default=None)"),
-    Mutation("metrics/completeness.py", "not_finite, points + not_finite)", "not_finite, points)"),
-    Mutation("metrics/completeness.py", "np.isfinite(measured)", "~np.isinf(measured)"),
-    Mutation("metrics/completeness.py", "counts[~is_of_drive].sum()", "(~is_of_drive).sum()"),
+    Mutation("metrics/completeness/drive.py", "self.has_estimate & self.has_truth", "self.has_estimate"),
+    Mutation("metrics/completeness/drive.py", "DOUBLED_SHARE = 0.1 ", "DOUBLED_SHARE = 0.6 "),
+    Mutation("metrics/completeness/drive.py", "stamps_ns.max() - in_flight_ns", "stamps_ns.max() - 2 * in_flight_ns"),
+    Mutation(
+        "metrics/completeness/expected_items.py", "max(expected_pairs - mapped, 0), expected_pairs", "0, expected_pairs"
+    ),
+    Mutation("metrics/completeness/expected_items.py", "max(known, default=None)", "min(known, default=None)"),
+    Mutation("metrics/completeness/expected_items.py", "not_finite, points + not_finite)", "not_finite, points)"),
+    Mutation("metrics/completeness/expected_items.py", "np.isfinite(measured)", "~np.isinf(measured)"),
+    Mutation("metrics/completeness/expected_items.py", "counts[~is_of_drive].sum()", "(~is_of_drive).sum()"),
     Mutation("scoring/score_parts.py", "UNEVEN_PERIODS, UNEVEN_SHARE = 2.5,", "UNEVEN_PERIODS, UNEVEN_SHARE = 1.5,"),
     Mutation("scoring/score_parts.py", "periods_ns[is_long].sum()", "periods_ns[is_long].min(initial=0)"),
-    Mutation("metrics/completeness.py", "(counts - 1).sum()", "(counts - 2).sum()"),
-    Mutation("metrics/completeness.py", "repeated_stamps + len(pairs) - len(np.unique(pairs))", "repeated_stamps"),
-    Mutation("metrics/drive_completeness.py", 'single_run_stamps(truth, "ground truth")', "pass"),
-    Mutation("metrics/association.py", "np.lexsort((difference[near], image[near]))", "np.argsort(image[near])"),
-    Mutation("metrics/association.py", "return rows[chosen] if len(chosen) else rows", "return rows[chosen]"),
-    Mutation("metrics/association.py", "near = np.flatnonzero(difference <= near_ns)", "near = np.arange(len(image))"),
-    Mutation("metrics/completeness.py", "share_of(many - judged, many)", "share_of(max(many - len(given), 0), many)"),
-    Mutation("metrics/completeness.py", "judged, many = min(judged, 1), 1", "judged, many = 1, 1"),
-    Mutation("metrics/completeness.py", "received, received + dropped)", "received, received)"),
+    Mutation("metrics/completeness/expected_items.py", "(counts - 1).sum()", "(counts - 2).sum()"),
+    Mutation(
+        "metrics/completeness/expected_items.py",
+        "repeated_stamps + len(pairs) - len(np.unique(pairs))",
+        "repeated_stamps",
+    ),
+    Mutation("metrics/completeness/drive.py", 'single_run_stamps(truth, "ground truth")', "pass"),
+    Mutation("metrics/frames/association.py", "np.lexsort((difference[near], image[near]))", "np.argsort(image[near])"),
+    Mutation("metrics/frames/association.py", "return rows[chosen] if len(chosen) else rows", "return rows[chosen]"),
+    Mutation(
+        "metrics/frames/association.py", "near = np.flatnonzero(difference <= near_ns)", "near = np.arange(len(image))"
+    ),
+    Mutation(
+        "metrics/completeness/expected_items.py",
+        "share_of(many - judged, many)",
+        "share_of(max(many - len(given), 0), many)",
+    ),
+    Mutation("metrics/completeness/expected_items.py", "judged, many = min(judged, 1), 1", "judged, many = 1, 1"),
+    Mutation("metrics/completeness/expected_items.py", "received, received + dropped)", "received, received)"),
     # calls
-    Mutation("metrics/calls.py", "known <= period_s", "known < period_s"),
-    Mutation("metrics/calls.py", "float(np.mean(known)) / period_s", "float(np.median(known)) / period_s"),
-    Mutation("metrics/calls.py", "float(np.median(apart_s))", "float(np.mean(apart_s))"),
-    Mutation("metrics/calls.py", "np.isin(estimate_ns, localised).mean()", "np.isin(localised, estimate_ns).mean()"),
-    Mutation("metrics/call_meter.py", "(self._clock_ns() - begin) * 1e-9", "(self._clock_ns() - begin) * 0.5e-9"),
-    Mutation("metrics/call_meter.py", "peak_bytes - self._idle_bytes, 0)", "peak_bytes, 0)"),
-    Mutation("metrics/calls.py", "if row.call in kinds else row for", "if row.part in kinds else row for"),
+    Mutation("metrics/calls/call_score.py", "known <= period_s", "known < period_s"),
+    Mutation("metrics/calls/call_score.py", "float(np.mean(known)) / period_s", "float(np.median(known)) / period_s"),
+    Mutation("metrics/calls/call_score.py", "float(np.median(apart_s))", "float(np.mean(apart_s))"),
+    Mutation(
+        "metrics/calls/call_score.py",
+        "np.isin(estimate_ns, localised).mean()",
+        "np.isin(localised, estimate_ns).mean()",
+    ),
+    Mutation("metrics/calls/call_meter.py", "(self._clock_ns() - begin) * 1e-9", "(self._clock_ns() - begin) * 0.5e-9"),
+    Mutation("metrics/calls/call_meter.py", "peak_bytes - self._idle_bytes, 0)", "peak_bytes, 0)"),
+    Mutation("metrics/calls/call_score.py", "if row.call in kinds else row for", "if row.part in kinds else row for"),
     # verdicts
     Mutation(SHORTFALLS, '"missing", Scope.DRIVE, IMAGES, 0.0', '"missing", Scope.DRIVE, IMAGES, 0.01'),
     Mutation(SHORTFALLS, 'truth", Scope.DRIVE, IMAGES, 0.0', 'truth", Scope.DRIVE, IMAGES, 0.01'),
@@ -340,12 +367,14 @@ MUTATIONS = (
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
     Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),
     # edited scores
-    Mutation("metrics/raw_values.py", "(*_required(score), *_of_sub", "(*_of_sub"),
-    Mutation("metrics/raw_values.py", "(*_of_pairs(score), *_of_first_calls(score), ", "(*_of_first_calls(score), "),
-    Mutation("metrics/raw_values.py", "(*_of_pairs(score), *_of_first_calls(score), ", "(*_of_pairs(score), "),
-    Mutation("metrics/raw_values.py", "    yield from _required_details(score)\n", ""),
-    Mutation("metrics/raw_values.py", "        yield from _of_memory(score, kind, plots)\n", ""),
-    Mutation("metrics/raw_values.py", 'for name in ("lost", "degraded"):', 'for name in ("degraded",):'),
+    Mutation("metrics/stored/raw_values.py", "(*_required(score), *_of_sub", "(*_of_sub"),
+    Mutation(
+        "metrics/stored/raw_values.py", "(*_of_pairs(score), *_of_first_calls(score), ", "(*_of_first_calls(score), "
+    ),
+    Mutation("metrics/stored/raw_values.py", "(*_of_pairs(score), *_of_first_calls(score), ", "(*_of_pairs(score), "),
+    Mutation("metrics/stored/raw_values.py", "    yield from _required_details(score)\n", ""),
+    Mutation("metrics/stored/raw_values.py", "        yield from _of_memory(score, kind, plots)\n", ""),
+    Mutation("metrics/stored/raw_values.py", 'for name in ("lost", "degraded"):', 'for name in ("degraded",):'),
     Mutation("scoring/provenance.py", "if given != (limits.limits,", "if given == (limits.limits,"),
     # inputs besides the poses
     Mutation("scoring/inputs.py", "[*self.stats, *([] if self.target is None else [self.target])]", "[*self.stats]"),
@@ -353,64 +382,80 @@ MUTATIONS = (
     Mutation("scoring/load.py", "SAME_POSITION_M = 0.002", "SAME_POSITION_M = 0.0"),
     Mutation("scoring/load.py", "    check_one_method(stats, target)\n", ""),
     Mutation("scoring/score_run.py", "fitted_unit(run.convention) or ", ""),
-    Mutation("metrics/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
+    Mutation("metrics/diagnosis/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
     Mutation(
-        "metrics/drive_completeness.py",
+        "metrics/completeness/drive.py",
         "estimates_ns[~is_covered]",
         "estimates_ns[(estimates_ns < true_ns[0]) | (estimates_ns > true_ns[-1])]",
     ),
-    Mutation("metrics/drive_completeness.py", "estimates_ns[~is_covered]", "estimates_ns[:0]"),
+    Mutation("metrics/completeness/drive.py", "estimates_ns[~is_covered]", "estimates_ns[:0]"),
     # a path without images, a range without pixels, a stationary rover
     Mutation(
-        "metrics/drive_completeness.py", "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"
+        "metrics/completeness/drive.py", "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"
     ),
-    Mutation("metrics/drive_completeness.py", "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
+    Mutation("metrics/completeness/drive.py", "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
     Mutation(INCOMPLETE, "value is None and kind.figure in NOTHING", "value is None and kind.figure not in NOTHING"),
     Mutation(INCOMPLETE, "share.value <= most or moving", "share.value <= 1.0 or moving"),
     Mutation(INCOMPLETE, " or not meets(limit, value):\n            text = standing", ":\n            text = standing"),
-    Mutation("metrics/standing.py", "farthest_m > MOVING_SHARE * np.max", "farthest_m >= 0.0 * np.max"),
-    Mutation("metrics/standing.py", "if not 0 < standing < count:", "if not 0 < standing:"),
+    Mutation("metrics/errors/standing.py", "farthest_m > MOVING_SHARE * np.max", "farthest_m >= 0.0 * np.max"),
+    Mutation("metrics/errors/standing.py", "if not 0 < standing < count:", "if not 0 < standing:"),
     Mutation("report/deviations.py", "None not in used and used != [", "None not in used and used == ["),
     # true poses at starts and ends
     Mutation(SHORTFALLS, 'motions", 0.1,', 'motions", 1.0,'),
-    Mutation("metrics/copies.py", "is_moving = lengths_m > MOVING_SHARE * np", "is_moving = lengths_m >= 0.0 * np"),
+    Mutation(
+        "metrics/completeness/copies.py",
+        "is_moving = lengths_m > MOVING_SHARE * np",
+        "is_moving = lengths_m >= 0.0 * np",
+    ),
     # frames that are in no judged error
     Mutation(OTHER_FRAMES, "BEYOND = 3.0", "BEYOND = 0.1"),
     Mutation(OTHER_FRAMES, "np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)", "known"),
     Mutation(SHORTFALLS, "BEYOND_MOST = 0.02", "BEYOND_MOST = 0.2"),
     Mutation(INCOMPLETE, "is_far and not meets(limit, value)", "is_far"),
     # repeated poses, copies of true poses
-    Mutation("metrics/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
-    Mutation("metrics/copies.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),
-    Mutation("metrics/copies.py", "DRIFT_SHARE = 0.02", "DRIFT_SHARE = 0.01"),
-    Mutation("metrics/copies.py", "DRIFT_SHARE = 0.02", "DRIFT_SHARE = 0.03"),
-    Mutation("metrics/copies.py", "EXACT_SHARE = 1e-5", "EXACT_SHARE = 1e-4"),
-    Mutation("metrics/copies.py", "EXACT_SHARE = 1e-5", "EXACT_SHARE = 1e-6"),
-    Mutation("metrics/copies.py", "ROUNDED_IN_A_ROW = 50", "ROUNDED_IN_A_ROW = 51"),
-    Mutation("metrics/copies.py", "ROUNDED_IN_A_ROW = 50", "ROUNDED_IN_A_ROW = 49"),
-    Mutation("metrics/copies.py", "repeats_pose(frames) & ~is_reported", "repeats_pose(frames)"),
-    Mutation("metrics/copies.py", "frames.true_position[new], axis=1", "frames.true_position[new - 1], axis=1"),
-    Mutation("metrics/copies.py", "max(least_m, float(own_m.min()), 0.5", "max(least_m, 0.5"),
-    Mutation("metrics/copies.py", "float(own_m.min()), 0.5 *", "float(own_m.min()), 1.5 *"),
-    Mutation("metrics/copies.py", "return found & is_moving", "return found"),
-    # the table against the raw values of a file
-    Mutation("metrics/stored.py", "if (problem := raw_contradiction(score)) is not None:", "if (problem := None):"),
-    Mutation("metrics/raw_values.py", "DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5", "DIGITS_M, POINT_DIGITS_M = 1e-2, 5e-2"),
-    Mutation("metrics/raw_values.py", "EXACT = 1e-9", "EXACT = 1e-5"),
-    Mutation("metrics/raw_values.py", "SIGMAS = 5.0", "SIGMAS = 50.0"),
-    Mutation("metrics/raw_values.py", "max(times) != row.max", "max(times) < row.max"),
-    Mutation("metrics/raw_values.py", "is_stated = score.external is not None", "is_stated = False"),
-    Mutation("metrics/raw_values.py", "sizes.max() > row.max + rounding", "sizes.max() < row.max - rounding"),
+    Mutation("metrics/completeness/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
+    Mutation("metrics/completeness/copies.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),
+    Mutation("metrics/completeness/copies.py", "DRIFT_SHARE = 0.02", "DRIFT_SHARE = 0.01"),
+    Mutation("metrics/completeness/copies.py", "DRIFT_SHARE = 0.02", "DRIFT_SHARE = 0.03"),
+    Mutation("metrics/completeness/copies.py", "EXACT_SHARE = 1e-5", "EXACT_SHARE = 1e-4"),
+    Mutation("metrics/completeness/copies.py", "EXACT_SHARE = 1e-5", "EXACT_SHARE = 1e-6"),
+    Mutation("metrics/completeness/copies.py", "ROUNDED_IN_A_ROW = 50", "ROUNDED_IN_A_ROW = 51"),
+    Mutation("metrics/completeness/copies.py", "ROUNDED_IN_A_ROW = 50", "ROUNDED_IN_A_ROW = 49"),
+    Mutation("metrics/completeness/copies.py", "repeats_pose(frames) & ~is_reported", "repeats_pose(frames)"),
     Mutation(
-        "metrics/raw_values.py", "> row.n * (row.rmse + rounding) ** 2", "> 1e9 * row.n * (row.rmse + rounding) ** 2"
+        "metrics/completeness/copies.py", "frames.true_position[new], axis=1", "frames.true_position[new - 1], axis=1"
+    ),
+    Mutation("metrics/completeness/copies.py", "max(least_m, float(own_m.min()), 0.5", "max(least_m, 0.5"),
+    Mutation("metrics/completeness/copies.py", "float(own_m.min()), 0.5 *", "float(own_m.min()), 1.5 *"),
+    Mutation("metrics/completeness/copies.py", "return found & is_moving", "return found"),
+    # the table against the raw values of a file
+    Mutation(
+        "metrics/stored/contradiction.py",
+        "if (problem := raw_contradiction(score)) is not None:",
+        "if (problem := None):",
     ),
     Mutation(
-        "metrics/raw_values.py",
+        "metrics/stored/raw_values.py", "DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5", "DIGITS_M, POINT_DIGITS_M = 1e-2, 5e-2"
+    ),
+    Mutation("metrics/stored/raw_values.py", "EXACT = 1e-9", "EXACT = 1e-5"),
+    Mutation("metrics/stored/raw_values.py", "SIGMAS = 5.0", "SIGMAS = 50.0"),
+    Mutation("metrics/stored/raw_values.py", "max(times) != row.max", "max(times) < row.max"),
+    Mutation("metrics/stored/raw_values.py", "is_stated = score.external is not None", "is_stated = False"),
+    Mutation("metrics/stored/raw_values.py", "sizes.max() > row.max + rounding", "sizes.max() < row.max - rounding"),
+    Mutation(
+        "metrics/stored/raw_values.py",
+        "> row.n * (row.rmse + rounding) ** 2",
+        "> 1e9 * row.n * (row.rmse + rounding) ** 2",
+    ),
+    Mutation(
+        "metrics/stored/raw_values.py",
         "abs(share.value * count.n - count.value) > EXACT",
         "count.value - share.value * count.n > EXACT",
     ),
-    Mutation("metrics/raw_values.py", "if share.value is None:\n            yield", "if False:\n            yield"),
-    Mutation("metrics/limits.py", "if item.section is LimitSection.TRAJECTORY]", "if item.terms is not None]"),
+    Mutation(
+        "metrics/stored/raw_values.py", "if share.value is None:\n            yield", "if False:\n            yield"
+    ),
+    Mutation("metrics/score/limits.py", "if item.section is LimitSection.TRAJECTORY]", "if item.terms is not None]"),
     # several scores, several drives
     Mutation("metrics/judging/several_scores.py", "if len(made) < len(scores):", "if not made:"),
     Mutation(
@@ -424,9 +469,11 @@ MUTATIONS = (
         "file.data_sha256 or file.sha256 for file in files}) > 2",
     ),
     Mutation("metrics/judging/proof.py", "in sorted(drives.items())]", "in drives.items()]"),
-    Mutation("metrics/calls.py", "if row.call in kinds else row for", "if row.figure in kinds[:1] else row for"),
-    Mutation("metrics/catalogue.py", " or place is Place.STATED:", ":"),
-    Mutation("metrics/cloud_error.py", "max(len(xyz) - len(np.unique(xyz, axis=0)), len(xyz) - pixels, 0)", "0"),
+    Mutation(
+        "metrics/calls/call_score.py", "if row.call in kinds else row for", "if row.figure in kinds[:1] else row for"
+    ),
+    Mutation("metrics/table/catalogue.py", " or place is Place.STATED:", ":"),
+    Mutation("metrics/errors/cloud_error.py", "max(len(xyz) - len(np.unique(xyz, axis=0)), len(xyz) - pixels, 0)", "0"),
     Mutation("metrics/judging/several_scores.py", "if len(items) > 1:", "if len(items) > 2:"),
     Mutation(
         "metrics/judging/several_scores.py", "if len(configurations) > len({", "if len(configurations) > 1 + len({"
@@ -440,12 +487,14 @@ MUTATIONS = (
     Mutation("metrics/judging/several_scores.py", " or value_of(item, score).value is not None", ""),
     Mutation("scoring/load.py", "if len(here) > 1:", "if len(here) > 2:"),
     Mutation(JUDGE, "(figure.independent or 0.0) >= limits", "(figure.independent or 0.0) > limits"),
-    Mutation("metrics/verdict.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
+    Mutation("metrics/score/verdict.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
     Mutation("metrics/judging/limited_value.py", '"mean_plus_3sigma": 3.0, "max"', '"mean_plus_3sigma": 1.0, "max"'),
     Mutation(
-        "metrics/stored.py", "expected = mean_plus_3sigma(row.mean, row.sigma)", "expected = row.mean_plus_3sigma"
+        "metrics/stored/contradiction.py",
+        "expected = mean_plus_3sigma(row.mean, row.sigma)",
+        "expected = row.mean_plus_3sigma",
     ),
-    Mutation("metrics/stored.py", "if mine != theirs and not _is_near(mine, theirs):", "if False:"),
+    Mutation("metrics/stored/contradiction.py", "if mine != theirs and not _is_near(mine, theirs):", "if False:"),
     Mutation(
         "metrics/judging/limited_value.py",
         "math.inf if item.value is None else item.value,",
@@ -491,7 +540,7 @@ MUTATIONS = (
     ),
     Mutation("geometry/stereo.py", "0.5 * self.baseline_m, 0.0", "-0.5 * self.baseline_m, 0.0"),
     Mutation("geometry/trajectory.py", "poses.positions + quat_rotate(", "poses.positions - quat_rotate("),
-    Mutation("metrics/pose_convention.py", '{"left": 0.5, "right": -0.5}', '{"left": -0.5, "right": 0.5}'),
+    Mutation("metrics/diagnosis/pose_convention.py", '{"left": 0.5, "right": -0.5}', '{"left": -0.5, "right": 0.5}'),
     Mutation("geometry/extrinsics.py", "Transform(pan @ tilt,", "Transform(tilt @ pan,"),
 )
 

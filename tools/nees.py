@@ -26,9 +26,9 @@ from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.metrics.association import associate
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.consistency import relative_covariance, relative_errors, sums_of_steps
+from sfr_loc_map.metrics.errors.consistency import relative_covariance, relative_errors, sums_of_steps
+from sfr_loc_map.metrics.frames.association import associate
 from sfr_loc_map.runs.call_stats import estimates_of, stats_of
 from sfr_loc_map.runs.offline import localise, start_pose, trajectory_of
 

@@ -100,7 +100,7 @@ def _parameter(info: Any) -> str:  # noqa: ANN401 - a ParamInfo
 
 def score() -> str:
     """Return the keys of the score, record by record."""
-    from sfr_loc_map.metrics.score import Score
+    from sfr_loc_map.metrics.score.score import Score
 
     seen: list[type] = []
     parts = []

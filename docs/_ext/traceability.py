@@ -163,7 +163,7 @@ CLAUSES = (
         "Sub-trajectories",
         "A sub-trajectory starts at frame N and ends when the condition is met. This is repeated from the next start. "
         "A spacing of 10 frames is recommended. Mean, sigma and mean + 3 sigma are computed over all sub-trajectories.",
-        ("metrics/formulas.py", "metrics/config.py", "metrics/drive_completeness.py"),
+        ("metrics/formulas.py", "metrics/config.py", "metrics/completeness/drive.py"),
         "table of figures: condition and n; what was scored: spacing of the starts; what of the drive is judged",
         'The text "the conditions associated with the requirement" allows several conditions, which must then hold '
         "together. Frames are true poses that have an estimate, or images with `--frames images`. Starts continue to "
@@ -195,7 +195,7 @@ CLAUSES = (
         "Timing performance, localisation",
         "Wall-clock seconds on the target from the call of the API to its return, measured by the mechanism of its "
         "kit.",
-        ("metrics/call_meter.py", "metrics/calls.py", "runs/calls.py", "metrics/records.py"),
+        ("metrics/calls/call_meter.py", "metrics/calls/call_score.py", "runs/calls.py", "metrics/table/records.py"),
         "table of times per call, with the name of the clock; calls on a target in a separate table",
         "A time of the host is never reported as a time of the target. Times that were measured on a target are "
         "imported (the folder of a harness, `--target-timing`), assigned to the estimates by their stamps, and keep "
@@ -207,7 +207,7 @@ CLAUSES = (
         "4.2.2",
         "RAM consumption, localisation",
         "The supplier proposes a method.",
-        ("metrics/call_meter.py", "metrics/calls.py"),
+        ("metrics/calls/call_meter.py", "metrics/calls/call_score.py"),
         "table of peak memory, with the name of the method",
         "The proposed method is the kernel's high-water mark, which is reset before each call (metrics.md, Time and "
         "memory). On a target, the method is a painted stack and a count of the heap. An unknown value is empty, "
@@ -220,7 +220,7 @@ CLAUSES = (
         "3D position error",
         "The error is the vector of the estimated minus the actual displacement of the RB origin in DS, m. The mean is "
         "the norm of the mean vector. Sigma is the norm of the standard deviations of the axes.",
-        ("metrics/formulas.py", "metrics/trajectory_errors.py"),
+        ("metrics/formulas.py", "metrics/errors/trajectory_errors.py"),
         "row position error over a condition",
         "The literal interpretation is `displacement`: displacements in DS without a rotation. With `pose`, the "
         "estimated displacement is rotated by the attitude error at N before the comparison (4.1.2).",
@@ -231,7 +231,7 @@ CLAUSES = (
         "Attitude error",
         "The error is the unsigned angle of the shortest rotation between both attitudes, deg, with its mean and "
         "standard deviation.",
-        ("metrics/formulas.py", "metrics/trajectory_errors.py"),
+        ("metrics/formulas.py", "metrics/errors/trajectory_errors.py"),
         "row attitude error over a condition",
         "The change of attitude from N to N+x counts (4.1.1). `pose` and `displacement` give the same error, and "
         "`position` compares the attitudes directly. The angle is computed by atan2 from the vector part and the "
@@ -242,7 +242,7 @@ CLAUSES = (
         "4.2.3.3",
         "Heading error",
         "The heading is atan2 of the RB x-axis in DS. The error is signed, deg, and the figure is abs(mean) + 3 sigma.",
-        ("metrics/formulas.py", "metrics/trajectory_errors.py"),
+        ("metrics/formulas.py", "metrics/errors/trajectory_errors.py"),
         "row heading error over a condition",
         "`displacement` compares the changes of heading, `pose` the heading after re-basing, and `position` the "
         "heading itself. Differences are wrapped to (-180, 180] degrees.",
@@ -252,7 +252,7 @@ CLAUSES = (
         "4.3.1",
         "Timing performance, mapping",
         "As 4.2.1.",
-        ("metrics/call_meter.py", "metrics/calls.py", "runs/calls.py"),
+        ("metrics/calls/call_meter.py", "metrics/calls/call_score.py", "runs/calls.py"),
         "table of times per call: mapping_call; mapping and fusion are its stages",
         "The call takes up to three pairs and returns one cloud (1.3). Its time is the time for the set.",
         "one call per set of pairs",
@@ -262,7 +262,7 @@ CLAUSES = (
         "4.3.2",
         "RAM consumption, mapping",
         "As 4.2.2.",
-        ("metrics/call_meter.py", "metrics/calls.py"),
+        ("metrics/calls/call_meter.py", "metrics/calls/call_score.py"),
         "table of peak memory: mapping_call",
         "As for 4.3.1, the call takes the complete set of pairs.",
         "one call per set of pairs",
@@ -273,7 +273,7 @@ CLAUSES = (
         "4.3.4",
         "Error in the output point cloud",
         "For each point, the error is the norm of the difference of its estimated and its actual position, m.",
-        ("metrics/cloud_error.py",),
+        ("metrics/errors/cloud_error.py",),
         "row map: point error; error over the images, over range and in space",
         'The text requires an error "for each point". The nearest true point is therefore not used, because its '
         "distance is too small. The actual position is the truth of the pixel that the point names. Points whose pixel "

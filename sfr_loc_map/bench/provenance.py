@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from sfr_loc_map import __version__
-from sfr_loc_map.metrics.call_meter import METHOD
+from sfr_loc_map.metrics.calls.call_meter import METHOD
 
 SCHEMA = "sfr-bench/1"
 CLOCK = "host monotonic"

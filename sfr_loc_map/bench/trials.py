@@ -25,11 +25,11 @@ from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.errors.cloud_error import PairTruth, score_map
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.score.score import Score
 
 LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)
 """Limits of a method in a comparison; some dense matchers take minutes per pair."""

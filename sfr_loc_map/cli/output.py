@@ -117,7 +117,7 @@ def make_folder(path: Path, option: str) -> None:
 
 def show(content: object, place: str | None, tables: Iterable[Table]) -> None:
     """Write a record as JSON to the file of `--json` and print the tables; with `-`, print only the JSON."""
-    from sfr_loc_map.metrics.score_json import json_line
+    from sfr_loc_map.metrics.stored.score_json import json_line
     from sfr_loc_map.report.table_formats import print_tables
 
     if place == STANDARD_OUTPUT:

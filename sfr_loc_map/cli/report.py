@@ -18,7 +18,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 
 if TYPE_CHECKING:
-    from sfr_loc_map.metrics.score import Score
+    from sfr_loc_map.metrics.score.score import Score
 
 FORMATS = (*HTML_SUFFIXES, ".md", ".csv")
 SIGNED = "Test report of scores"
@@ -143,7 +143,7 @@ def report(
 def _read_scores(paths: list[Path]) -> list[Score]:
     """Return the scores of files, each judged by its limits; a score whose limits are unavailable has a caveat."""
     from sfr_loc_map.metrics.judging.several_scores import each_by_its_limits
-    from sfr_loc_map.metrics.score_json import load_score
+    from sfr_loc_map.metrics.stored.score_json import load_score
     from sfr_loc_map.scoring.provenance import limits_not_seen
 
     scores = []
@@ -158,7 +158,7 @@ def _read_scores(paths: list[Path]) -> list[Score]:
 
 def _write_score(score: Score, page: Path, json_path: str | None) -> None:
     """Write the page of one score, or its tables as Markdown or CSV, and its JSON if requested."""
-    from sfr_loc_map.metrics.score_json import to_dict
+    from sfr_loc_map.metrics.stored.score_json import to_dict
     from sfr_loc_map.report.page import render_page
     from sfr_loc_map.report.score_tables import score_markdown, score_tables
     from sfr_loc_map.report.table_formats import to_csv
@@ -217,7 +217,7 @@ def _write_control_document(scores: dict[str, Score], control: Path, report: tup
 
 def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, json_path: str | None) -> None:
     """Compare scores of the same data, of one method or of several, paired by sub-trajectory."""
-    from sfr_loc_map.metrics.comparison import compare_scores
+    from sfr_loc_map.metrics.stored.comparison import compare_scores
     from sfr_loc_map.report.comparison import FIRST_TABLES, comparison_tables, summary_of
     from sfr_loc_map.report.methods_page import methods_plots, methods_tables, names_of
     from sfr_loc_map.report.page import render_overview

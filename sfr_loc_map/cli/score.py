@@ -51,7 +51,7 @@ from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig, aligned_error_config
 
 if TYPE_CHECKING:
-    from sfr_loc_map.metrics.score import Score
+    from sfr_loc_map.metrics.score.score import Score
     from sfr_loc_map.scoring.inputs import Run, ScoreInputs
 
 
@@ -286,8 +286,8 @@ def _write_secondary(
 ) -> None:
     """Write the verdicts as JUnit XML and the tables of points and sub-trajectories, if requested."""
     from sfr_loc_map.io.tables.table_file import save_table
-    from sfr_loc_map.metrics.cloud_error import points_table
-    from sfr_loc_map.metrics.trajectory_score import sub_trajectory_table
+    from sfr_loc_map.metrics.errors.cloud_error import points_table
+    from sfr_loc_map.metrics.errors.trajectory_score import sub_trajectory_table
 
     if junit is not None:
         with secondary_output():
@@ -328,7 +328,7 @@ def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *
     The disagreement is the root sum of squares of the position error per distance travelled and the attitude error in
     radians, re-based at each start and averaged over sub-trajectories.
     """
-    from sfr_loc_map.metrics.convention_diagnosis import MIN_POSES
+    from sfr_loc_map.metrics.diagnosis.convention_diagnosis import MIN_POSES
     from sfr_loc_map.report.diagnosis_table import diagnosis_table
     from sfr_loc_map.scoring.conversion import diagnose_run
 

@@ -13,8 +13,8 @@ from sfr_loc_map.metrics.config import Condition, VerdictState
 
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.trajectory import Trajectory
-    from sfr_loc_map.metrics.records import MethodRecord
-    from sfr_loc_map.metrics.score import Score
+    from sfr_loc_map.metrics.score.score import Score
+    from sfr_loc_map.metrics.table.records import MethodRecord
     from sfr_loc_map.runs.calls import CallRecord
 
 
@@ -23,7 +23,7 @@ NO_LIMITS = "the score was not judged by limits"
 
 def present(score: Score, json_path: str | None, html: Path | None) -> None:
     """Write and print a score, its verdict and the first item to look at; raise ConfigError if the score is empty."""
-    from sfr_loc_map.metrics.score_json import to_dict
+    from sfr_loc_map.metrics.stored.score_json import to_dict
     from sfr_loc_map.report.page import write_page
     from sfr_loc_map.report.score_tables import summary_tables
     from sfr_loc_map.report.summary import banner_of, look_first, run_facts

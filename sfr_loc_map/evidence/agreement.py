@@ -22,10 +22,10 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.consistency import Span, normalised_square, relative_errors, without_overlap
-from sfr_loc_map.metrics.intervals import chi2_interval95
-from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.metrics.trajectory_errors import select
+from sfr_loc_map.metrics.errors.consistency import Span, normalised_square, relative_errors, without_overlap
+from sfr_loc_map.metrics.errors.trajectory_errors import select
+from sfr_loc_map.metrics.statistics.intervals import chi2_interval95
+from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 SIGNIFICANCE = 0.05  #: Probability of a false finding over all comparisons of a recording.
 MIN_SUB_TRAJECTORIES = 3  #: Minimum number of sub-trajectories that do not overlap.

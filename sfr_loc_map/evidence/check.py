@@ -29,7 +29,7 @@ from sfr_loc_map.evidence.variants import DriveRun, PairsInMemory, Variant, run_
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.table.rows import Figure
 
 MIN_PAIRS = 20
 COMPARED = (

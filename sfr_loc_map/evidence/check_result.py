@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
-from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.table.rows import Figure
 
 
 class CheckResult(StrEnum):

@@ -13,12 +13,12 @@ from sfr_loc_map.evidence.variants import DriveRun
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.association import Estimates, StampedPoses, associate
 from sfr_loc_map.metrics.config import AssociationConfig, Condition
-from sfr_loc_map.metrics.consistency import relative_errors
-from sfr_loc_map.metrics.intervals import student_quantile
-from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.metrics.trajectory_errors import select
+from sfr_loc_map.metrics.errors.consistency import relative_errors
+from sfr_loc_map.metrics.errors.trajectory_errors import select
+from sfr_loc_map.metrics.frames.association import Estimates, StampedPoses, associate
+from sfr_loc_map.metrics.statistics.intervals import student_quantile
+from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 
 def at_pairs_of(run: DriveRun, other: DriveRun) -> DriveRun:

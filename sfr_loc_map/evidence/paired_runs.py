@@ -15,9 +15,9 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import propagated_covariance
-from sfr_loc_map.metrics.association import StampedPoses, associate
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.consistency import Span, StepSums, relative_covariance, sums_of_steps
+from sfr_loc_map.metrics.errors.consistency import Span, StepSums, relative_covariance, sums_of_steps
+from sfr_loc_map.metrics.frames.association import StampedPoses, associate
 
 SPACING = 5  #: Number of frames between starts: half of the spacing of a score, for short recordings.
 

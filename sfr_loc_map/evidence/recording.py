@@ -19,10 +19,10 @@ from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP
-from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.metrics.table.rows import Figure
 
 SCHEMA = "sfr-check/1"
 DRIVE, MAPS = "drive", "maps"  #: Subjects of a check.

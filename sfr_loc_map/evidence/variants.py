@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose, TrackingStatistics
-from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.runs.call_stats import estimates_of, stats_of
 from sfr_loc_map.runs.offline import localise, trajectory_of
 

@@ -8,14 +8,14 @@ from typing import Any
 from msgspec.structs import replace
 
 from sfr_loc_map.io.truth.config import NO_LEVER, NO_TURN
-from sfr_loc_map.metrics.completeness import share_rows
+from sfr_loc_map.metrics.completeness.expected_items import share_rows
+from sfr_loc_map.metrics.completeness.shortfall_kinds import IN_GAPS, JUDGED
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.judging.judge import with_verdicts
-from sfr_loc_map.metrics.row_part import Scope
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import to_dict
-from sfr_loc_map.metrics.shortfall_kinds import IN_GAPS, JUDGED
-from sfr_loc_map.metrics.table import figure_row
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import to_dict
+from sfr_loc_map.metrics.table.row_part import Scope
+from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.report.limit_bars import limit_bars
 from sfr_loc_map.report.plotted_data import error_sizes
 from sfr_loc_map.report.score_tables import score_tables

@@ -24,8 +24,8 @@ from sfr_loc_map.live.run_end import Aborted, RunEnd
 from sfr_loc_map.live.shown_score import NO_SCORE_SHOWN, ShownScore
 from sfr_loc_map.live.timeline import EventKind, Timeline
 from sfr_loc_map.message_text import one_line
-from sfr_loc_map.metrics.score import SCHEMA
-from sfr_loc_map.metrics.score_json import from_json
+from sfr_loc_map.metrics.score.score import SCHEMA
+from sfr_loc_map.metrics.stored.score_json import from_json
 from sfr_loc_map.run_order import AnyOrder, CommonRuns
 from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
 

@@ -12,8 +12,8 @@ import numpy as np
 from sfr_loc_map.host_clock import CallClock
 from sfr_loc_map.memory_mark import peak_of, reset_peak
 from sfr_loc_map.methods.method_call import MethodFailureError
-from sfr_loc_map.metrics.call_meter import CallUsage
-from sfr_loc_map.metrics.records import FindingKind
+from sfr_loc_map.metrics.calls.call_meter import CallUsage
+from sfr_loc_map.metrics.table.records import FindingKind
 from sfr_loc_map.process_tree import ProcessTree, TreeUsage
 
 MB = 1_000_000

@@ -17,7 +17,7 @@ from sfr_loc_map.methods.child.loop import Answer, OrderedPair, Pose
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.metrics.records import FindingKind
+from sfr_loc_map.metrics.table.records import FindingKind
 
 COVARIANCE_TOLERANCE = 1e-6
 """Largest asymmetry and largest negative eigenvalue of a covariance, relative to its largest element."""

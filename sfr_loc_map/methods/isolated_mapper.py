@@ -25,7 +25,7 @@ from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.method_process import numbers_of
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.metrics.records import FindingKind
+from sfr_loc_map.metrics.table.records import FindingKind
 
 F = np.float32
 DISPARITY_SIGMA_PX = F(0.5)  #: Standard deviation assumed for disparities of matchers, which do not estimate it.

@@ -15,7 +15,7 @@ from sfr_loc_map.methods.child.loop import Answer, OrderedPair
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, NotStartedAgainError
 from sfr_loc_map.methods.method_process import MethodProcess
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.metrics.records import FindingKind, MethodRecord
+from sfr_loc_map.metrics.table.records import FindingKind, MethodRecord
 
 T = TypeVar("T")
 

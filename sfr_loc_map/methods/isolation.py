@@ -20,7 +20,7 @@ from pathlib import Path
 
 from sfr_loc_map.child_process import LIBRARY_PATH, child_environment, inherited_environment
 from sfr_loc_map.methods.registry import Method
-from sfr_loc_map.metrics.records import MethodKind
+from sfr_loc_map.metrics.table.records import MethodKind
 
 OWN_FILES = "SFR_METHOD_FILES"  #: Variable with additional readable paths, separated as in PATH.
 SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/snap", "/sys")

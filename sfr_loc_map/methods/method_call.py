@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.call_meter import CallUsage
-from sfr_loc_map.metrics.records import FindingKind
+from sfr_loc_map.metrics.calls.call_meter import CallUsage
+from sfr_loc_map.metrics.table.records import FindingKind
 
 
 class MethodFailureError(MethodError):

@@ -26,7 +26,7 @@ from sfr_loc_map.methods.child.loop import Answer, Camera, Hello, Order, Ordered
 from sfr_loc_map.methods.isolation import environment_of, rules_of
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.registry import ADAPTERS, CHILD, Method, MethodLimits
-from sfr_loc_map.metrics.records import FindingKind
+from sfr_loc_map.metrics.table.records import FindingKind
 from sfr_loc_map.process_tree import ProcessTree, bytes_of_files
 from sfr_loc_map.suite_names import Task
 

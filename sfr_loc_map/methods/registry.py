@@ -19,7 +19,7 @@ from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, MethodError
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import read_text
-from sfr_loc_map.metrics.records import MethodKind, MethodRecord
+from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
 from sfr_loc_map.suite_names import OURS, Task
 
 ADAPTERS = Path(__file__).parent / "adapters"

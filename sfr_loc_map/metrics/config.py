@@ -14,7 +14,7 @@ SPACING_FRAMES = 10  #: Frames from one start of a sub-trajectory to the next, a
 
 
 class AssociationMode(StrEnum):
-    """How estimates are associated with the truth; see `metrics.association`."""
+    """How estimates are associated with the truth; see `metrics.frames.association`."""
 
     AUTO = "auto"
     MATCH = "match"
@@ -197,7 +197,7 @@ def label_of(condition: str | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class AssociationConfig:
-    """Settings of the association of estimates with the truth; see `metrics.association`."""
+    """Settings of the association of estimates with the truth; see `metrics.frames.association`."""
 
     truth: str = param(
         "auto",
@@ -236,7 +236,7 @@ class TrajectoryScoreConfig:
 
 @dataclass(frozen=True, slots=True)
 class AlignedErrorConfig:
-    """Settings of APE and RPE, which the specification does not define; see `metrics.aligned_error`."""
+    """Settings of APE and RPE, which the specification does not define; see `metrics.frames.aligned_error`."""
 
     align: str = param(
         "se3",

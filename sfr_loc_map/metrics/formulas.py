@@ -6,8 +6,8 @@ origin in DS, in metres. Quaternions `(F, 4)` are scalar last [3.1.1], have unit
 DS (the conjugate of `att_q_DsToRb` [3.1.2]).
 
 The statistics at the end of the module are the columns of the table of figures. The function
-`metrics.trajectory_errors.select` selects the valid sub-trajectories and combines several conditions. The formulas of
-figures that the specification does not define are in `metrics.formulas_beside`.
+`metrics.errors.trajectory_errors.select` selects the valid sub-trajectories and combines several conditions. The
+formulas of figures that the specification does not define are in `metrics.formulas_beside`.
 
 test/helpers/metrics_reference.py implements the same formulas with loops and SciPy's rotations, and shares no code
 with this module.
@@ -149,7 +149,7 @@ def standard_deviation(errors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.sum(squares, axis=0) / (len(errors) - 1)))
 
 
-# ---- 4.2.1 and 4.2.2, time and memory of a localisation call: `metrics.call_meter` and `metrics.calls`
+# ---- 4.2.1 and 4.2.2, time and memory of a localisation call: the modules of `metrics.calls`
 
 
 # ---- 4.2.3.1 3D position error
@@ -207,7 +207,7 @@ def heading_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
     return np.asarray(error - 360.0 * np.ceil((error - 180.0) / 360.0))
 
 
-# ---- 4.3.1 and 4.3.2, time and memory of a mapping call: `metrics.call_meter` and `metrics.calls`; 4.3.3 is a title
+# ---- 4.3.1 and 4.3.2, time and memory of a mapping call: the modules of `metrics.calls`; 4.3.3 is a title
 
 
 # ---- 4.3.4 Error in the output point cloud

@@ -27,7 +27,7 @@ from sfr_loc_map.mapping.maps import FusedMap, MappedPair
 from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.metrics.call_meter import CallUsage
+from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.input.pose_matching import PoseMatching
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair

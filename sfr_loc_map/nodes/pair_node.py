@@ -15,7 +15,7 @@ from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.metrics.call_meter import CallMeter
+from sfr_loc_map.metrics.calls.call_meter import CallMeter
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
 from sfr_loc_map.nodes.input.waiting import Input, missing_input
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode

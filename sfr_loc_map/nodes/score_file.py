@@ -9,7 +9,7 @@ from sfr_loc_map.atomic import check_output, output_target, write_text
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.json_yaml import parse_json
-from sfr_loc_map.metrics.score import SCHEMA
+from sfr_loc_map.metrics.score.score import SCHEMA
 
 
 class ScoreFile:

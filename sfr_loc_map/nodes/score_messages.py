@@ -5,9 +5,9 @@ from __future__ import annotations
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.catalogue import KINDS
 from sfr_loc_map.nodes.lifecycle.diagnostics import Value, status_msg
 
 VERDICT_LEVELS = {

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float64, String
 
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.score_messages import figure_topics, score_statuses
 from sfr_loc_map.ros.messages import header_msg

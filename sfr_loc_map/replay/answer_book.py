@@ -8,7 +8,7 @@ import numpy as np
 from msgspec.structs import asdict, replace
 
 from sfr_loc_map.metrics.formulas import Statistics, statistics
-from sfr_loc_map.metrics.records import AnswerCounts, FindingKind, FindingRecord
+from sfr_loc_map.metrics.table.records import AnswerCounts, FindingKind, FindingRecord
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
 
 MAX_IN_A_ROW = 10

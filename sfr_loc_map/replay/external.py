@@ -27,15 +27,15 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.message_stamps import stamp_of
-from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
-from sfr_loc_map.metrics.pose_convention import (
+from sfr_loc_map.metrics.diagnosis.pose_convention import (
     FIRST_POSE,
     PoseConvention,
     aligned_estimates,
     converted_estimates,
     world_at_first_pose,
 )
-from sfr_loc_map.metrics.records import ConventionRecord, ExternalScore, MethodKind, MethodRecord
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates, symmetric
+from sfr_loc_map.metrics.table.records import ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.nodes.launch.processes import ChildProcess
 from sfr_loc_map.replay.answer_book import AnswerBook
 from sfr_loc_map.replay.options import ExternalOptions

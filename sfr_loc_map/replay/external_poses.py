@@ -9,10 +9,10 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.io.sequence import LocSequence, Source
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.association import Estimates, symmetric
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.pose_convention import converted_estimates
-from sfr_loc_map.metrics.records import ConventionRecord
+from sfr_loc_map.metrics.diagnosis.pose_convention import converted_estimates
+from sfr_loc_map.metrics.frames.association import Estimates, symmetric
+from sfr_loc_map.metrics.table.records import ConventionRecord
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.runs.call_stats import estimates_of, stats_of
 from sfr_loc_map.runs.calls import CallRecord

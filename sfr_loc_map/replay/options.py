@@ -17,8 +17,8 @@ from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.pose_convention import PoseConvention
+from sfr_loc_map.metrics.diagnosis.pose_convention import PoseConvention
+from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.runs.offline import start_pose
 from sfr_loc_map.scoring.inputs import Correction
 from sfr_loc_map.suite_names import Task

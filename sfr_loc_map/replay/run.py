@@ -9,7 +9,7 @@ from sfr_loc_map.config import changed
 from sfr_loc_map.errors import NodeError, SfrError, naming
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.methods.registry import record_of_ours
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.replay.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.options import ReplayOptions

@@ -13,10 +13,10 @@ from sfr_loc_map.hashes import hash_arrays
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.methods.registry import record_of_ours
-from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.errors.cloud_error import truths_of
+from sfr_loc_map.metrics.score.limits import Limits
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.replay.files import ReplayFiles
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.runs.call_stats import stats_of

@@ -20,11 +20,11 @@ from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.live_process import shown_on
-from sfr_loc_map.metrics.calls import STATE_KINDS
-from sfr_loc_map.metrics.catalogue import Subject
+from sfr_loc_map.metrics.calls.call_score import STATE_KINDS
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import decoded
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import decoded
+from sfr_loc_map.metrics.table.catalogue import Subject
 from sfr_loc_map.nodes.launch.processes import ChildProcess, Supervisor, user_command
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.external import external_node

@@ -12,7 +12,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.mapping.multiview.pose_agreement import MAX_GREY_RATIO, MAX_RANGE_RATIO
 from sfr_loc_map.mapping.multiview.projection import SHIFT_PX
 from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.tables import ABSENT, METRE, NONE, PERCENT, Cell, Column, Table, Unit, fitting
 
 PLACES = "revisited places"  #: Label of a comparison without a condition.

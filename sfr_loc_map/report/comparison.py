@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-from sfr_loc_map.metrics.catalogue import title_of
-from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison
 from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.stored.comparison import SIGNIFICANT, Comparison
+from sfr_loc_map.metrics.table.catalogue import title_of
 from sfr_loc_map.report.tables import ABSENT, NONE, Cell, Column, Row, Table, Unit, fitting
 from sfr_loc_map.report.verdict_view import limited_name, unit_of_numbers
 

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict, is_closed
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 

@@ -2,7 +2,7 @@
 
 The sentences about a score are classified as follows:
 
-- caveats (`metrics.caveats.caveats_of`) restrict the meaning of the figures and are warnings of the score as well;
+- caveats (`metrics.score.caveats.caveats_of`) restrict the meaning of the figures and are also warnings of the score;
 - deviations are the caveats and the sentences of this module;
 - anomalies of the test report are the contradiction, the findings, and the warnings that are not caveats.
 
@@ -14,16 +14,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.calls import STATED_CLOCK
-from sfr_loc_map.metrics.catalogue import STANDING, TOTAL, Subject
-from sfr_loc_map.metrics.caveats import caveats_of
+from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
+from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Reading, label_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
-from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
-from sfr_loc_map.metrics.row_part import MOVING, SUB_TRAJECTORIES, RowPart
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
-from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.metrics.score.caveats import caveats_of
+from sfr_loc_map.metrics.score.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.score.verdict import Verdict
+from sfr_loc_map.metrics.table.catalogue import STANDING, TOTAL, Subject
+from sfr_loc_map.metrics.table.row_part import MOVING, SUB_TRAJECTORIES, RowPart
 from sfr_loc_map.report.tables import METRE, fitting, number
 from sfr_loc_map.report.verdict_view import VerdictView
 

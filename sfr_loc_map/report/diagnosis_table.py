@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sfr_loc_map.metrics.convention_diagnosis import Diagnosis
+from sfr_loc_map.metrics.diagnosis.convention_diagnosis import Diagnosis
 from sfr_loc_map.report.tables import Cell, Column, Table
 
 MAX_HYPOTHESES = 5  #: Number of shown mismatches, those with the smallest remaining disagreement.

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 
 NO_CLAUSE = "no_clause"  #: Class of a test case whose figure the document does not define.

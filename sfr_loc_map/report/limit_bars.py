@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from sfr_loc_map.metrics.config import VerdictState, label_of
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.verdict_view import VerdictView, share_of_limit, verdict_views
 
 

@@ -8,10 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from sfr_loc_map.metrics.catalogue import KINDS, OF_CALLS, TOTAL, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.config import CallKind, label_of
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.catalogue import KINDS, OF_CALLS, TOTAL, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report import plots
 from sfr_loc_map.report.comparison import optional_cell
 from sfr_loc_map.report.plotted_data import errors_by_range, path_errors, path_of

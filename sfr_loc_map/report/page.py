@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from sfr_loc_map import __version__
 from sfr_loc_map.atomic import write_text
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.glossary import glossary
 from sfr_loc_map.report.plots import PALETTES, TEMPLATE, Plot
 from sfr_loc_map.report.plotted_data import path_of

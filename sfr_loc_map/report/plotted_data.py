@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.details import MapDetails, PathRows, SubTrajectoryRows
-from sfr_loc_map.metrics.row_part import range_of
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.details import MapDetails, PathRows, SubTrajectoryRows
+from sfr_loc_map.metrics.table.row_part import range_of
+from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.verdict_view import limited_statistic_title
 
 Errors = list[float | None]

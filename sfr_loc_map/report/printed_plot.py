@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.plots import error_scale, largest
 from sfr_loc_map.report.plotted_data import PlottedLimit, error_sizes, limits_on, map_of, plotted_conditions
 from sfr_loc_map.report.tables import number

@@ -10,12 +10,12 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from sfr_loc_map.metrics.catalogue import Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, label_of
-from sfr_loc_map.metrics.details import ErrorImage, PathRows, PointRows, SubTrajectoryRows, Triangulation
-from sfr_loc_map.metrics.row_part import DIRECTIONS, distance_of
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.catalogue import Subject, statistic_title
+from sfr_loc_map.metrics.table.details import ErrorImage, PathRows, PointRows, SubTrajectoryRows, Triangulation
+from sfr_loc_map.metrics.table.row_part import DIRECTIONS, distance_of
+from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.notes import HOST
 from sfr_loc_map.report.plots import (
     COLORS,

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 
 from sfr_loc_map.config import flatten
 from sfr_loc_map.message_text import printable
-from sfr_loc_map.metrics.catalogue import Subject
-from sfr_loc_map.metrics.caveats import caveats_of
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState, label_of
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.metrics.verdict import counts_of
+from sfr_loc_map.metrics.score.caveats import caveats_of
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.score.verdict import counts_of
+from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.metrics.table.catalogue import Subject
 from sfr_loc_map.report.notes import EXACT, truth_text
 from sfr_loc_map.report.plotted_data import error_sizes, plotted_conditions
 from sfr_loc_map.report.tables import METRE, OPEN, UNKNOWN, VERDICTS, fitting, number

@@ -12,7 +12,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from sfr_loc_map.message_text import printable
-from sfr_loc_map.metrics.intervals import Interval
+from sfr_loc_map.metrics.statistics.intervals import Interval
 
 UNKNOWN, NOT_ENOUGH, ABSENT = "unknown", "not enough data", "-"
 """Texts of an unknown fact, an undefined figure, and a figure that does not apply."""

@@ -14,12 +14,12 @@ from typing import NamedTuple
 import msgspec
 
 from sfr_loc_map.message_text import printable
-from sfr_loc_map.metrics.catalogue import CLAUSES, OF_SUB_TRAJECTORIES, STANDARD_DEVIATION
-from sfr_loc_map.metrics.caveats import caveats_of
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
-from sfr_loc_map.metrics.records import TargetRecord
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.caveats import caveats_of
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.catalogue import CLAUSES, OF_SUB_TRAJECTORIES, STANDARD_DEVIATION
+from sfr_loc_map.metrics.table.records import TargetRecord
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.notes import NO_INTERVAL
 from sfr_loc_map.report.page import from_template

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
-from sfr_loc_map.metrics.intervals import Interval
+from sfr_loc_map.metrics.statistics.intervals import Interval
 from sfr_loc_map.report.tables import ABSENT, NONE, Cell, Column, Table, Unit
 
 Row = TypeVar("Row")

@@ -27,12 +27,12 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_table_text, refusing
 from sfr_loc_map.io.tables.stamps import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.association import UPPER
-from sfr_loc_map.metrics.call_meter import METHOD
-from sfr_loc_map.metrics.calls import Calls, stage_of
+from sfr_loc_map.metrics.calls.call_meter import METHOD
+from sfr_loc_map.metrics.calls.call_score import Calls, stage_of
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.consistency import WITHOUT_NOISE
-from sfr_loc_map.metrics.records import MethodKind, MethodRecord
+from sfr_loc_map.metrics.errors.consistency import WITHOUT_NOISE
+from sfr_loc_map.metrics.frames.association import UPPER
+from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
 from sfr_loc_map.runs.call_stats import USAGE_NAMES, CallStats, known_or_none, known_times, positions_of, processes_of
 from sfr_loc_map.runs.calls import CallRecord, findings_of
 

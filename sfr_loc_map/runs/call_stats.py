@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
-from sfr_loc_map.metrics.call_meter import METHOD
-from sfr_loc_map.metrics.calls import Calls, concatenated, stacked, stage_of
-from sfr_loc_map.metrics.consistency import STEP_SIZE
-from sfr_loc_map.metrics.records import FindingRecord, MethodRecord, ProcessUsage
+from sfr_loc_map.metrics.calls.call_meter import METHOD
+from sfr_loc_map.metrics.calls.call_score import Calls, concatenated, stacked, stage_of
+from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates, lost_by_covariance
+from sfr_loc_map.metrics.table.records import FindingRecord, MethodRecord, ProcessUsage
 from sfr_loc_map.runs.calls import CallRecord, findings_of, first_reported
 from sfr_loc_map.suite_names import Task
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, refusing
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.metrics.call_meter import CallUsage
+from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.consistency import STEP_SIZE
-from sfr_loc_map.metrics.records import FindingKind, FindingRecord
+from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
+from sfr_loc_map.metrics.table.records import FindingKind, FindingRecord
 from sfr_loc_map.suite_names import Task
 
 if TYPE_CHECKING:

@@ -40,9 +40,9 @@ from sfr_loc_map.methods.config_truth import check_configuration
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.registry import Method, MethodLimits, record_of_ours
-from sfr_loc_map.metrics.call_meter import CallMeter
+from sfr_loc_map.metrics.calls.call_meter import CallMeter
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.records import MethodRecord
+from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.runs.calls import CallRecord, call_of_estimate, call_of_fusion, call_of_stages
 from sfr_loc_map.runs.track_video import FrameObserver
 from sfr_loc_map.signals import stopping

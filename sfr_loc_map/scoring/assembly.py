@@ -7,17 +7,17 @@ from dataclasses import replace
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND
-from sfr_loc_map.metrics.caveats import reading_caveats
 from sfr_loc_map.metrics.config import Condition, ScoreConfig
-from sfr_loc_map.metrics.details import CallPlots, Details, MapDetails, TrajectoryDetails
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limit_scope import limits_of
-from sfr_loc_map.metrics.limits import Limits, Rules
-from sfr_loc_map.metrics.records import ConventionRecord, MethodKind, MethodRecord, Provenance
-from sfr_loc_map.metrics.results import CallsResult, MapResult, TrajectoryResult
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.caveats import reading_caveats
+from sfr_loc_map.metrics.score.limits import Limits, Rules
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND
+from sfr_loc_map.metrics.table.details import CallPlots, Details, MapDetails, TrajectoryDetails
+from sfr_loc_map.metrics.table.records import ConventionRecord, MethodKind, MethodRecord, Provenance
+from sfr_loc_map.metrics.table.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.scoring.inputs import Run
 
 OUTSIDE_SHARE, OUTSIDE_S = 0.5, 0.2

@@ -8,7 +8,7 @@ from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_odometry
 from sfr_loc_map.message_types import ODOMETRY, STRING, TF
-from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates
 from sfr_loc_map.runs.call_stats import estimates_of, stats_of
 from sfr_loc_map.runs.calls import CallRecord, decode_call
 from sfr_loc_map.suite_names import Task

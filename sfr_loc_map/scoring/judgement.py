@@ -10,7 +10,7 @@ from sfr_loc_map.config import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.judging.limits_file import load_limits
-from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.score.limits import Limits
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,11 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limit_scope import task_of
-from sfr_loc_map.metrics.limits import Limits, LimitSection
-from sfr_loc_map.metrics.results import MapResult
-from sfr_loc_map.metrics.row_part import Scope
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.table import figure_row
+from sfr_loc_map.metrics.score.limits import Limits, LimitSection
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.results import MapResult
+from sfr_loc_map.metrics.table.row_part import Scope
+from sfr_loc_map.metrics.table.rows import figure_row
 
 OF_CLOUD = (LimitSection.MAP, LimitSection.COMPLETENESS)  #: Sections with the limits on a single map.
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.calls import STATED_CLOCK, concatenated, has_memory
-from sfr_loc_map.metrics.completeness import live_completeness
+from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, concatenated, has_memory
+from sfr_loc_map.metrics.completeness.drive import settled
+from sfr_loc_map.metrics.completeness.expected_items import live_completeness
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.drive_completeness import settled
-from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.records import CallRecords, Provenance
-from sfr_loc_map.metrics.results import CallsResult, MapResult
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.limits import Limits
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.records import CallRecords, Provenance
+from sfr_loc_map.metrics.table.results import CallsResult, MapResult
 from sfr_loc_map.scoring.assembly import all_kept, score_of_parts, with_conditions
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import Run

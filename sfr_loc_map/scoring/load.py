@@ -26,9 +26,9 @@ from sfr_loc_map.io.tables.trajectory_file import ESTIMATE_OPTION, TRUTH_OPTION,
 from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.read import truth_of_path
 from sfr_loc_map.io.truth.recorded import RecordedTruth
-from sfr_loc_map.metrics.association import UPPER, Estimates
-from sfr_loc_map.metrics.cloud_error import PairTruth, truths_of
-from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TargetRecord
+from sfr_loc_map.metrics.errors.cloud_error import PairTruth, truths_of
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates
+from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TargetRecord
 from sfr_loc_map.runs.call_files import load_call_stats
 from sfr_loc_map.runs.call_stats import CallStats, estimates_of, united
 from sfr_loc_map.scoring.inputs import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs

@@ -26,15 +26,15 @@ from sfr_loc_map.io.truth.config import RB_ITSELF, TrackedBodyConfig
 from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates
-from sfr_loc_map.metrics.call_meter import METHOD
-from sfr_loc_map.metrics.calls import Calls, stage_of
-from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
-from sfr_loc_map.metrics.completeness import with_unmapped_pairs
+from sfr_loc_map.metrics.calls.call_meter import METHOD
+from sfr_loc_map.metrics.calls.call_score import Calls, stage_of
+from sfr_loc_map.metrics.completeness.expected_items import with_unmapped_pairs
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
-from sfr_loc_map.metrics.consistency import STEP_SIZE
-from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.errors.cloud_error import PairTruth, score_map
+from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
+from sfr_loc_map.metrics.frames.association import COVARIANCE_SIZE, UPPER, Estimates
+from sfr_loc_map.metrics.score.limits import Limits
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.runs.call_stats import CallStats, estimates_of
 from sfr_loc_map.runs.calls import CallRecord, is_covariance_reported
 from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch

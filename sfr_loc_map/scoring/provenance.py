@@ -20,8 +20,8 @@ from sfr_loc_map.hashes import hash_arrays, hash_path
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits
-from sfr_loc_map.metrics.records import InputFile, Provenance
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.records import InputFile, Provenance
 from sfr_loc_map.package_commit import package_commit
 from sfr_loc_map.scoring.inputs import IN_MEMORY, Run
 

@@ -1,7 +1,7 @@
 """The parts of a score from the trajectory, the map and the calls of a run, for files and live runs.
 
-`metrics.results` defines the result of each part. The functions take values and are independent of the source of the
-run. `score_run` (a finished run) and `live_score.score_so_far` (a run in progress) compute the parts, and
+`metrics.table.results` defines the result of each part. The functions take values and are independent of the source of
+the run. `score_run` (a finished run) and `live_score.score_so_far` (a run in progress) compute the parts, and
 `assembly.score_of_parts` combines them.
 """
 
@@ -15,8 +15,7 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.metrics.aligned_error import aligned_errors
-from sfr_loc_map.metrics.calls import (
+from sfr_loc_map.metrics.calls.call_score import (
     KINDS_OF,
     completeness_of_answers,
     completeness_rows,
@@ -25,17 +24,18 @@ from sfr_loc_map.metrics.calls import (
     score_target,
     with_external,
 )
-from sfr_loc_map.metrics.caveats import truth_caveats
-from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
-from sfr_loc_map.metrics.completeness import expected_row, share_rows
+from sfr_loc_map.metrics.completeness.drive import SPARSER
+from sfr_loc_map.metrics.completeness.expected_items import expected_row, share_rows
+from sfr_loc_map.metrics.completeness.shortfall_kinds import IN_GAPS
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.drive_completeness import SPARSER
-from sfr_loc_map.metrics.records import Association, TargetRun
-from sfr_loc_map.metrics.results import CallsResult, MapResult, TrajectoryResult
-from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
-from sfr_loc_map.metrics.shortfall_kinds import IN_GAPS
-from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.errors.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.frames.aligned_error import aligned_errors
+from sfr_loc_map.metrics.score.caveats import truth_caveats
+from sfr_loc_map.metrics.table.records import Association, TargetRun
+from sfr_loc_map.metrics.table.results import CallsResult, MapResult, TrajectoryResult
+from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
+from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.runs.call_stats import CallStats
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run

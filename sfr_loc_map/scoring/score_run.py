@@ -9,9 +9,9 @@ import numpy as np
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.hashes import hash_arrays
 from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig
-from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.truth_error import as_truth
+from sfr_loc_map.metrics.frames.truth_error import as_truth
+from sfr_loc_map.metrics.score.limits import Limits
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.scoring.assembly import all_kept, score_of_parts, with_conditions
 from sfr_loc_map.scoring.conversion import convention_mismatch, fitted_unit
 from sfr_loc_map.scoring.inputs import Run, ScoreInputs

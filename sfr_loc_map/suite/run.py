@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import InterruptedRunError
 from sfr_loc_map.message_text import one_line
-from sfr_loc_map.metrics.score_json import json_line
+from sfr_loc_map.metrics.stored.score_json import json_line
 from sfr_loc_map.signals import hold
 from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
 from sfr_loc_map.suite.running.job import Job

@@ -25,9 +25,9 @@ from sfr_loc_map.io.source_config import source_config
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method, find_method
-from sfr_loc_map.metrics.call_meter import CallUsage
+from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.records import MethodKind
+from sfr_loc_map.metrics.table.records import MethodKind
 from sfr_loc_map.runs.offline import start_pose, true_start
 from sfr_loc_map.suite_names import Task
 

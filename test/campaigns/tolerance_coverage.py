@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.tolerance import BoundMethod, Sample, tolerance_bound
+from sfr_loc_map.metrics.statistics.tolerance import BoundMethod, Sample, tolerance_bound
 
 OVERLAP = 5  #: Number of steps of a window of the normal errors; neighbouring windows share all steps but one.
 REFERENCE = 2_000_000  #: Number of errors for the numerical quantile.

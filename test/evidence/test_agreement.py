@@ -18,9 +18,9 @@ from sfr_loc_map.evidence.variants import DriveRun
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingStatistics
-from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.consistency import STEP_SIZE
+from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates
 from sfr_loc_map.report.check_tables import calibration_table
 
 STAMPS = 1_000_000_000 + np.arange(400) * 100_000_000

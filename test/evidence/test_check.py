@@ -23,8 +23,8 @@ from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.table import figure_row
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.report.check_tables import agreement_table, calibration_table, items_with
 from sfr_loc_map.runs.offline import trajectory_of
 

@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.check_tables import overlap_table
 
 

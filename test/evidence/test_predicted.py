@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from sfr_loc_map.evidence.predicted import ErrorSource, predicted_rows
 from sfr_loc_map.evidence.variants import DriveRun
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.consistency import STEP_SIZE, relative_covariance, sums_of_steps
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.errors.consistency import STEP_SIZE, relative_covariance, sums_of_steps
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.check_tables import predicted_table
 
 COUNT, STEP_M, OVER = 60, 0.1, 20
@@ -49,7 +49,7 @@ def test_each_source_has_its_part_in_closed_form_and_the_parts_add_up() -> None:
 
 
 def test_the_sum_is_the_covariance_of_the_sub_trajectories() -> None:
-    """Any steps along any path: the sum is that of `metrics.consistency`, which the NEES of a score uses."""
+    """Any steps along any path: the sum is that of `metrics.errors.consistency`, which the NEES of a score uses."""
     rng = np.random.default_rng(4)
     poses = Trajectory(
         np.arange(1, COUNT + 1) * 100_000_000,

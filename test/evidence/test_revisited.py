@@ -20,10 +20,10 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.consistency import STEP_SIZE
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.check_tables import agreement_table, closure_table
 
 STEPS = 60  #: Steps around a made circle.

@@ -29,8 +29,8 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore

@@ -11,17 +11,17 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.calls import Calls, score_calls
-from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
+from sfr_loc_map.metrics.calls.call_score import Calls, score_calls
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.details import Details
+from sfr_loc_map.metrics.errors.cloud_error import PairTruth, score_map
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.judge import judged_by, with_verdicts
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.records import InputFile, Provenance
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import to_dict
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import to_dict
+from sfr_loc_map.metrics.table.details import Details
+from sfr_loc_map.metrics.table.records import InputFile, Provenance
 
 START_NS = 1_700_000_000_123_456_789
 LIMITS = {

@@ -10,7 +10,7 @@ from typing import Any
 from distributed import WorkerPlugin
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.suite.running import job_run
 from sfr_loc_map.suite.running.job import Job
 

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.details import Details
-from sfr_loc_map.metrics.results import TrajectoryResult
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.details import Details
+from sfr_loc_map.metrics.table.results import TrajectoryResult
 
 Poses = tuple[Any, Any, Any]
 

@@ -24,7 +24,7 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.metrics.stored.score_json import to_json
 
 pytestmark = [
     pytest.mark.slow,

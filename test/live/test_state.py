@@ -17,8 +17,8 @@ from sfr_loc_map.live.updates import Call, GraphNodes, ImageStamp, PoseSample, P
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.metrics.config import Condition, ConditionKind, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.judge import judged_by
-from sfr_loc_map.metrics.score_json import from_dict, to_json
-from sfr_loc_map.metrics.stored import stored_contradiction
+from sfr_loc_map.metrics.stored.contradiction import stored_contradiction
+from sfr_loc_map.metrics.stored.score_json import from_dict, to_json
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.runs.calls import CallRecord
 

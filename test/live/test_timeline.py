@@ -11,7 +11,7 @@ from sfr_loc_map.live.updates import GraphNodes, PoseSample, PublishedScore
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.metrics.stored.score_json import to_json
 
 
 def drive(

@@ -9,7 +9,7 @@ import pytest
 
 from sfr_loc_map.methods.isolation import PACKAGE, rules_of
 from sfr_loc_map.methods.registry import Method
-from sfr_loc_map.metrics.records import MethodKind
+from sfr_loc_map.metrics.table.records import MethodKind
 from sfr_loc_map.suite_names import Task
 
 

@@ -13,8 +13,8 @@ from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.method_process import MethodProcess
 from sfr_loc_map.methods.registry import MethodLimits, find_method
-from sfr_loc_map.metrics.call_meter import CallUsage
-from sfr_loc_map.metrics.records import FindingKind
+from sfr_loc_map.metrics.calls.call_meter import CallUsage
+from sfr_loc_map.metrics.table.records import FindingKind
 from sfr_loc_map.suite_names import Task
 
 CLASSES = """

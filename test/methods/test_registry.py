@@ -16,7 +16,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.registry import find_method
-from sfr_loc_map.metrics.records import MethodKind, MethodRecord
+from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
 from sfr_loc_map.suite_names import Task
 
 

@@ -13,9 +13,9 @@ from helpers.trajectory_pairs import PAIRS, TENTHS
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.aligned_error import aligned_errors, umeyama
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.frames.aligned_error import aligned_errors, umeyama
+from sfr_loc_map.metrics.score.score import Score
 
 ALIGNMENTS = ("none", "origin", "se3", "sim3")
 STATISTICS = {"rmse": "rmse", "mean": "mean", "median": "p50", "max": "max"}

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import Frames, associate, rows_of_images, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
-from sfr_loc_map.metrics.records import Association
+from sfr_loc_map.metrics.frames.association import Frames, associate, rows_of_images, unique_rows
+from sfr_loc_map.metrics.table.records import Association
 
 STAMPS = st.lists(st.integers(0, 60), max_size=25, unique=True).map(lambda s: np.array(sorted(s), np.int64))
 

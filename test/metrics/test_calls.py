@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sfr_loc_map.metrics import call_meter
-from sfr_loc_map.metrics.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE, CallMeter
-from sfr_loc_map.metrics.calls import (
+from sfr_loc_map.metrics.calls import call_meter
+from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE, CallMeter
+from sfr_loc_map.metrics.calls.call_score import (
     AFTER_FIRST,
     FIRST,
     Calls,
@@ -18,12 +18,12 @@ from sfr_loc_map.metrics.calls import (
     stage_of,
     with_external,
 )
-from sfr_loc_map.metrics.completeness import calls_completeness
+from sfr_loc_map.metrics.completeness.expected_items import calls_completeness
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import Statistics
-from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore
-from sfr_loc_map.metrics.row_part import RowPart, Scope
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.records import AnswerCounts, ExternalScore
+from sfr_loc_map.metrics.table.row_part import RowPart, Scope
 from sfr_loc_map.suite_names import Task
 
 SIZE = 200 * 1024 * 1024

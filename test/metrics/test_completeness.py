@@ -11,18 +11,18 @@ from msgspec.structs import replace
 from helpers.random_drives import as_score
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import Estimates, associate
-from sfr_loc_map.metrics.completeness import calls_completeness, live_completeness, map_completeness
+from sfr_loc_map.metrics.completeness.copies import spline_positions
+from sfr_loc_map.metrics.completeness.drive import settled, single_run_stamps, true_path
+from sfr_loc_map.metrics.completeness.expected_items import calls_completeness, live_completeness, map_completeness
 from sfr_loc_map.metrics.config import AssociationConfig, CallKind, TrajectoryScoreConfig
-from sfr_loc_map.metrics.copies import spline_positions
-from sfr_loc_map.metrics.drive_completeness import settled, single_run_stamps, true_path
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.frames.association import Estimates, associate
+from sfr_loc_map.metrics.frames.truth_error import interpolation_errors
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.row_part import Scope
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.table import Figure
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
-from sfr_loc_map.metrics.truth_error import interpolation_errors
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.row_part import Scope
+from sfr_loc_map.metrics.table.rows import Figure
 
 SECOND = 1_000_000_000
 COUNT = 401

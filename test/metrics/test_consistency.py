@@ -11,11 +11,11 @@ from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import propagated_covariance, propagation
-from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.consistency import relative_covariance, sums_of_steps
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.errors.consistency import relative_covariance, sums_of_steps
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates
+from sfr_loc_map.metrics.score.score import Score
 
 STEP = np.array([0.1, 0.0, 0.0])
 SIGMAS = np.array([2e-3, 1e-3, 1e-3, 1e-3, 1e-3, 2e-3])

@@ -12,10 +12,10 @@ from helpers.honest_drives import honest_drive
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.metrics.association import UPPER, Estimates, associate
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.convention_diagnosis import diagnose, disagreement
-from sfr_loc_map.metrics.pose_convention import PoseConvention, converted_estimates
+from sfr_loc_map.metrics.diagnosis.convention_diagnosis import diagnose, disagreement
+from sfr_loc_map.metrics.diagnosis.pose_convention import PoseConvention, converted_estimates
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates, associate
 
 TILTED = Rotation.from_euler("y", 20, degrees=True).as_matrix()
 CAMERA = Transform(TILTED @ OPTICAL_IN_BODY, np.array([0.45, 0.12, 0.30]))

@@ -9,9 +9,9 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import Reading
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.row_part import POOLED
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.table import figure_row
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.row_part import POOLED
+from sfr_loc_map.metrics.table.rows import figure_row
 
 LIMITS = {
     "trajectory": [{"condition": "distance=5", "position_p95_m": 1.0, "attitude_mean_plus_3sigma_deg": 1.0}],

@@ -10,24 +10,24 @@ from helpers.random_drives import drive, score_of, trajectory
 from helpers.score_rows import complete
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.trajectory import Truth
-from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.calls import Calls, score_target
+from sfr_loc_map.metrics.calls.call_score import Calls, score_target
+from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS, ShortfallKind
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.details import Details
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.formulas import QUANTILES
+from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, statistic_of
 from sfr_loc_map.metrics.judging.judge import judged_by, overall_verdict
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
-from sfr_loc_map.metrics.limits import BOUND, LIMITED_NUMBERS, Limits, LimitSection, Rules
-from sfr_loc_map.metrics.raw_values import raw_contradiction
-from sfr_loc_map.metrics.records import AnswerCounts, Association, ExternalScore, FindingKind, FindingRecord
-from sfr_loc_map.metrics.row_part import RowPart
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import from_dict, from_json, to_dict, to_json
-from sfr_loc_map.metrics.shortfall_kinds import JUDGED, SHORTFALLS, ShortfallKind
-from sfr_loc_map.metrics.table import figure_row
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limits, LimitSection, Rules
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.raw_values import raw_contradiction
+from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, to_dict, to_json
+from sfr_loc_map.metrics.table.details import Details
+from sfr_loc_map.metrics.table.records import AnswerCounts, Association, ExternalScore, FindingKind, FindingRecord
+from sfr_loc_map.metrics.table.row_part import RowPart
+from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.report.verdict_view import unit_of
 
 LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5}]}
@@ -197,7 +197,7 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
     truth = Truth(true.stamps_ns, true.positions, true.quats_xyzw, has_height=False)
     found = []
     for most in (100_000, 100):
-        monkeypatch.setattr("sfr_loc_map.metrics.plot_columns.DETAIL_ROWS", most)
+        monkeypatch.setattr("sfr_loc_map.metrics.errors.plot_columns.DETAIL_ROWS", most)
         scored = score_trajectory(Estimates.of(estimate), truth, config, kept_errors=limits.figures_with_all_errors)
         score = Score(
             figures=scored.figures,
@@ -272,7 +272,7 @@ def test_a_bound_is_made_of_all_errors_with_plots_and_without(monkeypatch: pytes
     truth, estimate = (trajectory(poses) for poses in drive(1, count=400))
     made = []
     for most, details in ((100_000, True), (100, True), (100, False)):
-        monkeypatch.setattr("sfr_loc_map.metrics.plot_columns.DETAIL_ROWS", most)
+        monkeypatch.setattr("sfr_loc_map.metrics.errors.plot_columns.DETAIL_ROWS", most)
         scored = score_trajectory(
             Estimates.of(estimate), truth, config, details=details, kept_errors=limits.figures_with_all_errors
         )

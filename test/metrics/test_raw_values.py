@@ -9,18 +9,18 @@ from msgspec.structs import replace
 
 from helpers.cli_result import Sfr
 from helpers.made_scores import calls, cloud, drive
-from sfr_loc_map.metrics.calls import score_calls, with_external
-from sfr_loc_map.metrics.cloud_error import score_map
+from sfr_loc_map.metrics.calls.call_score import score_calls, with_external
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.details import Details
+from sfr_loc_map.metrics.errors.cloud_error import score_map
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.raw_values import raw_contradiction
-from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.raw_values import raw_contradiction
+from sfr_loc_map.metrics.stored.score_json import to_json
+from sfr_loc_map.metrics.table.details import Details
+from sfr_loc_map.metrics.table.records import AnswerCounts, ExternalScore
 
 LIMITS = {"trajectory": [{"condition": "distance=5", "position_p95_m": 1.0}]}
 

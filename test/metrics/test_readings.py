@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from helpers import ROOT
 from helpers.random_drives import as_score
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
-from sfr_loc_map.metrics.placement import ERROR_FUNCTIONS
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.frames.placement import ERROR_FUNCTIONS
 
 SECOND = 1_000_000_000
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.row_part import (
+from sfr_loc_map.metrics.table.row_part import (
     Place,
     RowPart,
     distance_of,
@@ -15,7 +15,7 @@ from sfr_loc_map.metrics.row_part import (
     range_of,
     range_part,
 )
-from sfr_loc_map.metrics.table import figure_row
+from sfr_loc_map.metrics.table.rows import figure_row
 
 PARTS = {
     None: RowPart(),

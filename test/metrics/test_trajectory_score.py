@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from helpers import metrics_reference as reference
 from helpers.random_drives import Poses, as_score, corrupted, drive, rows, trajectory
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import Condition, ConditionKind, TrajectoryScoreConfig
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.score.score import Score
 
 CONDITIONS = ("distance=5", "distance=0.3", "time=3", "frames=17")
 FIGURES = ("position", "attitude", "heading")

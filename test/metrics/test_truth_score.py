@@ -13,15 +13,15 @@ from scipy.spatial.transform import Rotation
 from helpers.random_drives import as_score
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
-from sfr_loc_map.metrics.aligned_error import aligned_errors
-from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig, Reading, TrajectoryScoreConfig
-from sfr_loc_map.metrics.convention_diagnosis import diagnose
+from sfr_loc_map.metrics.diagnosis.convention_diagnosis import diagnose
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.frames.aligned_error import aligned_errors
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import from_json, to_json
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 
 CONFIG = TrajectoryScoreConfig(("distance=2", "time=5"), spacing=5)
 COUNT = 400

@@ -31,7 +31,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.metrics.score import SCHEMA
+from sfr_loc_map.metrics.score.score import SCHEMA
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.ros.messages import header_msg, pose_msg, transform_msg
 from sfr_loc_map.runs.calls import CallRecord, encode_call

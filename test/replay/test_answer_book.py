@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from sfr_loc_map.metrics.records import FindingKind
+from sfr_loc_map.metrics.table.records import FindingKind
 from sfr_loc_map.replay.answer_book import EARLY_S, AnswerBook
 
 TIMEOUT_S = 1.0

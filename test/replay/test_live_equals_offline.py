@@ -18,7 +18,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import score_config
-from sfr_loc_map.metrics.score_json import to_dict
+from sfr_loc_map.metrics.stored.score_json import to_dict
 from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.score import score_replay

@@ -25,8 +25,10 @@ from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.config import ScoreConfig, score_config
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.limits import OF_MAP
-from sfr_loc_map.metrics.records import (
+from sfr_loc_map.metrics.score.limits import OF_MAP
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import to_dict
+from sfr_loc_map.metrics.table.records import (
     AnswerCounts,
     ExternalScore,
     FindingKind,
@@ -34,8 +36,6 @@ from sfr_loc_map.metrics.records import (
     MethodKind,
     MethodRecord,
 )
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.replay.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.result import ExternalResult, ReplayResult

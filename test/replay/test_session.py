@@ -8,9 +8,9 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from helpers import made_scores
-from sfr_loc_map.metrics.cloud_error import score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
-from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.metrics.errors.cloud_error import score_map
+from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.replay import session
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.replay_peer import ReplayPeer

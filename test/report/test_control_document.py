@@ -15,8 +15,8 @@ from helpers.cli_result import Sfr
 from helpers.made_scores import json_of, of_drive, whole_score
 from sfr_loc_map.metrics.judging.judge import judged_by, with_verdicts
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.records import FindingKind, FindingRecord, MethodKind, MethodRecord
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.records import FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.report.control_document import COLUMNS, control_csv
 
 LIMITS: dict[str, Any] = {

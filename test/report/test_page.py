@@ -13,8 +13,8 @@ import pytest
 from msgspec.structs import replace
 
 from helpers.made_scores import HOSTILE, dig, json_of, place_of, whole_score, without
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import from_plain
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import from_plain
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.path_plot import Curve, path_plot
 from sfr_loc_map.report.plots import PALETTES, to_figure

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from helpers.made_scores import whole_score
 from sfr_loc_map.cli.main import app
 from sfr_loc_map.errors import ConfigError, InputError, OutputError
-from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.metrics.stored.score_json import to_json
 
 
 def test_page_and_tables_in_each_format(tmp_path: Path) -> None:

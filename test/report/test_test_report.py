@@ -14,17 +14,17 @@ from msgspec.structs import replace
 from helpers import ROOT
 from helpers.cli_result import Sfr
 from helpers.made_scores import HOSTILE, calls, dig, half, json_of, of_drive, of_map, whole_score
-from sfr_loc_map.metrics.calls import score_target
-from sfr_loc_map.metrics.catalogue import CLAUSES
-from sfr_loc_map.metrics.caveats import truth_caveats
+from sfr_loc_map.metrics.calls.call_score import score_target
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.judge import judged_by, with_verdicts
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.several_scores import common_verdict, each_by_its_limits
-from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TruthRecord
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import load_score
-from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.metrics.score.caveats import truth_caveats
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.score.verdict import Verdict
+from sfr_loc_map.metrics.stored.score_json import load_score
+from sfr_loc_map.metrics.table.catalogue import CLAUSES
+from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TruthRecord
 from sfr_loc_map.report.deviations import deviations_of, is_of_stage
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.plotted_data import error_sizes
@@ -234,7 +234,7 @@ def unseen_limits(path: Path) -> str:
 
 
 def test_the_command_writes_both_and_refuses_what_it_would_not_do(tmp_path: Path, sfr: Sfr) -> None:
-    from sfr_loc_map.metrics.score_json import to_json
+    from sfr_loc_map.metrics.stored.score_json import to_json
 
     paths = [tmp_path / f"{number}.json" for number in range(3)]
     for path, score in zip(paths, scores(), strict=True):

@@ -18,7 +18,7 @@ from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, limits
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.metrics.judging.judge import with_verdicts
-from sfr_loc_map.metrics.score_json import decoded, to_json
+from sfr_loc_map.metrics.stored.score_json import decoded, to_json
 
 Edit = Callable[[dict[str, Any]], None]
 

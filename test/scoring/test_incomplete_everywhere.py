@@ -19,13 +19,13 @@ from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PublishedScore
-from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.cloud_error import truths_of
-from sfr_loc_map.metrics.comparison import compare_scores
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.errors.cloud_error import truths_of
+from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import from_json, to_json
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.comparison import compare_scores
+from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.replay.score import score_replay
 from sfr_loc_map.report.junit import junit

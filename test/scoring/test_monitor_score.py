@@ -27,16 +27,16 @@ from sfr_loc_map.io.truth.config import TrackedBodyConfig
 from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_types import STRING
-from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
-from sfr_loc_map.metrics.cloud_error import score_map, truths_of
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.details import Details
+from sfr_loc_map.metrics.errors.cloud_error import score_map, truths_of
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates, symmetric
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.results import TrajectoryResult
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import from_json, to_json
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import from_json, to_json
+from sfr_loc_map.metrics.table.details import Details
+from sfr_loc_map.metrics.table.results import TrajectoryResult
 from sfr_loc_map.nodes.score_file import ScoreFile
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.report.deviations import deviations_of

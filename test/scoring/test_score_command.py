@@ -23,7 +23,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.judging.several_scores import difference_of
-from sfr_loc_map.metrics.score_json import load_score
+from sfr_loc_map.metrics.stored.score_json import load_score
 
 
 @pytest.mark.clause("4.1.1")

@@ -22,9 +22,9 @@ from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.several_scores import difference_of
-from sfr_loc_map.metrics.records import InputFile, Provenance
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import decoded, from_json, to_json
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import decoded, from_json, to_json
+from sfr_loc_map.metrics.table.records import InputFile, Provenance
 from sfr_loc_map.report.deviations import deviations_of
 
 

@@ -14,12 +14,12 @@ from helpers.honest_drives import honest_drive
 from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, limits, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
-from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND
+from sfr_loc_map.metrics.completeness.shortfall_kinds import BEYOND_MOST
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.row_part import OTHER_FRAMES
-from sfr_loc_map.metrics.shortfall_kinds import BEYOND_MOST
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND
+from sfr_loc_map.metrics.table.row_part import OTHER_FRAMES
 
 LENGTH = 50  #: Frames of a sub-trajectory of 5 m.
 STARTS = np.arange(0, COUNT, 10)

@@ -16,7 +16,7 @@ from helpers.made_suites import straight as made_drive
 from helpers.scored_drives import POSITION, SHORT, straight, write_files
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
-from sfr_loc_map.metrics.score_json import decoded, from_json, to_json
+from sfr_loc_map.metrics.stored.score_json import decoded, from_json, to_json
 
 POSITION_OVER_1_M = {
     "minimum_independent": 1,

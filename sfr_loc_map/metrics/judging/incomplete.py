@@ -1,8 +1,8 @@
 """What makes a score incomplete: expected data that are missing or cannot be judged, and data that are wrong.
 
-`incompleteness` goes through the table `metrics.shortfall_kinds.SHORTFALLS` for each scope of the score. Unless the
-rules of the score accept a kind of shortfall, its finder compares the figure with the largest complete value.
-Most kinds have the finder `above_most`; `FINDERS` has the others.
+`incompleteness` goes through the table `SHORTFALLS` (`metrics.completeness.shortfall_kinds`) for each scope of the
+score. Unless the rules of the score accept a kind of shortfall, its finder compares the figure with the largest
+complete value. Most kinds have the finder `above_most`; `FINDERS` has the others.
 """
 
 from __future__ import annotations
@@ -12,16 +12,8 @@ from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject, statistic_title, title_of
-from sfr_loc_map.metrics.config import VerdictState, label_of
-from sfr_loc_map.metrics.drive_completeness import DISTANCE, TIME, LongestGap, covered_text
-from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.judging.limit_scope import judged_parts, limits_of, tasks_of
-from sfr_loc_map.metrics.limits import Limit, LimitSection, Rules, meets
-from sfr_loc_map.metrics.other_frames import BEYOND
-from sfr_loc_map.metrics.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart, Scope
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.shortfall_kinds import (
+from sfr_loc_map.metrics.completeness.drive import DISTANCE, TIME, LongestGap, covered_text
+from sfr_loc_map.metrics.completeness.shortfall_kinds import (
     ANSWERED_TWICE,
     HIDDEN_CONDITIONS,
     IN_GAPS,
@@ -34,8 +26,16 @@ from sfr_loc_map.metrics.shortfall_kinds import (
     UNMEASURED,
     ShortfallKind,
 )
-from sfr_loc_map.metrics.table import Figure
-from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.metrics.config import VerdictState, label_of
+from sfr_loc_map.metrics.errors.other_frames import BEYOND
+from sfr_loc_map.metrics.formulas import QUANTILES
+from sfr_loc_map.metrics.judging.limit_scope import judged_parts, limits_of, tasks_of
+from sfr_loc_map.metrics.score.limits import Limit, LimitSection, Rules, meets
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.score.verdict import Verdict
+from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart, Scope
+from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.suite_names import Task
 
 NOT_DUE = "no result of the {part} is due yet"

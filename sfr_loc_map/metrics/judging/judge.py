@@ -1,8 +1,8 @@
 """The verdicts of a score, as a pure function of the score.
 
 The function reads the figures, the rules, the findings, the errors of tolerance bounds, the association, the answers of
-an external node, and whether estimate and truth contradict each other. `metrics.score_json` derives the verdicts of a
-file again when the file is read, and refuses a file whose verdicts do not follow from its figures.
+an external node, and whether estimate and truth contradict each other. `metrics.stored.score_json` derives the verdicts
+of a file again when the file is read, and refuses a file whose verdicts do not follow from its figures.
 
 Views show the stored verdicts. A report of several scores judges each score by the limits that apply to it, and names
 the other limits (`several_scores.each_by_its_limits`). See docs/metrics.md, "Verdicts".
@@ -14,19 +14,19 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.catalogue import KINDS
+from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED
 from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
-from sfr_loc_map.metrics.intervals import Interval
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, needed_part
 from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
-from sfr_loc_map.metrics.limits import BOUND, Limit, LimitedNumber, Limits, LimitSection, Rules, margin_of, meets
-from sfr_loc_map.metrics.row_part import RowPart, Scope
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.shortfall_kinds import JUDGED
-from sfr_loc_map.metrics.table import Figure
-from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.metrics.score.limits import BOUND, Limit, LimitedNumber, Limits, LimitSection, Rules, margin_of, meets
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.score.verdict import Verdict
+from sfr_loc_map.metrics.statistics.intervals import Interval
+from sfr_loc_map.metrics.table.catalogue import KINDS
+from sfr_loc_map.metrics.table.row_part import RowPart, Scope
+from sfr_loc_map.metrics.table.rows import Figure
 
 
 def judged_by(score: Score, limits: Limits | None, *, partial: bool = False) -> Score:

@@ -6,12 +6,12 @@ from collections.abc import Collection
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.judging.limited_value import value_of
-from sfr_loc_map.metrics.limits import OF_MAP, Limit, Limits, LimitSection, Rules
-from sfr_loc_map.metrics.row_part import Place, RowPart, Scope
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.limits import OF_MAP, Limit, Limits, LimitSection, Rules
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.catalogue import Subject
+from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
 
 
 def limits_of(score: Score) -> Rules | None:

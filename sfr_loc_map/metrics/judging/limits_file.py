@@ -8,9 +8,8 @@ from typing import Any
 
 from sfr_loc_map.config import load_yaml, suggestion
 from sfr_loc_map.errors import ConfigError, MetricsError
-from sfr_loc_map.metrics.catalogue import KINDS, Subject
 from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.limits import (
+from sfr_loc_map.metrics.score.limits import (
     BOUND,
     LIMITED_NUMBERS,
     MINIMUM_COUNT,
@@ -24,6 +23,7 @@ from sfr_loc_map.metrics.limits import (
     Terms,
     fault_of_terms,
 )
+from sfr_loc_map.metrics.table.catalogue import KINDS, Subject
 
 NOTHING = LimitedNumber(Subject.TRAJECTORY, "", "")
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: Keys of a requirement besides its limits.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from itertools import product
 
-from sfr_loc_map.metrics.limits import LIMITED_NUMBERS, MINIMUM_COUNT, MINIMUM_INDEPENDENT, LimitSection
+from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, MINIMUM_COUNT, MINIMUM_INDEPENDENT, LimitSection
 
 LIMITS_HEAD = """\
 # Limits: PLACEHOLDERS, replace them by the limits of your own document. Limits are upper bounds, except coverage_min.

@@ -1,7 +1,7 @@
 """Requirements with a fraction, a confidence and an interpretation (ECSS-E-ST-60-10C).
 
 A limit such as `position_bound_m: {limit: 0.1, prob: 0.95, confidence: 0.95, interpretation: mixed}` is judged by a
-tolerance bound (`metrics.tolerance`) of independent errors. The interpretation defines these errors
+tolerance bound (`metrics.statistics.tolerance`) of independent errors. The interpretation defines these errors
 [ECSS-E-ST-60-10C, 4.1.4.2]:
 
 - temporal: the fraction `prob` of the sub-trajectories of every drive meets the limit. Each drive is proved separately.
@@ -21,11 +21,11 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.sequential import sequential_test
-from sfr_loc_map.metrics.limits import Population, Terms
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.metrics.tolerance import BoundMethod, Sample, count_needed, tolerance_bound
-from sfr_loc_map.metrics.verdict import ProofRecord
+from sfr_loc_map.metrics.score.limits import Population, Terms
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.score.verdict import ProofRecord
+from sfr_loc_map.metrics.statistics.tolerance import BoundMethod, Sample, count_needed, tolerance_bound
+from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 SEQUENTIAL = "sequential"  #: Method of a verdict by a sequential test.
 SEED = 20240302  #: Seed of the choice of the sub-trajectory that represents a drive.

@@ -11,10 +11,10 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import Condition, ConditionKind, VerdictState, label_of
 from sfr_loc_map.metrics.judging.incomplete import incompleteness
 from sfr_loc_map.metrics.judging.proof import words_of
-from sfr_loc_map.metrics.limits import Rules
-from sfr_loc_map.metrics.row_part import Scope
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.metrics.score.limits import Rules
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.score.verdict import Verdict
+from sfr_loc_map.metrics.table.row_part import Scope
 
 
 def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple[str, ...]:

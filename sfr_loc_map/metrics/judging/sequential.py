@@ -16,7 +16,7 @@ import numpy as np
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.limits import Terms
+from sfr_loc_map.metrics.score.limits import Terms
 
 MOST_DRIVES = 100_000  #: Maximum number of drives of a plan.
 OVERRUN = 4  #: Multiple of the fixed plan up to which the expected number of drives is computed.

@@ -12,10 +12,10 @@ from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, task_of, tasks_of
 from sfr_loc_map.metrics.judging.limited_value import value_of
-from sfr_loc_map.metrics.records import InputFile, MethodRecord, Provenance
-from sfr_loc_map.metrics.row_part import Scope
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.score.verdict import Verdict
+from sfr_loc_map.metrics.table.records import InputFile, MethodRecord, Provenance
+from sfr_loc_map.metrics.table.row_part import Scope
 
 
 class Common(NamedTuple):

@@ -8,11 +8,11 @@ from functools import partial
 from operator import attrgetter
 from typing import NamedTuple
 
-from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
-from sfr_loc_map.metrics.row_part import ANY, Scope
-from sfr_loc_map.metrics.table import Figure
-from sfr_loc_map.metrics.verdict import counts_of
+from sfr_loc_map.metrics.score.verdict import counts_of
+from sfr_loc_map.metrics.table.catalogue import KINDS, TOTAL, Subject, statistic_title
+from sfr_loc_map.metrics.table.row_part import ANY, Scope
+from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.tables import MIB, MILLIMETRE, MILLISECOND, PERCENT, Cell, Column, Table, Unit, fitting, number
 from sfr_loc_map.report.typed_tables import RowColumn, heads, intervals, numbers, table_of, words
 from sfr_loc_map.report.verdict_view import VerdictView

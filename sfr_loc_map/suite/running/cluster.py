@@ -316,7 +316,7 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
     """
     from distributed import get_worker
 
-    from sfr_loc_map.metrics.score_json import to_json
+    from sfr_loc_map.metrics.stored.score_json import to_json
     from sfr_loc_map.suite.running.job_run import run_job
 
     worker = get_worker()

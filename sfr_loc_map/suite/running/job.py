@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.score_json import from_plain, to_plain
+from sfr_loc_map.metrics.stored.score_json import from_plain, to_plain
 
 KEY_LENGTH = 32  #: Hexadecimal digits of a key. The probability of a collision among 10^9 results is 10^-21.
 SHORT_KEY = 12  #: Displayed digits of a key.

@@ -27,13 +27,13 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.metrics.catalogue import KINDS
-from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.limits import BOUND, Population
-from sfr_loc_map.metrics.records import Provenance
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import from_json, to_plain
+from sfr_loc_map.metrics.errors.cloud_error import truths_of
+from sfr_loc_map.metrics.score.limits import BOUND, Population
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import from_json, to_plain
+from sfr_loc_map.metrics.table.catalogue import KINDS
+from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.runs.call_files import load_call_stats, save_stats
 from sfr_loc_map.runs.offline import UnderTest, run_localiser, run_mapper, start_pose
 from sfr_loc_map.scoring.inputs import CloudToScore, Run, ScoreInputs

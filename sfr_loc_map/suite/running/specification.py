@@ -12,7 +12,7 @@ from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.suite.running.configurations import read_configurations
 from sfr_loc_map.suite.running.job import JobSource, JobTask
 from sfr_loc_map.suite.running.source_names import with_unique_names

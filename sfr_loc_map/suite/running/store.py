@@ -22,9 +22,9 @@ from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
+from sfr_loc_map.metrics.score.limits import Limits
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.suite.running.digests import code_fingerprint, file_state, files_of_source
 from sfr_loc_map.suite.running.job import OF_SUITE, Job, JobDescription, digest
 from sfr_loc_map.suite.running.job_outcome import JobFailure, JobOutcome, JobState, WorkerRecord

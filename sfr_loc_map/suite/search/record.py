@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import msgspec
 
-from sfr_loc_map.metrics.catalogue import statistic_title, title_of
 from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.table.catalogue import statistic_title, title_of
 
 SCHEMA = "sfr-search/2"
 LOST_RATIO = 2.0

@@ -13,8 +13,8 @@ from msgspec.structs import replace
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.message_text import one_line
-from sfr_loc_map.metrics.limits import LIMITED_NUMBERS, LimitSection
-from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, LimitSection
+from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobState
 from sfr_loc_map.suite.running.store import Store

@@ -10,11 +10,11 @@ from pathlib import Path
 from sfr_loc_map.config import build, flatten, load_yaml, param
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault, with_amount
-from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
 from sfr_loc_map.metrics.formulas import STATISTICS
-from sfr_loc_map.metrics.row_part import ANY
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.catalogue import KINDS
+from sfr_loc_map.metrics.table.row_part import ANY
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import Job, JobTask

@@ -21,9 +21,9 @@ from msgspec import Struct
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.comparison import Outcome
-from sfr_loc_map.metrics.intervals import Interval, holm
-from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.statistics.intervals import Interval, holm
+from sfr_loc_map.metrics.stored.comparison import Outcome
+from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName, figures_of
 from sfr_loc_map.suite.statistics.pairing import PairKey, have_one_configuration, without_configuration
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width

@@ -11,8 +11,8 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.proof import sample_over_drives
 from sfr_loc_map.metrics.judging.sequential import sequential_test
-from sfr_loc_map.metrics.limits import BOUND, Limits, Population, Terms
-from sfr_loc_map.metrics.tolerance import count_needed, moments, normal_count, zero_failure_count
+from sfr_loc_map.metrics.score.limits import BOUND, Limits, Population, Terms
+from sfr_loc_map.metrics.statistics.tolerance import count_needed, moments, normal_count, zero_failure_count
 from sfr_loc_map.report.verdict_view import limited_name
 from sfr_loc_map.suite.statistics.group_verdicts import samples_by_drive
 from sfr_loc_map.suite.statistics.summary import ScoredJob, by_group

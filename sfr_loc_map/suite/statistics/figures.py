@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, label_of
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.catalogue import CATALOGUE, KINDS, TOTAL, Subject, statistic_title
 
 MAP_ERRORS = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and TOTAL in kind.compared]
 """Map errors that are compared."""

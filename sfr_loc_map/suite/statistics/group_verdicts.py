@@ -10,7 +10,6 @@ from collections.abc import Collection, Iterator, Sequence
 
 from msgspec.structs import asdict, replace
 
-from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.judge import (
     finding_verdicts,
@@ -24,11 +23,12 @@ from sfr_loc_map.metrics.judging.limit_scope import task_of, tasks_of
 from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import prove, sample_of
 from sfr_loc_map.metrics.judging.several_scores import items_under_test
-from sfr_loc_map.metrics.limits import Limit, Limits, Population, Terms, meets
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.table import Figure
-from sfr_loc_map.metrics.tolerance import Sample
-from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.metrics.score.limits import Limit, Limits, Population, Terms, meets
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.score.verdict import Verdict
+from sfr_loc_map.metrics.statistics.tolerance import Sample
+from sfr_loc_map.metrics.table.catalogue import Subject
+from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.suite.statistics.pooling import DriveScore
 
 WORST_DRIVE = "worst drive"

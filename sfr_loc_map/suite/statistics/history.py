@@ -25,9 +25,9 @@ from scipy.special import stdtrit
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import refusing
-from sfr_loc_map.metrics.comparison import Outcome
-from sfr_loc_map.metrics.intervals import Interval
-from sfr_loc_map.metrics.score_json import MAX_NUMBER, to_plain
+from sfr_loc_map.metrics.statistics.intervals import Interval
+from sfr_loc_map.metrics.stored.comparison import Outcome
+from sfr_loc_map.metrics.stored.score_json import MAX_NUMBER, to_plain
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
 from sfr_loc_map.suite.statistics.pairing import PairKey, have_one_configuration, without_configuration
 from sfr_loc_map.suite.statistics.summary import SCHEMA

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.intervals import student_quantile
+from sfr_loc_map.metrics.statistics.intervals import student_quantile
 
 MIN_DRIVES = 5  #: Minimum number of drives for an interval.
 RESAMPLES = 2000

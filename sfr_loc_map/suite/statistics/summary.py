@@ -13,16 +13,16 @@ import numpy as np
 from msgspec import Struct
 
 from sfr_loc_map import __version__
-from sfr_loc_map.metrics.completeness import expected_row
+from sfr_loc_map.metrics.completeness.expected_items import expected_row
 from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limit_scope import limits_about, tasks_of
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
-from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.row_part import RowPart, Scope
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.score.limits import Limits
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.metrics.table.row_part import RowPart, Scope
+from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.suite.running.job import GroupKey, Job
 from sfr_loc_map.suite.running.job_outcome import JobFailure, JobState, WorkerRecord
 from sfr_loc_map.suite.running.specification import Refusal

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.proof import words_of
-from sfr_loc_map.metrics.verdict import counts_of
+from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
 from sfr_loc_map.suite.statistics.summary import Group, Summary
 

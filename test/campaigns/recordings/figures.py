@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sfr_loc_map.metrics.score_json import load_score
+from sfr_loc_map.metrics.stored.score_json import load_score
 
 _OVER_1_M = "minimum_count: 2\nminimum_independent: 2\ntrajectory:\n  - {condition: distance=1, %s: %g}\n"
 LIMITS = {

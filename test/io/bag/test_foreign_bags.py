@@ -24,7 +24,7 @@ from sfr_loc_map.io.images.codec import samples_of
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.io.truth.config import TruthConfig
-from sfr_loc_map.metrics.score_json import from_json
+from sfr_loc_map.metrics.stored.score_json import from_json
 
 T = TYPESTORE.types
 STATUS = T["sensor_msgs/msg/NavSatStatus"](0, 1)

@@ -20,7 +20,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, source_config
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.score_json import from_json
+from sfr_loc_map.metrics.stored.score_json import from_json
 from sfr_loc_map.report.summary import run_facts
 
 NAMES = {"ns": "{ns}", "us": "{us}", "s": "{s}.{fraction:09d}"}

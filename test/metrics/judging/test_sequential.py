@@ -7,8 +7,8 @@ from scipy import stats
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.proof import prove
 from sfr_loc_map.metrics.judging.sequential import SequentialTest
-from sfr_loc_map.metrics.limits import Population, Terms
-from sfr_loc_map.metrics.tolerance import Sample, zero_failure_count
+from sfr_loc_map.metrics.score.limits import Population, Terms
+from sfr_loc_map.metrics.statistics.tolerance import Sample, zero_failure_count
 
 TEST = SequentialTest(good=0.01, bad=0.05, confidence=0.95, power=0.9)
 

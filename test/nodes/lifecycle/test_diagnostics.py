@@ -7,7 +7,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 
 from helpers.node_scenes import sent
-from sfr_loc_map.metrics.call_meter import METHOD
+from sfr_loc_map.metrics.calls.call_meter import METHOD
 from sfr_loc_map.nodes.lifecycle.diagnostics import (
     HealthConfig,
     Level,

@@ -14,7 +14,7 @@ from helpers.made_scores import json_of, whole_score
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.overlap import Overlap, overlap_rows
 from sfr_loc_map.hashes import hash_path
-from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.pages.evidence_files import read_evidence
 from sfr_loc_map.suite.statistics.budget import Budget, BudgetFigure, BudgetRow
 

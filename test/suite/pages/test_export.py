@@ -13,7 +13,7 @@ from sfr_loc_map.errors import OutputError
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit, write_parquet
 from sfr_loc_map.suite.running.job_outcome import FailureCause, JobFailure
 from sfr_loc_map.suite.running.specification import Refusal

@@ -12,7 +12,7 @@ import pytest
 
 from helpers.made_suites import JOB
 from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
-from sfr_loc_map.metrics.limits import LIMITED_NUMBERS, LimitSection
+from sfr_loc_map.metrics.score.limits import LIMITED_NUMBERS, LimitSection
 from sfr_loc_map.suite.running import job_run
 from sfr_loc_map.suite.running.job import JobTask
 from sfr_loc_map.suite.running.job_run import replay_options, run_job, use_threads

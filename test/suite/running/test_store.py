@@ -10,9 +10,9 @@ import pytest
 
 from helpers.made_suites import JOB
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.metrics.records import Provenance
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import to_json
+from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.suite.running import store as store_module
 from sfr_loc_map.suite.running.digests import files_hash
 from sfr_loc_map.suite.running.job import Job, SourceKind

@@ -11,9 +11,9 @@ from msgspec.structs import replace as struct_replace
 
 from helpers.made_suites import JOB
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.metrics.comparison import Outcome
-from sfr_loc_map.metrics.intervals import holm
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.statistics.intervals import holm
+from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.suite.statistics.comparison import compare_suites, ratio_interval, sign_flip_p
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
 

@@ -10,7 +10,7 @@ import pytest
 
 from helpers.cli_result import Sfr
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.metrics.comparison import Outcome
+from sfr_loc_map.metrics.stored.comparison import Outcome
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
 from sfr_loc_map.suite.statistics.history import (
     FALSE_ALARM_RATE,

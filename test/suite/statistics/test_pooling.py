@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.suite.statistics.pooling import DriveRows, DriveScore, pool, pooled_row
 
 

@@ -1,0 +1,324 @@
+"""Figures of time and memory of the calls of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2].
+
+`metrics.calls.call_meter` measures the calls.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from msgspec.structs import asdict
+from msgspec.structs import replace as replace_row
+from numpy.typing import NDArray
+
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE
+from sfr_loc_map.metrics.completeness.expected_items import calls_completeness, expected_row, share_of
+from sfr_loc_map.metrics.config import CallKind, MappingState
+from sfr_loc_map.metrics.table.catalogue import Subject, clause_of
+from sfr_loc_map.metrics.table.details import CallHistogram, CallPlots, CallSeries, column
+from sfr_loc_map.metrics.table.records import CallRecords, ExternalScore, TargetRun
+from sfr_loc_map.metrics.table.results import CallsResult
+from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
+from sfr_loc_map.metrics.table.rows import Figure, figure_row
+from sfr_loc_map.suite_names import Task
+
+UNKNOWN = "unknown"
+OUTSIDE_CLOCK = "host monotonic, from publishing a pair to the answer"
+STATED_CLOCK = "stated by the node"  #: Clock and method of calls that a node reports in a live run.
+STATE_KINDS: dict[str, CallKind] = {
+    MappingState.MAPPED: CallKind.MAPPING,
+    MappingState.FUSED: CallKind.FUSION,
+    MappingState.MAPPED_SET: CallKind.MAPPING_CALL,
+}
+"""Kind of a mapping call by its state; all other states are states of the localiser."""
+KINDS_OF = {Task.LOCALISATION: (CallKind.LOCALISATION,), Task.MAPPING: tuple(STATE_KINDS.values())}
+"""Kinds of calls by their task."""
+HISTOGRAM_BINS = 40
+SERIES_ROWS = 2000  #: Maximum number of calls of each kind in plots.
+FIRST = "first call"  #: Part of the row of the first measured call.
+AFTER_FIRST = "after the first call"  #: Part of the row of the calls after the first.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calls:
+    """Calls in the order of their files, and in a file in chronological order."""
+
+    stamps_ns: IntArray  #: `(N,)` int64, stamp of the pair.
+    seconds: FloatArray  #: `(N,)` float64, wall-clock time, NaN if not measured.
+    states: Sequence[str]  #: `(N,)` state of each call: initialising, tracking, degraded, lost; mapped, fused.
+    peak_bytes: FloatArray  #: `(N,)` float64, peak resident memory, NaN if not measured.
+    above_idle_bytes: FloatArray  #: `(N,)` float64, peak resident memory above the idle process, NaN if not measured.
+    #: `(N,)` float64 by the name of the stage: time of the stage, NaN if the call does not have the stage.
+    stage_s: Mapping[str, FloatArray] = field(default_factory=dict)
+    heap_bytes: FloatArray | None = None  #: `(N,)` peak heap size, NaN if not measured; None if never measured.
+    stack_bytes: FloatArray | None = None  #: `(N,)` peak stack depth, NaN if not measured; None if never measured.
+    memory_method: str | None = None  #: Method of measuring memory, from the source of the calls; None if unknown.
+
+    @property
+    def kinds(self) -> NDArray[np.object_]:
+        """Kind `(N,)` of each call."""
+        return np.array([STATE_KINDS.get(state, CallKind.LOCALISATION) for state in self.states], dtype=object)
+
+    @property
+    def is_localisation(self) -> Mask:
+        """Whether each call `(N,)` is a call of a localiser."""
+        return np.asarray(self.kinds == CallKind.LOCALISATION, np.bool_)
+
+
+def concatenated(parts: Sequence[Calls]) -> Calls:
+    """Return the calls of one or several files as calls of one run, in the order of the files."""
+    counts = [len(part.stamps_ns) for part in parts]
+    stages = dict.fromkeys(name for part in parts for name in part.stage_s)
+    stage_s = {name: stacked([part.stage_s.get(name) for part in parts], counts) for name in stages}
+    return Calls(
+        np.concatenate([part.stamps_ns for part in parts]),
+        np.concatenate([part.seconds for part in parts]),
+        [state for part in parts for state in part.states],
+        np.concatenate([part.peak_bytes for part in parts]),
+        np.concatenate([part.above_idle_bytes for part in parts]),
+        {name: values for name, values in stage_s.items() if values is not None},
+        stacked([part.heap_bytes for part in parts], counts),
+        stacked([part.stack_bytes for part in parts], counts),
+        memory_method="; ".join(dict.fromkeys(part.memory_method for part in parts if part.memory_method)) or None,
+    )
+
+
+def stacked(parts: Sequence[FloatArray | None], counts: Sequence[int]) -> FloatArray | None:
+    """Return the concatenated values of several files, NaN for a file without them; None if no file has them."""
+    shape = next((part.shape[1:] for part in parts if part is not None), None)
+    if shape is None:
+        return None
+    return np.concatenate(
+        [np.full((count, *shape), np.nan) if part is None else part for part, count in zip(parts, counts, strict=True)]
+    )
+
+
+def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> CallsResult:
+    """Return times, with the name of their clock, and memory of calls. The kind of a call follows from its state."""
+    # a peak of 0 is unknown, because systems without the measurement report 0; above the idle process 0 is possible
+    peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)
+    above = np.where(np.isfinite(peak) | (calls.above_idle_bytes > 0.0), calls.above_idle_bytes, np.nan)
+    calls = replace(calls, peak_bytes=peak, above_idle_bytes=above)
+    kinds = calls.kinds
+    times: list[Figure] = []
+    peaks: list[Figure] = []
+    clocks: dict[str, str] = {}
+    plots: dict[str, CallPlots] = {}
+    for kind in CallKind:
+        mine = np.flatnonzero(kinds == kind)
+        if not len(mine):
+            continue
+        if np.isfinite(calls.seconds[mine]).any():
+            clocks[kind.value] = clock
+            times += time_rows(kind, calls.seconds[mine])
+            times += deadline_rows(kind, calls.stamps_ns[mine], calls.seconds[mine])
+            for name, values in sorted(calls.stage_s.items()):
+                times += stage_rows(kind, name, values[mine])
+        peaks += peak_rows(kind, calls, mine)
+        if details:
+            plots[kind.value] = plots_of(calls, mine)
+    method = calls.memory_method if has_memory(peaks) else METHOD_UNAVAILABLE
+    records = CallRecords(clocks=clocks, memory_method=method)
+    return CallsResult(figures=(*times, *peaks), records=records, plots=plots)
+
+
+def has_memory(rows: Iterable[Figure]) -> bool:
+    """Return whether memory was measured in any call."""
+    return any(row.subject is Subject.MEMORY and row.value is not None for row in rows)
+
+
+def completeness_rows(
+    calls: Sequence[Calls], expected_ns: Mapping[Task, IntArray | None], place: Place = Place.HOST
+) -> Iterator[Figure]:
+    """Yield the rows that compare measured with expected calls.
+
+    Each kind of call is taken from the last item of `calls` that has the kind.
+    """
+    found: dict[CallKind, tuple[Calls, NDArray[np.intp]]] = {}
+    for item in calls:
+        kinds = item.kinds
+        for kind in CallKind:
+            if len(mine := np.flatnonzero(kinds == kind)):
+                found[kind] = item, mine
+    for kind, (item, mine) in found.items():
+        task = Task.LOCALISATION if kind is CallKind.LOCALISATION else Task.MAPPING
+        values = {Scope.CALLS: item.seconds[mine]}
+        if (memory := measured_memory(item, mine)) is not None:
+            values[Scope.MEMORY] = memory
+        yield from calls_completeness(kind, item.stamps_ns[mine], expected_ns.get(task), values, place)
+
+
+def measured_memory(calls: Calls, mine: NDArray[np.intp]) -> FloatArray | None:
+    """Return the peak memory of some calls, NaN for calls that lack a figure of memory that other calls have.
+
+    None if no peak was measured. A peak of 0 is unknown, because systems without the measurement report 0.
+    """
+    peak = calls.peak_bytes[mine]
+    if not np.isfinite(peak).any():
+        return None
+    known = np.where(peak > 0.0, peak, np.nan)
+    for values in (calls.above_idle_bytes, calls.heap_bytes, calls.stack_bytes):
+        if values is not None and np.isfinite(values[mine]).any():
+            known = np.where(np.isfinite(values[mine]), known, np.nan)
+    return known
+
+
+def time_rows(kind: CallKind, seconds: FloatArray) -> Iterator[Figure]:
+    """Yield the rows of the times of calls `(N,)` in order, NaN if not measured.
+
+    The first call has a separate row, because it may load libraries.
+    """
+    known = seconds[np.isfinite(seconds)]
+    yield figure_row(kind, statistics=formulas.statistics(known))
+    yield figure_row(kind, part=FIRST, n=1, value=float(known[0]))
+    if len(known) > 1:
+        yield figure_row(kind, part=AFTER_FIRST, statistics=formulas.statistics(known[1:]))
+
+
+def deadline_rows(kind: CallKind, stamps_ns: IntArray, seconds: FloatArray) -> Iterator[Figure]:
+    """Yield the period of the pairs, the fraction of calls within the period, and the mean time divided by the period.
+
+    The period is the median difference of the stamps. There are no rows for calls without stamps or for mapping calls.
+    """
+    apart_s = np.diff(np.unique(stamps_ns)) / NS_PER_S
+    known = seconds[np.isfinite(seconds)]
+    if kind is not CallKind.LOCALISATION or not len(apart_s):
+        return
+    period_s = float(np.median(apart_s))
+    yield figure_row("period", part=kind, n=len(apart_s), value=period_s)
+    yield figure_row("within_period", part=kind, n=len(known), value=float(np.mean(known <= period_s)))
+    yield figure_row("processor_share", part=kind, n=len(known), value=float(np.mean(known)) / period_s)
+
+
+def stage_rows(kind: CallKind, stage: str, seconds: FloatArray) -> Iterator[Figure]:
+    """Yield the row of one stage over the calls that have the stage."""
+    known = seconds[np.isfinite(seconds)]
+    if len(known):
+        yield figure_row(kind, part=stage, statistics=formulas.statistics(known))
+
+
+def peak_rows(kind: CallKind, calls: Calls, mine: NDArray[np.intp]) -> Iterator[Figure]:
+    """Yield the rows of the peak memory of some calls; resident memory always has rows, null if not measured."""
+    for name, values in (
+        ("peak", calls.peak_bytes),
+        ("above_idle", calls.above_idle_bytes),
+        ("heap_peak", calls.heap_bytes),
+        ("stack_peak", calls.stack_bytes),
+    ):
+        known = np.empty(0) if values is None else values[mine][np.isfinite(values[mine])]
+        if len(known) or name in ("peak", "above_idle"):
+            yield figure_row(name, part=kind, n=len(known), value=int(known.max()) if len(known) else None)
+
+
+def plots_of(calls: Calls, mine: NDArray[np.intp]) -> CallPlots:
+    """Return the data of the plots of some calls."""
+    block = max(1, -(-len(mine) // SERIES_ROWS))
+    blocks = (mine[first : first + block] for first in range(0, len(mine), block))
+    chosen = [rows[np.argmax(np.nan_to_num(calls.seconds[rows], nan=-1.0))] for rows in blocks]
+    series = CallSeries(
+        slowest_of=block,
+        stamp_ns=tuple(calls.stamps_ns[chosen].tolist()),
+        processing_time_s=column(calls.seconds[chosen], None),
+        peak_rss_bytes=column(calls.peak_bytes[chosen], None),
+        state=tuple(calls.states[row] for row in chosen),
+    )
+    seconds, histogram = calls.seconds[mine], CallHistogram(edges_s=(), counts=())
+    if len(known := seconds[np.isfinite(seconds) & (seconds > 0)]):
+        low, high = float(known.min()), float(known.max())
+        edges = np.geomspace(low, max(high, low * 1.01) * (1 + 1e-9), HISTOGRAM_BINS + 1)
+        edges[0] = low
+        counts = np.histogram(known, edges)[0]
+        histogram = CallHistogram(edges_s=tuple(edges.tolist()), counts=tuple(counts.tolist()))
+    return CallPlots(histogram=histogram, series=series)
+
+
+def score_target(
+    calls: Calls,
+    name: str,
+    estimate_ns: IntArray | None = None,
+    *,
+    has_stamps: bool = False,
+    other_run: str | None = None,
+) -> tuple[tuple[Figure, ...], TargetRun]:
+    """Return the rows, with the part `target`, of calls that were measured on a target, and the record of the target.
+
+    Every stamp of a localisation call must be a stamp of the estimate; otherwise MetricsError, unless `other_run` names
+    the run of the calls.
+    """
+    matched = None
+    if has_stamps and estimate_ns is not None and len(estimate_ns):
+        localised = calls.stamps_ns[calls.is_localisation]
+        matched = float(np.isin(estimate_ns, localised).mean())
+        if len(localised) and not np.isin(localised, estimate_ns).all() and other_run is None:
+            raise MetricsError(
+                f"the times of {name} belong to another run: {np.count_nonzero(~np.isin(localised, estimate_ns))} of "
+                f"{len(localised)} stamps are not in the estimate; name that run by the option target_run"
+            )
+    scored = score_calls(calls, clock=name, details=False)
+    is_measured = has_memory(scored.figures)
+    figures = [at_place(row, Place.TARGET) for row in scored.figures if row.subject is Subject.TIMING or is_measured]
+    method = calls.memory_method or f"as measured on {name}" if is_measured else None
+    return tuple(figures), TargetRun(name=name, matched_share=matched, other_run=other_run, memory_method=method)
+
+
+def at_place(row: Figure, place: Place) -> Figure:
+    """Return a row of calls with its part and clause changed to those of calls at another place.
+
+    The specification defines the times of calls on the target [4.2.1, 4.3.1].
+    """
+    part = RowPart.of(row.part).at(place).text
+    return replace_row(row, part=part, clause=clause_of(row.figure, part))
+
+
+def stage_of(figure: str) -> str | None:
+    """Return NAME for a figure `stage_NAME_s`, the time of a stage of a call; None for other figures.
+
+    The name is in quotes if a part of a row has another meaning by this name, such as `target` or `first call`.
+    """
+    found = re.fullmatch(r"stage_(.+)_s", figure)
+    if found is None:
+        return None
+    name = found[1]
+    is_reserved = name in (FIRST, AFTER_FIRST) or RowPart.of(name) != RowPart(name)
+    return f"'{name}'" if is_reserved else name
+
+
+def with_external(scored: CallsResult, node: ExternalScore) -> CallsResult:
+    """Return scored calls with time and memory of an external node as measured from outside.
+
+    Times and memory that the node reports for its own calls have the part `stated`, which cannot be limited.
+    """
+    kind, records = CallKind(node.task), scored.records or CallRecords()
+    kinds = KINDS_OF[Task(node.task)]
+    figures = [at_place(row, Place.STATED) if row.call in kinds else row for row in scored.figures]
+    measured = list[Figure]()
+    clocks = {name: clock for name, clock in records.clocks.items() if name not in kinds}
+    if node.latency_s is not None:
+        measured.append(figure_row(kind, **asdict(node.latency_s)))
+        clocks[kind.value] = OUTSIDE_CLOCK
+    method = records.memory_method
+    if node.process is not None:
+        measured.append(figure_row("peak", part=kind, value=node.process.peak_rss_bytes or None))
+        others = any(row.figure == "peak" and row.call not in kinds and row.value is not None for row in scored.figures)
+        method = f"{kind}: {node.process.method}{f'; others: {records.memory_method or UNKNOWN}' if others else ''}"
+    records = replace_row(records, clocks=clocks, memory_method=method)
+    return replace(scored, figures=(*measured, *figures), records=records)
+
+
+def completeness_of_answers(node: ExternalScore) -> Iterator[Figure]:
+    """Yield the completeness of the calls of an external node, from its answers and the published pairs."""
+    kind, answers = CallKind(node.task), node.answers
+    received = answers.answered + answers.late + answers.doubled + answers.other_stamp
+    yield expected_row(RowPart(Scope.CALLS, kind), answers.answered, answers.pairs)
+    yield figure_row("calls_missing", part=kind, n=answers.pairs, value=share_of(answers.missing, answers.pairs))
+    yield figure_row("calls_other", part=kind, n=received, value=share_of(answers.other_stamp, received))
+    yield figure_row("calls_doubled", part=kind, n=received, value=share_of(answers.doubled, received))
+    if node.process is not None:
+        yield expected_row(RowPart(Scope.MEMORY, kind), 1, 1)  # memory of all its processes over the complete run

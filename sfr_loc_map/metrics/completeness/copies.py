@@ -1,0 +1,207 @@
+"""Estimates that are not measurements: copies of the previous pose, and copies of the ground truth.
+
+Both are counted as figures of completeness. A pose is repeated if it is bit-identical to the previous pose although the
+rover moves and no state reports the pose as lost or degraded. A pose is a copy of the truth if the motion to it equals
+the true motion more accurately than any measurement, or if the pose is the rounded true pose. The motion is long
+compared with the resolution of the positions, because short steps of any estimate are rounded to those of the truth.
+The same test applies to the judged motions from start to end. See docs/metrics.md, "Completeness".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_rotate
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.metrics.completeness.expected_items import share_of, share_rows
+from sfr_loc_map.metrics.frames.association import Frames, unique_rows
+from sfr_loc_map.metrics.table.rows import Figure, figure_row
+
+NOISES = 5.0  #: A true displacement is a motion if it exceeds this multiple of the scatter of the truth.
+MOVING_SHARE = 0.1  #: The rover moves if its motion exceeds this fraction of the typical or largest motion.
+DRIFT_SHARE = 0.02
+"""Fraction of the typical true speed up to which a displacement is a drift of the tracking, not a motion. A stationary
+rover with a zero-velocity update repeats its pose while the truth drifts, for instance by 3 mm in 90 s."""
+EXACT_SHARE = 1e-5  #: Relative error of a motion that no odometry reaches: 10 um per metre.
+RESOLUTIONS_M = (1e-3, 1e-4, 1e-5, 1e-6)  #: Resolutions of the positions of a file that are recognised, m.
+FINEST_M = RESOLUTIONS_M[-1]  #: Resolution of the positions of a file that is finer than those recognised, at most.
+ROUNDED_IN_A_ROW = 50  #: Number of consecutive rounded true poses that an estimate does not reach by chance.
+ROUNDED_PATH = 2000.0
+"""Minimum path of these poses, in units of the resolution: an error of 0.05 % over 2 m equals a resolution of 1 mm."""
+
+
+def copy_rows(frames: Frames, truth: Trajectory, is_reported: Mask, *, interpolated: bool) -> Iterator[Figure]:
+    """Yield the rows of the poses that repeat the previous pose, and of the poses that are copies of the ground truth.
+
+    `is_reported` `(F,)` states whether the pose of a frame is reported as lost or degraded.
+    """
+    count = len(frames.stamps_ns)
+    repeated = int(np.count_nonzero(repeats_pose(frames) & ~is_reported))
+    yield from share_rows("poses_repeated", repeated, count)
+    references = [frames.true_position]
+    if interpolated:
+        references.append(spline_positions(truth, frames))
+    is_moving = moving_steps(frames.true_position)
+    moving = int(np.count_nonzero(is_moving))
+    copied = int(np.count_nonzero(is_of_truth(frames, references, is_moving)))
+    yield from share_rows("poses_of_truth", copied, moving)
+
+
+def scatter_m(positions: FloatArray) -> float:
+    """Return the median norm of the second differences of positions `(F, 3)`, caused by noise and acceleration."""
+    if len(positions) < 3:
+        return 0.0
+    return float(np.median(np.linalg.norm(np.diff(positions, n=2, axis=0), axis=1)))
+
+
+def repeats_pose(frames: Frames) -> Mask:
+    """Return which poses `(F,)` equal the previous pose although the rover has moved since that pose first occurred.
+
+    The motion must exceed the smallest step and half of the median step of the estimate, because the resolution of a
+    file and a slow start also repeat poses. The motion must also exceed `NOISES` times the scatter of the truth, and
+    the drift of the truth at `DRIFT_SHARE` of the typical speed.
+    """
+    count = len(frames.stamps_ns)
+    is_same = np.zeros(count, np.bool_)
+    if count < 2:
+        return is_same
+    steps_m = np.linalg.norm(np.diff(frames.position, axis=0), axis=1)
+    is_same[1:] = (steps_m == 0.0) & (frames.attitude[1:] == frames.attitude[:-1]).all(axis=1)
+    new = np.maximum.accumulate(np.where(is_same, 0, np.arange(count)))
+    moved_m = np.linalg.norm(frames.true_position - frames.true_position[new], axis=1)
+    own_m = steps_m[steps_m > 0.0]
+    least_m = NOISES * scatter_m(frames.true_position)
+    if len(own_m):
+        least_m = max(least_m, float(own_m.min()), 0.5 * float(np.median(own_m)))
+    since_s = (frames.stamps_ns - frames.stamps_ns[new]) / NS_PER_S
+    drift_m = DRIFT_SHARE * typical_speed(frames) * since_s
+    return np.asarray(is_same & (moved_m > np.maximum(least_m, drift_m)))
+
+
+def typical_speed(frames: Frames) -> float:
+    """Return the median true speed of the moving rover, m/s; 0 if the rover does not move."""
+    is_moving = moving_steps(frames.true_position)[1:]
+    steps_m = np.linalg.norm(np.diff(frames.true_position, axis=0), axis=1)
+    periods_s = np.diff(frames.stamps_ns) / NS_PER_S
+    speeds = steps_m[is_moving] / periods_s[is_moving]
+    return float(np.median(speeds)) if len(speeds) else 0.0
+
+
+def moving_steps(true_pos: FloatArray) -> Mask:
+    """Return at which frames `(F,)` the step from the previous frame is a motion of the rover."""
+    is_moving = np.zeros(len(true_pos), np.bool_)
+    if len(true_pos) < 2:
+        return is_moving
+    steps_m = np.linalg.norm(np.diff(true_pos, axis=0), axis=1)
+    known = steps_m[steps_m > 0.0]
+    if len(known):
+        is_moving[1:] = steps_m > MOVING_SHARE * float(np.median(known))
+    return is_moving
+
+
+def is_of_truth(frames: Frames, references: list[FloatArray], is_moving: Mask) -> Mask:
+    """Return which poses `(F,)` of a moving rover are copies of the truth.
+
+    `references` are true positions at the frames, by each kind of interpolation.
+    """
+    resolution_m = resolution_of(frames.position)
+    found = np.zeros(len(frames.stamps_ns), np.bool_)
+    for true_pos in references:
+        found |= ends_true_motion(frames, true_pos, resolution_m)
+        if resolution_m:
+            found |= is_rounded_truth(frames.position, true_pos, resolution_m, is_moving)
+    return found & is_moving
+
+
+def ends_true_motion(frames: Frames, true_pos: FloatArray, resolution_m: float) -> Mask:
+    """Return at which frames `(F,)` the last motion over the least testable path equals the true motion."""
+    found = np.zeros(len(true_pos), np.bool_)
+    steps_m = np.linalg.norm(np.diff(true_pos, axis=0), axis=1)
+    travelled_m = np.append(0.0, np.cumsum(steps_m))[: len(true_pos)]
+    starts = np.searchsorted(travelled_m, travelled_m - least_motion_m(resolution_m), "right") - 1
+    ends = np.flatnonzero(starts >= 0)
+    found[ends] = is_true_motion(frames, true_pos, starts[ends], ends, resolution_m)
+    return found
+
+
+def least_motion_m(resolution_m: float) -> float:
+    """Return the shortest motion that can be tested: over it, the rounding is as small as `EXACT_SHARE` of the motion.
+
+    It is 0.17 m for a resolution of 1 um or finer.
+    """
+    return float(np.sqrt(3.0)) * max(resolution_m, FINEST_M) / EXACT_SHARE
+
+
+def is_true_motion(frames: Frames, true_pos: FloatArray, starts: IntArray, ends: IntArray, resolution_m: float) -> Mask:
+    """Return which motions from `starts` to `ends` equal the true motions, in DS or in RB at the start.
+
+    A displacement of less than half of the least testable motion, as after a turn back, equals no other.
+    """
+    motion, true_motion = frames.position[ends] - frames.position[starts], true_pos[ends] - true_pos[starts]
+    in_body = quat_rotate(quat_conjugate(frames.attitude[starts]), motion)
+    true_in_body = quat_rotate(quat_conjugate(frames.true_attitude[starts]), true_motion)
+    error_m = np.minimum(np.linalg.norm(motion - true_motion, axis=1), np.linalg.norm(in_body - true_in_body, axis=1))
+    length_m = np.linalg.norm(true_motion, axis=1)
+    is_long = length_m >= 0.5 * least_motion_m(resolution_m)
+    return np.asarray(is_long & (error_m <= EXACT_SHARE * length_m + np.sqrt(3.0) * resolution_m))
+
+
+def judged_of_truth(frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]]) -> Figure:
+    """Return the row of the judged motions that equal the true motions, for the condition with the largest fraction.
+
+    This detects true poses that are used only at the starts and ends, where no two successive poses are true.
+    """
+    resolution_m = resolution_of(frames.position)
+    worst = figure_row("errors_of_truth")
+    for starts, ends in chosen:
+        lengths_m = np.linalg.norm(frames.true_position[ends] - frames.true_position[starts], axis=1)
+        is_moving = lengths_m > MOVING_SHARE * np.max(lengths_m, initial=0.0)
+        starts, ends = starts[is_moving], ends[is_moving]
+        is_true = is_true_motion(frames, frames.true_position, starts, ends, resolution_m)
+        count = len(is_true)
+        share = share_of(int(np.count_nonzero(is_true)), count)
+        if share is not None and share >= (worst.value or 0.0):
+            worst = figure_row("errors_of_truth", n=count, value=share)
+    return worst
+
+
+def resolution_of(positions: FloatArray) -> float:
+    """Return the resolution of positions that were rounded to decimals, m; 0 if they were not rounded."""
+    for resolution_m in RESOLUTIONS_M:
+        units = positions / resolution_m
+        if np.allclose(units, np.rint(units), rtol=0.0, atol=1e-4):
+            return resolution_m
+    return 0.0
+
+
+def is_rounded_truth(positions: FloatArray, true_pos: FloatArray, resolution_m: float, is_moving: Mask) -> Mask:
+    """Return which positions `(F, 3)` are rounded true positions, in runs that contain enough motion.
+
+    A run must have `ROUNDED_IN_A_ROW` poses of a moving rover and a minimum path, because over a short path the error
+    of a real estimate can be smaller than the rounding.
+    """
+    step_m = np.linalg.norm(np.diff(true_pos, axis=0, prepend=true_pos[:1]), axis=1)
+    is_equal = (np.rint(true_pos / resolution_m) == np.rint(positions / resolution_m)).all(axis=1)
+    found = np.zeros(len(positions), np.bool_)
+    edges = np.flatnonzero(np.diff(is_equal, prepend=False, append=False))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        has_poses = np.count_nonzero(is_moving[begin:end]) >= ROUNDED_IN_A_ROW
+        has_path = step_m[begin + 1 : end].sum() >= ROUNDED_PATH * resolution_m
+        found[begin:end] = has_poses and has_path
+    return found
+
+
+def spline_positions(truth: Trajectory, frames: Frames) -> FloatArray:
+    """Return true positions at frames by a cubic spline; with fewer than 4 poses the linearly interpolated ones."""
+    from scipy.interpolate import CubicSpline  # slow to import, and only interpolated truths need it
+
+    rows = unique_rows(truth.stamps_ns)
+    stamps_ns = truth.stamps_ns[rows]
+    if len(stamps_ns) < 4:
+        return frames.true_position
+    at_s = (frames.stamps_ns - stamps_ns[0]) * 1e-9
+    return np.asarray(CubicSpline((stamps_ns - stamps_ns[0]) * 1e-9, truth.positions[rows])(at_s))

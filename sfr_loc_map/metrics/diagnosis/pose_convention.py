@@ -1,0 +1,232 @@
+"""The convention of the poses of an estimate, and the conversion to poses of RB in DS.
+
+Each setting declares one difference. The differences are corrected in this order: stamps, quaternions, unit, mirroring,
+inversion, frame of the rover (`converted`), world frame (`aligned`). Values without a difference stay bit-identical.
+`converted_estimates` converts poses with their covariances.
+
+`metrics.diagnosis.convention_diagnosis` finds a difference that is not declared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+
+from sfr_loc_map.config import build, changed, param, parameters
+from sfr_loc_map.errors import ConfigError, MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_from_matrix, quat_multiply, quat_normalised, quat_rotate
+from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform, propagation
+from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.errors.consistency import carried
+from sfr_loc_map.metrics.frames.association import COVARIANCE_SIZE, UPPER, Estimates, associate, symmetric
+
+RB = "rb"  #: Frame of the rover [3.2.1].
+RB_OPTICAL = "rb_optical"  #: Frame with the origin of RB and optical axes.
+RB_FRD = "rb_frd"  #: Frame with the origin of RB and the axes x forward, y right, z down (NED).
+FRAMES = (RB, RB_OPTICAL, RB_FRD, "sb", "left", "right", "left_optical", "right_optical")
+"""Frames of the rover: RB, RB with optical axes or axes of NED, the stereo rig SB, and the cameras with axes of SB or
+optical axes."""
+FRD_IN_BODY = np.diag([1.0, -1.0, -1.0])  #: Converts components in `RB_FRD` to RB.
+MIRROR = np.array([1.0, -1.0, 1.0])  #: Factors that mirror a position in the x-z plane.
+MIRROR_QUAT = np.array([-1.0, 1.0, -1.0, 1.0])  #: Factors that mirror a quaternion in the x-z plane.
+FIRST_POSE = "first_pose"  #: World frame that is aligned with the truth at the first pose.
+MAX_OFFSET_NS = 2**62  #: Maximum offset of stamps, ns, whose sum with a stamp fits 64 bits.
+
+
+UNITS_M = (0.0254, 0.3048, 1200.0 / 3937.0, 0.9144)
+"""Units of positions that are no powers of ten of a metre: inch, foot, US survey foot and yard, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseConvention:
+    """Differences of an estimate from poses of RB in DS with orientations as in ROS and positions in metres."""
+
+    frame: str = param("rb", doc="Frame of the rover whose poses are given.", choices=FRAMES)
+    extrinsics: tuple[float, ...] = param(
+        (),
+        unit="m",
+        doc="Pose in RB of another frame whose poses are given: x,y,z,qx,qy,qz,qw.",
+        low=-100.0,
+        high=100.0,
+    )
+    world: str = param(
+        "ds",
+        doc="World frame: DS, or a frame that is aligned at the first pose with the truth (without truth: identity).",
+        choices=("ds", FIRST_POSE),
+    )
+    quaternion: str = param(
+        "xyzw",
+        doc="Quaternions: as in ROS, scalar first, conjugated (rotation from DS to RB), conjugated and scalar first, "
+        "or scalar first in the columns att_q_DsToRb of a csv file.",
+        choices=("xyzw", "wxyz", "conjugated", "conjugated_wxyz", "wxyz_ds_to_rb"),
+    )
+    inverse: bool = param(False, doc="Poses are inverted: they describe the world in the frame of the rover.")
+    inverse_motion: bool = param(False, doc="Motions since the first pose are inverted; the first pose is not.")
+    mirrored: bool = param(False, doc="Left and right are mirrored: the y-axis points to the right.")
+    metres_per_unit: float = param(1.0, unit="m", doc="Unit of the positions in metres.", low=1e-6, high=1e6)
+    time_offset_ns: int = param(
+        0, unit="ns", doc="Offset that is added to the stamps.", low=-MAX_OFFSET_NS, high=MAX_OFFSET_NS
+    )
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError if both a frame and extrinsics are declared, or if the extrinsics are not seven numbers."""
+        if self.extrinsics and (self.frame != RB or len(self.extrinsics) != 7):
+            raise ConfigError(
+                f"convention: extrinsics require seven numbers x,y,z,qx,qy,qz,qw and no frame=NAME: found "
+                f"{len(self.extrinsics)} numbers and frame={self.frame}"
+            )
+
+    @classmethod
+    def parse(cls, texts: Sequence[str]) -> PoseConvention:
+        """Return the convention of settings `NAME=VALUE`; ConfigError if one is invalid or given twice."""
+        types = {info.name: info.type for info in parameters(cls)}
+        values: dict[str, object] = {}
+        for text in texts:
+            name, separator, value = text.partition("=")
+            if not separator or name in values:
+                problem = "is given twice" if separator else "NAME=VALUE is required, such as frame=left_optical"
+                raise ConfigError(f"convention '{text}': {problem}")
+            try:
+                content = value.split(",") if name == "extrinsics" else value
+                values[name] = msgspec.convert(content, types.get(name, str), strict=False)
+            except msgspec.ValidationError as error:
+                raise ConfigError(f"convention '{text}': {error}") from error
+        return build(cls, values, origin="convention")
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """The settings that differ from the default, in the form that `parse` reads."""
+        differing = changed(self)
+        if self.extrinsics:
+            differing = {**differing, "extrinsics": ",".join(map(repr, self.extrinsics))}
+        return tuple(f"{name}={str(value).lower()}" for name, value in differing.items())
+
+    @property
+    def has_fitted_unit(self) -> bool:
+        """Whether the factor of the positions was probably fitted, because it is no known unit of length."""
+        exponent = np.log10(self.metres_per_unit)
+        is_power_of_ten = bool(np.isclose(exponent, np.rint(exponent), rtol=0.0, atol=1e-9))
+        return not is_power_of_ten and not bool(np.isclose(self.metres_per_unit, UNITS_M, rtol=1e-6, atol=0.0).any())
+
+    @property
+    def of_another_frame(self) -> bool:
+        """Whether the poses are those of another frame than RB."""
+        return bool(self.extrinsics) or self.frame != RB
+
+    def T_rb_child(self, rig: StereoRig | None) -> Transform:
+        """Return the pose in RB of the frame whose poses are given; ConfigError if the required rig is unknown."""
+        if self.extrinsics:
+            return Transform.from_quat(self.extrinsics[:3], self.extrinsics[3:])
+        rotations = {RB: np.eye(3), RB_OPTICAL: OPTICAL_IN_BODY, RB_FRD: FRD_IN_BODY}
+        if self.frame in rotations:
+            return Transform(rotations[self.frame], np.zeros(3))
+        if rig is None or rig.T_rb_sb is None:
+            raise ConfigError(
+                f"convention 'frame={self.frame}' requires the pose of the cameras in RB (T_rb_locsb), which the "
+                "source does not have: give a source with this pose, or extrinsics=x,y,z,qx,qy,qz,qw"
+            )
+        side = {"left": 0.5, "right": -0.5}.get(self.frame.removesuffix("_optical"), 0.0)
+        rotation = OPTICAL_IN_BODY if self.frame.endswith("_optical") else np.eye(3)
+        return rig.T_rb_sb @ Transform(rotation, np.array([0.0, side * rig.baseline_m, 0.0]))
+
+
+def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Transform) -> Trajectory:
+    """Return poses of RB in the world frame of the estimate, from poses of a child frame of RB in a convention."""
+    stamps = trajectory.stamps_ns
+    positions = trajectory.positions
+    quats = trajectory.quats_xyzw
+    if convention.time_offset_ns:
+        stamps = stamps + np.int64(convention.time_offset_ns)
+    order = convention.quaternion
+    if order == "wxyz_ds_to_rb":  # the reader has conjugated the columns att_q_DsToRb as if they were scalar last
+        quats = quat_conjugate(quats)
+    if "wxyz" in order:
+        quats = quats[:, [1, 2, 3, 0]]
+    if order not in ("xyzw", "wxyz"):
+        quats = quat_conjugate(quats)
+    if convention.metres_per_unit != 1.0:
+        positions = positions * convention.metres_per_unit
+    if convention.mirrored:
+        positions = positions * MIRROR
+        quats = quats * MIRROR_QUAT
+    if convention.inverse or convention.inverse_motion:
+        first = Transform.from_quat(positions[0], quats[0]) if convention.inverse_motion else Transform.identity()
+        quats = quat_normalised(quat_conjugate(quats))
+        positions = first.apply(quat_rotate(quats, first.translation - positions))
+        quats = quat_multiply(quat_multiply(first.quat_xyzw, quats), first.quat_xyzw)
+    if convention.of_another_frame:
+        quats = quat_multiply(quat_normalised(quats), quat_from_matrix(T_rb_child.rotation.T))
+        positions = positions - quat_rotate(quats, T_rb_child.translation)
+    return Trajectory(stamps, positions, quats)
+
+
+def aligned(trajectory: Trajectory, T_ds_world: Transform) -> Trajectory:
+    """Return poses in DS from poses in another world frame."""
+    quats = quat_multiply(T_ds_world.quat_xyzw, trajectory.quats_xyzw)
+    return Trajectory(trajectory.stamps_ns, T_ds_world.apply(trajectory.positions), quats)
+
+
+def converted_estimates(
+    estimates: Estimates, convention: PoseConvention, T_rb_child: Transform, truth: Trajectory | None
+) -> Estimates:
+    """Return estimates, which are poses of a child frame of RB in a convention, as poses of RB in DS.
+
+    With `world=first_pose` the first pose is aligned with the truth, or with the identity if there is no truth.
+    Covariances are propagated, but removed if poses are inverted or mirrored. Steps (`step_cov`) are motions of RB and
+    are kept only if the conventions differ in nothing but the world frame or the stamps. MetricsError if no pose has a
+    true pose.
+    """
+    poses = converted(estimates.trajectory, convention, T_rb_child)
+    is_turned = convention.inverse or convention.inverse_motion or convention.mirrored
+    covariance = None if is_turned else estimates.covariance
+    if covariance is not None and (convention.metres_per_unit != 1.0 or convention.of_another_frame):
+        unit = np.diag([convention.metres_per_unit] * 3 + [1.0] * 3)
+        arms = -quat_rotate(quat_normalised(poses.quats_xyzw), T_rb_child.translation)
+        carry = np.array([propagation(arm) @ unit for arm in arms]).reshape(-1, 6, 6)
+        covariance = _carried(covariance, carry)
+    plain = convention == PoseConvention(world=convention.world, time_offset_ns=convention.time_offset_ns)
+    result = replace(estimates, trajectory=poses, covariance=covariance, steps=estimates.steps if plain else None)
+    if convention.world != FIRST_POSE:
+        return result
+    return aligned_estimates(result, world_at_first_pose(result, truth))
+
+
+def aligned_estimates(estimates: Estimates, T_ds_world: Transform) -> Estimates:
+    """Return estimates in DS, with their covariances, from estimates in another world frame."""
+    covariance = estimates.covariance
+    if covariance is not None:
+        covariance = _carried(covariance, np.asarray(np.kron(np.eye(2), T_ds_world.rotation), np.float64))
+    return replace(estimates, trajectory=aligned(estimates.trajectory, T_ds_world), covariance=covariance)
+
+
+def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Transform:
+    """Return `T_ds_world`, which aligns the first pose that is not lost with its true pose.
+
+    Without a truth, `T_ds_world` aligns the first pose with the identity.
+    """
+    if truth is None:
+        if not len(estimates.trajectory):
+            raise MetricsError("the estimate has no pose to align the world frame with: give an estimate with poses")
+        return estimates.trajectory.pose(0).inverse()
+    frames = associate(estimates.trajectory, truth, AssociationConfig())[0]
+    known = np.flatnonzero(~estimates.lost[frames.estimate_rows])
+    if not len(known):
+        raise MetricsError(
+            "no estimated pose has a true pose at its stamp, so the world frame cannot be aligned: check the "
+            "stamps, or set world=ds"
+        )
+    first = int(known[0])
+    true = Transform.from_quat(frames.true_position[first], frames.true_attitude[first])
+    return true @ Transform.from_quat(frames.position[first], frames.attitude[first]).inverse()
+
+
+def _carried(covariance: FloatArray, carry: FloatArray) -> FloatArray:
+    """Return the upper triangles `(N, 21)` of propagated covariances, from upper triangles."""
+    moved = carried(carry, symmetric(covariance))
+    return np.ascontiguousarray(moved[:, UPPER[0], UPPER[1]]).reshape(-1, COVARIANCE_SIZE)

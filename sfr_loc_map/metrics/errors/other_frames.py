@@ -1,0 +1,90 @@
+"""Errors at the frames at which no judged sub-trajectory starts or ends. They must not far exceed the judged errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.metrics.completeness.expected_items import share_of
+from sfr_loc_map.metrics.completeness.shortfall_kinds import BEYOND_MOST
+from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.errors.trajectory_errors import error_figures, error_row, errors_of
+from sfr_loc_map.metrics.frames.placement import PlacedFrames
+from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
+from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, FigureKind
+from sfr_loc_map.metrics.table.row_part import OTHER_FRAMES
+from sfr_loc_map.metrics.table.rows import Figure, figure_row
+
+BEYOND = 3.0
+"""Multiple of the largest judged error that the error at another frame must not exceed."""
+NAMED_FRAMES = 5  #: Maximum number of ranges of frames that a message names.
+
+
+def rows_of_other_frames(
+    condition: str, judged: SubTrajectories, placed: PlacedFrames, *, has_height: bool
+) -> Iterator[Figure]:
+    """Yield the errors at the other frames, and the fraction of frames whose error far exceeds the judged errors."""
+    if not len(judged.starts):
+        return
+    others, frames = to_other_frames(judged, placed), len(placed.frames.stamps_ns)
+    for kind in error_figures(has_height=has_height):
+        yield error_row(kind, condition, OTHER_FRAMES, others)
+        beyond = int(np.count_nonzero(beyond_the_judged(kind, others, judged)))
+        yield figure_row(ERRORS_BEYOND, condition, kind.name, n=frames, value=share_of(beyond, frames))
+
+
+def to_other_frames(judged: SubTrajectories, placed: PlacedFrames) -> SubTrajectories:
+    """Return sub-trajectories that end at the other frames, each from the nearest frame of a judged sub-trajectory.
+
+    An error that neighbouring frames share cancels between these frames, but not relative to a judged frame.
+    """
+    known = np.union1d(judged.starts, judged.ends)
+    ends = np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)
+    after = np.minimum(np.searchsorted(known, ends), len(known) - 1)
+    before = np.maximum(after - 1, 0)
+    is_after_nearer = np.abs(known[after] - ends) < np.abs(ends - known[before])
+    starts = np.where(is_after_nearer, known[after], known[before])
+    return SubTrajectories(starts, ends, placed.poses, placed.errors_of(placed.poses, starts, ends))
+
+
+def beyond_the_judged(kind: FigureKind, others: SubTrajectories, judged: SubTrajectories) -> Mask:
+    """Return which sub-trajectories have a known error above `BEYOND` times the largest judged error."""
+    judged_sizes, sizes = (error_sizes(kind, sub_trajectories) for sub_trajectories in (judged, others))
+    largest = np.max(judged_sizes[np.isfinite(judged_sizes)], initial=0.0)
+    return np.asarray(sizes > BEYOND * largest)
+
+
+def error_sizes(kind: FigureKind, sub_trajectories: SubTrajectories) -> FloatArray:
+    """Return the sizes of the errors of a figure: norms of vectors, or absolute values."""
+    errors = errors_of(kind, sub_trajectories)
+    return np.asarray(np.linalg.norm(np.atleast_2d(errors.T), axis=0))
+
+
+def unjudged_frames(
+    condition: str, judged: SubTrajectories, placed: PlacedFrames, rows: Sequence[Figure]
+) -> Iterator[str]:
+    """Yield a warning that names the other frames with a far larger error, if their fraction exceeds `BEYOND_MOST`."""
+    many = {row.part for row in rows if row.figure == ERRORS_BEYOND and (row.value or 0.0) > BEYOND_MOST}
+    kinds = [kind for kind in error_figures(has_height=False) if kind.name in many]
+    if not kinds:
+        return
+    others = to_other_frames(judged, placed)
+    found = others.ends[np.logical_or.reduce([beyond_the_judged(kind, others, judged) for kind in kinds])]
+    breaks = np.flatnonzero(np.diff(found) > 1) + 1
+    parts = [f"{part[0]}-{part[-1]}" if len(part) > 1 else f"{part[0]}" for part in np.split(found, breaks)]
+    more = " ..." if len(parts) > NAMED_FRAMES else ""
+    yield (
+        f"{len(found)} of {len(placed.frames.stamps_ns)} frames are neither the start nor the end of a judged "
+        f"sub-trajectory over {label_of(condition)}, and their errors are far above the judged errors: frames "
+        f"{', '.join(parts[:NAMED_FRAMES])}{more}, counted from 0"
+    )
+
+
+def largest_fraction_beyond(rows: Sequence[Figure]) -> Iterator[Figure]:
+    """Yield the row of the largest fraction of frames far above the judged errors, if there are sub-trajectories."""
+    fractions = [row for row in rows if row.figure == ERRORS_BEYOND and row.value is not None]
+    if fractions:
+        largest = max(fractions, key=lambda row: row.value or 0.0)
+        yield figure_row(ERRORS_BEYOND, n=largest.n, value=largest.value)

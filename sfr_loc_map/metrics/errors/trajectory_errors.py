@@ -1,0 +1,137 @@
+"""The sub-trajectories of a condition and the rows of their errors [4.1, 4.2.3]. The formulas are in `formulas`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.metrics import formulas, formulas_beside
+from sfr_loc_map.metrics.config import Condition, ConditionKind
+from sfr_loc_map.metrics.formulas import ErrorFunction, Lengths, Poses
+from sfr_loc_map.metrics.frames.association import StampedPoses
+from sfr_loc_map.metrics.frames.placement import ERROR_FUNCTIONS, PlacedFrames, without_unknown_attitudes
+from sfr_loc_map.metrics.frames.truth_error import as_truth
+from sfr_loc_map.metrics.statistics.intervals import interval95
+from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
+from sfr_loc_map.metrics.table.catalogue import KINDS, FigureKind
+from sfr_loc_map.metrics.table.row_part import distance_part
+from sfr_loc_map.metrics.table.rows import Figure, figure_row
+
+DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+"""Path lengths for the error as a function of the distance travelled."""
+DISTANCES_SPACING, DISTANCES_BASE_M = 10, 50.0
+"""Minimum number of frames between the starts of these sub-trajectories, and the length beyond which this number is
+proportional to the length, because overlapping sub-trajectories add little information."""
+DISTANCES_MAX_STARTS = 5000  #: A sub-trajectory that contains more starts is ignored: the rover was stationary.
+
+
+def error_figures(*, has_height: bool) -> list[FigureKind]:
+    """Return the figures of sub-trajectories for a ground truth with or without heights."""
+    kinds = [kind for kind in KINDS.values() if kind.errors_of is not None]
+    without_height = [] if has_height else [kind for kind in kinds if kind.is_without_height]
+    return [kind for kind in kinds if not kind.is_without_height] + without_height
+
+
+def errors_of(kind: FigureKind, sub_trajectories: SubTrajectories) -> FloatArray:
+    """Return the errors of a figure of sub-trajectories."""
+    assert kind.errors_of is not None  # as in all `error_figures`
+    return kind.errors_of(sub_trajectories)
+
+
+# ---- selection
+
+
+def select(condition: Condition, spacing: int, path: StampedPoses, length_m: Lengths) -> tuple[IntArray, IntArray]:
+    """Return the frames N and N+x of the sub-trajectories of a condition over a path [4.1.1].
+
+    N+x is the first frame at which all parts of the condition hold. A start whose condition is never met is skipped.
+    """
+    count = len(path.stamps_ns)
+    starts = formulas.start_frames(count, spacing)
+    ends = np.minimum(starts + 1, count)
+    metres = turn_deg = 0.0
+    for part in condition.parts:
+        if part.kind is ConditionKind.DISTANCE:
+            ends = np.maximum(ends, formulas.ends_by_distance(starts, length_m, part.value))
+        elif part.kind is ConditionKind.TIME:
+            time_ns = round(part.value * NS_PER_S)
+            ends = np.maximum(ends, formulas.ends_by_time(starts, path.stamps_ns, time_ns))
+        elif part.kind is ConditionKind.FRAMES:
+            ends = np.maximum(ends, formulas.ends_by_frames(starts, int(part.value)))
+        elif part.kind is ConditionKind.DISPLACEMENT:
+            metres = part.value
+        else:
+            turn_deg = part.value
+    if metres or turn_deg:
+        ends = formulas_beside.ends_apart(starts, ends, path.position, path.attitude, metres, turn_deg)
+    is_met = ends < count
+    return starts[is_met], ends[is_met]
+
+
+def overlap_of(starts: IntArray, ends: IntArray, spacing: int) -> float:
+    """Return the mean number of starts within one sub-trajectory."""
+    return int(np.sum(-(-(ends - starts) // spacing))) / max(len(starts), 1)
+
+
+# ---- rows
+
+
+def error_row(
+    kind: FigureKind, condition: str | None, part: str, sub_trajectories: SubTrajectories, overlap: float = 0.0
+) -> Figure:
+    """Return the row of a figure, with its 95 % interval if the overlap of the sub-trajectories is given."""
+    errors = errors_of(kind, sub_trajectories)
+    statistics = formulas.statistics(errors)
+    if not overlap:
+        return figure_row(kind.name, condition, part, statistics=statistics)
+    low95, high95 = interval95(errors, overlap, unsigned=kind.is_unsigned) or (None, None)
+    independent = len(errors) / overlap
+    return figure_row(
+        kind.name, condition, part, statistics=statistics, independent=independent, low95=low95, high95=high95
+    )
+
+
+def error_rows(
+    condition: str, sub_trajectories: SubTrajectories, overlap: float, placed: PlacedFrames, truth: Trajectory
+) -> Iterator[Figure]:
+    """Yield the errors of one condition by the judged reading, by direction, and by the others."""
+    known = as_truth(truth)
+    judged = placed.association.rebase
+    kinds = error_figures(has_height=known.has_height)
+    for kind in kinds:
+        if not kind.is_without_height:
+            yield error_row(kind, condition, str(judged), sub_trajectories, overlap)
+    for direction, values in sub_trajectories.by_direction().items():
+        yield figure_row("position", condition, direction, statistics=formulas.statistics(values))
+    for kind in kinds:
+        if kind.is_without_height:
+            yield error_row(kind, condition, str(judged), sub_trajectories, overlap)
+    for reading, function in ERROR_FUNCTIONS.items() if truth.has_attitude else ():
+        if reading is judged:
+            continue
+        errors_of = without_unknown_attitudes(known, function)
+        errors = errors_of(placed.poses, sub_trajectories.starts, sub_trajectories.ends)
+        other = sub_trajectories._replace(errors=errors)
+        for kind in kinds:
+            if not kind.is_of_all_readings:
+                yield error_row(kind, condition, str(reading), other)
+
+
+def growth_rows(poses: Poses, length_m: Lengths, spacing: int, errors_of: ErrorFunction) -> Iterator[Figure]:
+    """Yield the rows of the error as a function of the length of the sub-trajectory."""
+    count = len(length_m)
+    for metres in DISTANCES_M:
+        apart = max(spacing, round(DISTANCES_SPACING * max(metres / DISTANCES_BASE_M, 1.0)))
+        starts = formulas.start_frames(count, apart)
+        ends = formulas.ends_by_distance(starts, length_m, metres)
+        is_short = (ends < count) & (ends - starts <= DISTANCES_MAX_STARTS * apart)
+        starts, ends = starts[is_short], ends[is_short]
+        if len(starts):
+            sub_trajectories = SubTrajectories(starts, ends, poses, errors_of(poses, starts, ends))
+            for kind in error_figures(has_height=True):
+                if not kind.is_of_all_readings:
+                    yield error_row(kind, None, distance_part(metres), sub_trajectories)

@@ -1,0 +1,188 @@
+"""Absolute and relative pose error (APE, RPE) after an alignment.
+
+APE and RPE are defined as in Sturm et al. 2012 (IROS, section IV) and in evo. The errors equal those of evo for the
+same files, but the standard deviation of evo divides by n. docs/metrics.md describes how poses are paired.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import (
+    matrix_from_quat,
+    quat_angle,
+    quat_conjugate,
+    quat_from_matrix,
+    quat_multiply,
+    quat_normalised,
+    quat_rotate,
+)
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth, at_point
+from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionKind
+from sfr_loc_map.metrics.formulas import statistics
+from sfr_loc_map.metrics.frames.association import unique_rows
+from sfr_loc_map.metrics.frames.truth_error import as_truth
+from sfr_loc_map.metrics.table.records import Alignment
+from sfr_loc_map.metrics.table.rows import Figure, figure_row
+from sfr_loc_map.stamp_pairing import nearest_stamps
+
+
+class Similarity(NamedTuple):
+    """The transform `p -> scale R p + t`."""
+
+    scale: float
+    rotation: FloatArray
+    translation: FloatArray
+
+
+class AlignedPoses(NamedTuple):
+    """Paired poses with unit quaternions after the alignment, and the similarity that was applied to the estimate."""
+
+    estimate: Trajectory
+    truth: Trajectory
+    similarity: Similarity | None
+
+    def errors_m(self) -> FloatArray:
+        """Return the distance of each estimate from the truth."""
+        return np.asarray(np.linalg.norm(self.estimate.positions - self.truth.positions, axis=1))
+
+
+class AlignedErrors(NamedTuple):
+    """APE and RPE, and how they were computed."""
+
+    figures: tuple[Figure, ...]
+    alignment: Alignment
+
+
+def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedErrors:
+    """Return the absolute and relative pose error of an estimate, whose poses may be in any order.
+
+    MetricsError if no stamps are within `max_difference_s`, or if the alignment is undetermined.
+    """
+    known = as_truth(truth)
+    if not known.has_height:
+        raise MetricsError("APE and RPE require true heights, which the truth does not have: omit the option align")
+    poses = aligned_poses(estimate, truth, config)
+    delta = Condition.parse(config.rpe_delta)
+    # relative error E = inv(inv(Q_i) Q_j) inv(P_i) P_j with the truth Q and the estimate P; the next motion starts at j
+    ends = _ends(poses.estimate.positions, delta)
+    true_move, true_turn = _motions(poses.truth, ends)
+    move, turn = _motions(poses.estimate, ends)
+    figures: list[Figure] = []
+    for name, errors_m, true_quats, quats in (
+        ("ape", poses.errors_m(), poses.truth.quats_xyzw, poses.estimate.quats_xyzw),
+        ("rpe", np.linalg.norm(move - true_move, axis=1), true_turn, turn),
+    ):
+        errors_deg = np.degrees(quat_angle(quat_multiply(quat_conjugate(true_quats), quats)))
+        known_deg = errors_deg if known.has_attitude and known.has_tilt else errors_deg[:0]
+        figures.append(figure_row(name, part="translation", statistics=statistics(errors_m)))
+        figures.append(figure_row(name, part="rotation", unit="deg", statistics=statistics(known_deg)))
+    similarity = poses.similarity or Similarity(1.0, np.eye(3), np.zeros(3))
+    displacements = "" if truth.has_attitude else "; relative errors are of displacements in DS"
+    alignment = Alignment(
+        align=config.align,
+        association=f"{len(poses.truth)} poses paired by the nearest stamp{displacements}",
+        max_difference_s=config.max_difference_s,
+        rpe_delta=delta.setting,
+        scale=similarity.scale,
+        quat_xyzw=tuple(quat_from_matrix(similarity.rotation).tolist()),
+        translation_m=tuple(similarity.translation.tolist()),
+    )
+    return AlignedErrors(tuple(figures), alignment)
+
+
+def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedPoses:
+    """Return paired poses after the alignment.
+
+    A truth without attitudes gets the attitudes of the aligned estimate. MetricsError if no stamps are within
+    `max_difference_s`, or if the alignment is undetermined.
+    """
+    if config.align == "origin" and not truth.has_attitude:
+        raise MetricsError(
+            "align=origin requires true attitudes, but the truth has only positions: use align=se3 or none"
+        )
+    if not truth.has_attitude and isinstance(truth, Truth):
+        estimate = at_point(estimate, truth.lever_arm_m)
+    estimate_rows, true_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
+    estimate_stamps, true_stamps = estimate.stamps_ns[estimate_rows], truth.stamps_ns[true_rows]
+    estimate_is_longer = len(estimate_rows) > len(true_rows)
+    few, many = (true_stamps, estimate_stamps) if estimate_is_longer else (estimate_stamps, true_stamps)
+    short = long = np.zeros(0, np.intp)
+    if len(few):  # each pose of the shorter trajectory is paired with the nearest pose of the longer one
+        nearest, difference = nearest_stamps(few, many)
+        short = np.flatnonzero(difference <= round(config.max_difference_s * NS_PER_S))
+        long = nearest[short]
+    mine, theirs = (long, short) if estimate_is_longer else (short, long)
+    if not len(mine):
+        raise MetricsError(
+            f"no stamps of estimate and truth are within {config.max_difference_s:g} s of each other, so there is "
+            "no APE: increase the option max_difference, or omit the option align"
+        )
+    est, true = (
+        Trajectory(
+            each.stamps_ns[rows],
+            each.positions[rows],
+            quat_normalised(each.quats_xyzw[rows]) if each.has_attitude else each.quats_xyzw[rows],
+        )
+        for each, rows in ((estimate, estimate_rows[mine]), (truth, true_rows[theirs]))
+    )
+    similarity = None
+    if config.align == "origin":
+        turn = quat_multiply(true.quats_xyzw[0], quat_conjugate(est.quats_xyzw[0]))
+        translation = true.positions[0] - quat_rotate(turn, est.positions[0])
+        similarity = Similarity(1.0, matrix_from_quat(turn), translation)
+    elif config.align != "none":
+        similarity = umeyama(est.positions, true.positions, with_scale=config.align == "sim3")
+    if similarity is not None:
+        turned = quat_multiply(quat_from_matrix(similarity.rotation), est.quats_xyzw)
+        moved = (similarity.scale * est.positions) @ similarity.rotation.T + similarity.translation
+        est = Trajectory(est.stamps_ns, np.asarray(moved), turned)
+    if not truth.has_attitude:
+        true = Trajectory(true.stamps_ns, true.positions, est.quats_xyzw)
+    return AlignedPoses(est, true, similarity)
+
+
+def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Similarity:
+    """Return the least-squares similarity from points `(N, 3)` to their targets (equations of Umeyama 1991).
+
+    MetricsError if the points are collinear or coincide, so the rotation is undetermined.
+    """
+    mean_p, mean_t = points.mean(axis=0), targets.mean(axis=0)
+    p, t = points - mean_p, targets - mean_t
+    covariance = t.T @ p / len(points)  # equation 38
+    u, singular, vt = np.linalg.svd(covariance)
+    if np.count_nonzero(singular > np.finfo(np.float64).eps) < 2:
+        raise MetricsError(
+            f"{len(points)} positions on a line or at one point have no least-squares alignment: use align=origin"
+        )
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt)) or 1.0])  # equation 43
+    rotation = (u * signs) @ vt  # equation 40
+    scale = float((singular * signs).sum() / np.square(p).sum(axis=1).mean()) if with_scale else 1.0  # equation 42
+    return Similarity(scale, rotation, mean_t - scale * (rotation @ mean_p))  # equation 41
+
+
+def _motions(poses: Trajectory, ends: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    """Return translations and quaternions of the motions `inv(T_i) T_j` between consecutive `ends`."""
+    i, j = ends[:-1], ends[1:]
+    back = quat_conjugate(poses.quats_xyzw[i])
+    return quat_rotate(back, poses.positions[j] - poses.positions[i]), quat_multiply(back, poses.quats_xyzw[j])
+
+
+def _ends(positions: FloatArray, delta: Condition) -> NDArray[np.intp]:
+    if delta.others or delta.kind not in (ConditionKind.FRAMES, ConditionKind.DISTANCE):
+        raise MetricsError(f"a relative error over {delta} is not defined: give frames=NUMBER or distance=METRES")
+    if delta.kind is ConditionKind.FRAMES:
+        return np.arange(0, len(positions), int(delta.value), dtype=np.intp)
+    ends, travelled = [0], 0.0
+    for index, step in enumerate(np.linalg.norm(np.diff(positions, axis=0), axis=1).tolist(), 1):
+        travelled += step
+        if travelled >= delta.value:
+            ends.append(index)
+            travelled = 0.0
+    return np.array(ends, np.intp)

@@ -1,0 +1,90 @@
+"""The error of the ground truth: interpolation, declared noise, lever arm.
+
+A verdict whose margin is within this error is `not enough data` (`metrics.judging.judge`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.geometry.transform import propagated_covariance
+from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.metrics.frames.association import unique_rows
+from sfr_loc_map.metrics.table.rows import Figure, figure_row
+
+ATTITUDE = "attitude"  #: Part of the row of the attitude error.
+TURN = "attitude at the start"  #: Part of the rows of the displacement of N+x by an attitude error at N.
+
+
+def as_truth(truth: Trajectory) -> Truth:
+    """Return a trajectory as a truth; a trajectory that is not a `Truth` is assumed to be complete and exact."""
+    return truth if isinstance(truth, Truth) else Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw)
+
+
+def truth_error_rows(truth: Trajectory, frames_ns: IntArray) -> Iterator[Figure]:
+    """Yield the error of a ground truth at frames: total position error, its contributions, and attitude error.
+
+    The rows have standard deviations in m and deg. All are 0 for a truth that is assumed to be exact at every frame.
+    """
+    known = as_truth(truth)
+    errors_m = interpolation_errors(truth, frames_ns)
+    parts = {
+        "interpolation": float(np.sqrt(np.mean(np.square(errors_m)))) if len(errors_m) else 0.0,
+        "noise": float(np.sqrt(3.0)) * known.sigma_m,
+        "lever arm": float(np.linalg.norm(known.lever_arm_m)) * float(np.radians(known.sigma_deg)),
+    }
+    yield figure_row("truth_error", n=len(frames_ns), value=float(np.linalg.norm(list(parts.values()))))
+    for name, value in parts.items():
+        yield figure_row("truth_error", part=name, value=value)
+    yield figure_row("truth_error", part=ATTITUDE, unit="deg", value=float(np.sqrt(3.0)) * known.sigma_deg)
+
+
+def turn_rows(condition: str, sigma_deg: float, moves: FloatArray) -> Iterator[Figure]:
+    """Yield the position error at N+x that an error of the true attitude at N causes by rotating the re-based estimate.
+
+    The value is the standard deviation of the error vector in m, over sub-trajectories with the true displacements
+    `moves` `(M, 3)`. Unknown heights are ignored.
+    """
+    if not sigma_deg or not len(moves):
+        return
+    length_m = float(np.sqrt(np.mean(np.nansum(np.square(moves), axis=1))))
+    covariance = truth_noise((0.0, sigma_deg), np.array([length_m, 0.0, 0.0]))
+    yield figure_row("truth_error", condition, TURN, value=float(np.sqrt(np.trace(covariance[:3, :3]))))
+
+
+def truth_noise(sigmas: tuple[float, float], move: FloatArray) -> FloatArray:
+    """Return the covariance of position and attitude at N+x that the noise of the truth at N and N+x causes.
+
+    `sigmas` are in m and deg. The noise of the attitude at N rotates the displacement `move`.
+    """
+    of_position, of_attitude = sigmas[0] ** 2, np.radians(sigmas[1]) ** 2
+    at_ends = np.diag([2.0 * of_position] * 3 + [of_attitude] * 3)
+    at_start = np.diag([0.0] * 3 + [of_attitude] * 3)
+    return np.asarray(at_ends + propagated_covariance(at_start, move))
+
+
+def interpolation_errors(truth: Trajectory, frames_ns: IntArray) -> FloatArray:
+    """Return the error `(F,)` of linear interpolation at frames, m, from the curvature of the truth; 0 at its poses.
+
+    At the fraction s of an interval of duration h, the error is `s (1 - s) h^2 |a| / 2` with the acceleration a
+    (de Boor 1978, chapter III). The larger acceleration of both neighbouring poses is used.
+    """
+    rows = unique_rows(truth.stamps_ns)
+    stamps_ns = truth.stamps_ns[rows]
+    if len(stamps_ns) < 3 or not len(frames_ns):
+        return np.zeros(len(frames_ns))
+    time_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
+    at_s = (frames_ns - stamps_ns[0]) / NS_PER_S
+    velocity = np.diff(truth.positions[rows], axis=0) / np.diff(time_s)[:, None]
+    between_s = 0.5 * (time_s[2:] - time_s[:-2])
+    inner = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / between_s
+    acceleration = np.concatenate([inner[:1], inner, inner[-1:]])
+    after = np.clip(np.searchsorted(time_s, at_s, "left"), 1, len(time_s) - 1)
+    apart_s = time_s[after] - time_s[after - 1]
+    share = np.clip((at_s - time_s[after - 1]) / apart_s, 0.0, 1.0)
+    largest = np.maximum(acceleration[after - 1], acceleration[after])
+    return np.asarray(0.5 * share * (1.0 - share) * np.square(apart_s) * largest)

@@ -1,0 +1,285 @@
+"""The limits of requirements: the numbers that can be limited, and the rules that a score stores with its verdicts.
+
+The name of a limit states figure, statistic and unit. Limits are upper bounds, except `coverage_min` and the
+required fraction `judged`.
+`metrics.judging.limits_file` reads a limits file, and `metrics.judging.judge` makes the verdicts.
+
+`LIMITED_NUMBERS` contains the number of each name. To add a limit:
+
+- on a figure of the trajectory, the map or calls: add the figure to `metrics.table.catalogue`. Its names follow.
+- on completeness: add the shortfall to `metrics.completeness.shortfall_kinds`. Its name `FIGURE_max_share` follows.
+- on any other number: add its name to `LIMITED_NUMBERS`. A lower bound has a name that ends in `_min`.
+
+The template of a limits file (`metrics.judging.limits_template`), the check of stored scores, and the reports then
+include the limit. A new section of the limits file also requires a member of `LimitSection`, its meaning in the
+template, and the scope that must be complete for a pass (`metrics.judging.limit_scope.needed_part`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import msgspec
+
+from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS
+from sfr_loc_map.metrics.config import CallKind, Condition
+from sfr_loc_map.metrics.formulas import STATISTICS
+from sfr_loc_map.metrics.statistics.tolerance import CONFIDENCE, THREE_SIGMA
+from sfr_loc_map.metrics.table.catalogue import ALIGNED, CATALOGUE, KINDS, FigureKind, Subject
+from sfr_loc_map.metrics.table.records import Record
+from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
+
+
+class LimitSection(StrEnum):
+    """Section of a limits file, named after the subject of its limits."""
+
+    COMPLETENESS = "completeness"
+    TRAJECTORY = "trajectory"
+    MAP = "map"
+    TIMING = "timing"
+    MEMORY = "memory"
+    TARGET = "target"
+
+
+class Population(StrEnum):
+    """Population of the fraction of a requirement [ECSS-E-ST-60-10C, 4.1.4.2]; see `metrics.judging.proof`."""
+
+    TEMPORAL = "temporal"
+    ENSEMBLE = "ensemble"
+    MIXED = "mixed"
+
+
+class Terms(NamedTuple):
+    """Terms of a limit that is judged by a tolerance bound."""
+
+    prob: float = THREE_SIGMA  #: Fraction of the errors that must be within the limit.
+    confidence: float = CONFIDENCE  #: Confidence with which this fraction must be proved.
+    interpretation: Population = Population.TEMPORAL
+    normal: bool = False  #: Whether errors are declared to be normal, which a small sample cannot prove.
+    power: float = CONFIDENCE  #: Probability of a pass if the fraction `good` of the drives fails.
+    good: float | None = None  #: Acceptable fraction of failures; if given, a sequential test judges the drives.
+
+
+def fault_of_terms(given: Mapping[str, Any]) -> str | None:
+    """Return the first fault of given terms by the names of `Terms`, None if they are valid."""
+    for name in ("prob", "confidence", "power"):
+        value = given.get(name, 0.5)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.5 <= value < 1.0:
+            return f"'{name}' is {value!r}: a number from 0.5 to below 1 is required, 0.95 for 95 %"
+    good = given.get("good", 0.0)
+    most = 1.0 - float(given.get("prob", THREE_SIGMA))
+    if isinstance(good, bool) or not isinstance(good, (int, float)) or not 0.0 <= good < most:
+        return f"'good' is {good!r}: a fraction of failures from 0 to below 1 - prob = {most:g} is required"
+    if "normal" in given and not isinstance(given["normal"], bool):
+        return f"'normal' is {given['normal']!r}: true or false is required"
+    word = given.get("interpretation", Population.TEMPORAL)
+    if word not in [str(kind) for kind in Population]:
+        return f"'interpretation' is {word!r}: one of {', '.join(Population)} is required"
+    if "good" in given and word == Population.TEMPORAL:
+        return "'good' is a fraction of drives: the interpretation ensemble or mixed is required"
+    return None
+
+
+class LimitedNumber(NamedTuple):
+    """The number that a limit is on: a row and a column of the table of figures."""
+
+    subject: Subject
+    figure: str
+    statistic: str  #: Column; `bound` for the tolerance bound of all errors.
+    part: RowPart | None = None  #: Part of the row; None selects the judged row (`Score.judged_row`).
+    is_of_worst_call: bool = False  #: Whether the row with the largest value over the kinds of calls is limited.
+
+    def of_target(self) -> LimitedNumber:
+        """Return this number for the calls that were measured on a target."""
+        return self._replace(part=(self.part or RowPart()).at(Place.TARGET))
+
+    @property
+    def call(self) -> CallKind | None:
+        """Kind of call whose time or memory is limited, None for other figures."""
+        if self.subject is Subject.TIMING:
+            return CallKind(self.figure)
+        return None if self.part is None else self.part.call
+
+
+BOUND = "bound"  #: Statistic of a limit that is judged by a tolerance bound.
+COVERAGE_MIN = "coverage_min"  #: The only lower bound in a limits file.
+MINIMUM_COUNT = 2  #: Default minimum number of values for a verdict.
+MINIMUM_INDEPENDENT = 5.0  #: Default minimum number of independent sub-trajectories for a verdict.
+
+
+def names_of(kinds: Iterable[FigureKind], statistics: Sequence[str] = STATISTICS) -> dict[str, LimitedNumber]:
+    """Return the limited numbers of figures by the name of the limit, such as `position_mean_plus_3sigma_m`."""
+    return {
+        f"{kind.name}_{statistic}_{kind.unit}": LimitedNumber(kind.subject, kind.name, statistic)
+        for kind in kinds
+        for statistic in statistics
+    }
+
+
+OF_DRIVE = [kind for kind in CATALOGUE if kind.subject is Subject.TRAJECTORY and kind.name not in ALIGNED]
+OF_CLOUD = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and not kind.is_count]
+TIMES = {
+    "mapping_call_s": LimitedNumber(Subject.TIMING, CallKind.MAPPING_CALL.value, "max"),
+    **names_of([KINDS[kind] for kind in CallKind]),
+}
+PEAKS = {
+    f"{call}_{kind.name}_bytes": LimitedNumber(Subject.MEMORY, kind.name, "value", RowPart(call=call))
+    for call in (CallKind.LOCALISATION, CallKind.MAPPING, CallKind.MAPPING_CALL)
+    for kind in CATALOGUE
+    if kind.subject is Subject.MEMORY
+}
+LIMITED_NUMBERS: dict[LimitSection, dict[str, LimitedNumber]] = {
+    LimitSection.COMPLETENESS: {
+        kind.limit_name: LimitedNumber(
+            Subject.COMPLETENESS, kind.figure, "value", is_of_worst_call=kind.scope is Scope.CALLS
+        )
+        for kind in SHORTFALLS
+        if kind.limit_name is not None
+    },
+    LimitSection.TRAJECTORY: names_of(OF_DRIVE, (*STATISTICS, BOUND)),
+    LimitSection.MAP: {
+        **names_of([kind for kind in OF_CLOUD if not kind.is_one_number]),
+        **{
+            f"{kind.name}_{kind.unit}": LimitedNumber(kind.subject, kind.name, "value")
+            for kind in OF_CLOUD
+            if kind.is_one_number and kind.unit != "1"
+        },
+        COVERAGE_MIN: LimitedNumber(Subject.MAP, "coverage", "value"),
+    },
+    LimitSection.TIMING: TIMES,
+    LimitSection.MEMORY: PEAKS,
+    LimitSection.TARGET: {name: limited.of_target() for name, limited in (TIMES | PEAKS).items()},
+}
+"""The limited number of each name of a limits file, by section."""
+ON_TARGET = f"{Place.TARGET} "  #: Prefix of the name of a limit on the target in a verdict.
+OF_MAP = [kind.figure for kind in SHORTFALLS if kind.scope is Scope.MAP]
+"""Figures of completeness that are about the map."""
+
+
+class Limit(Record, frozen=True, kw_only=True):
+    """One limit of a limits file."""
+
+    section: LimitSection = msgspec.field(name="part")  #: Section of the limits file.
+    name: str  #: Name of the limit in the section, which states figure, statistic and unit.
+    limit: float  #: Bound in the unit of the name.
+    condition: str | None = None  #: Condition of the sub-trajectories; null outside the section `trajectory`.
+    id: str | None = None  #: Identifier of the requirement.
+    text: str | None = None  #: Text of the requirement.
+    certain: bool = False  #: Whether a pass requires the complete 95 % interval to be within the limit.
+    prob: float | None = None  #: Fraction of the errors for a tolerance bound; null for other limits.
+    confidence: float | None = None  #: Confidence with which this fraction must be proved.
+    interpretation: Population | None = None  #: Population of this fraction.
+    normal: bool | None = None  #: Whether the errors are declared to be normal.
+    power: float | None = None  #: Probability of a pass if the fraction `good` of the drives fails.
+    good: float | None = None  #: Acceptable fraction of failures; if given, a sequential test judges the drives.
+
+    def __post_init__(self) -> None:
+        """Check name, condition and terms of the limit, which may come from a stored score; ValueError if invalid."""
+        if self.name not in LIMITED_NUMBERS[self.section]:
+            raise ValueError(f"'{self.name}' is not a limit of the section '{self.section}'")
+        if self.condition is not None and Condition.parse(self.condition).setting != self.condition:
+            raise ValueError(f"'{self.condition}' is not a condition as scores write it, such as distance=5")
+        if (self.condition is not None) != (self.section is LimitSection.TRAJECTORY):
+            raise ValueError(
+                f"'{self.name}': limits of the section trajectory have a condition, and other limits do not"
+            )
+        given = {name: value for name in Terms._fields if (value := getattr(self, name)) is not None}
+        is_bound = self.limited.statistic == BOUND
+        if is_bound != (self.terms is not None) or is_bound != bool(given):
+            terms = "prob, confidence and interpretation"
+            rule = f"requires {terms}" if is_bound else f"does not accept {terms}; only a tolerance bound has them"
+            raise ValueError(f"'{self.name}': the limit {rule}")
+        if (fault := fault_of_terms(given)) is not None:
+            raise ValueError(f"'{self.name}': {fault}")
+
+    @property
+    def limited(self) -> LimitedNumber:
+        """The number that is limited."""
+        return LIMITED_NUMBERS[self.section][self.name]
+
+    @property
+    def terms(self) -> Terms | None:
+        """The terms of a limit on a tolerance bound; None for other limits."""
+        if self.prob is None or self.confidence is None or self.interpretation is None:
+            return None
+        power = CONFIDENCE if self.power is None else self.power
+        return Terms(self.prob, self.confidence, self.interpretation, bool(self.normal), power, self.good)
+
+    @property
+    def is_lower_bound(self) -> bool:
+        """Whether the limit is a lower bound."""
+        return is_lower_bound(self.name)
+
+    @property
+    def is_on_one_call(self) -> bool:
+        """Whether a single call is sufficient, so no minimum number of values is required."""
+        return self.name in ("mapping_call_s", "mapping_call_max_s")
+
+    @property
+    def shown_name(self) -> str:
+        """The name of the limit in a verdict, with the prefix `target ` for a limit on the target."""
+        return ON_TARGET + self.name if self.section is LimitSection.TARGET else self.name
+
+
+class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
+    """All limits of a file, and the numbers of values that a verdict requires."""
+
+    limits: tuple[Limit, ...] = ()  #: Limits in the order of the file.
+    minimum_count: int = MINIMUM_COUNT  #: Minimum number of values for a verdict.
+    #: Minimum number of independent sub-trajectories for a verdict.
+    minimum_independent: float = MINIMUM_INDEPENDENT
+
+    @property
+    def conditions(self) -> list[str]:
+        """Limited conditions, each once."""
+        return list(dict.fromkeys(item.condition for item in self.limits if item.condition is not None))
+
+    @property
+    def figures_with_all_errors(self) -> frozenset[tuple[str, str]]:
+        """Limited figures of the trajectory and their conditions.
+
+        A score contains all their errors, so that the limited statistics and tolerance bounds can be recomputed.
+        """
+        limits = [item for item in self.limits if item.section is LimitSection.TRAJECTORY]
+        pairs = ((item.limited.figure, item.condition) for item in limits)
+        return frozenset((figure, condition) for figure, condition in pairs if condition is not None)
+
+
+class Rules(Limits, frozen=True, kw_only=True, omit_defaults=False):
+    """The rules by which the verdicts follow from the table of figures."""
+
+    partial: bool = False  #: Whether missing data are accepted; wrong data and shortfalls by limit are not.
+
+    @classmethod
+    def of(cls, limits: Limits | None, *, partial: bool) -> Rules | None:
+        """Return the rules of limits and of partial judging; None without limits and without partial judging."""
+        if limits is None:
+            return cls(partial=True) if partial else None
+        return cls(
+            limits=limits.limits,
+            minimum_count=limits.minimum_count,
+            minimum_independent=limits.minimum_independent,
+            partial=partial,
+        )
+
+
+def is_lower_bound(limit_name: str) -> bool:
+    """Return whether a limit is a lower bound, by its name: `coverage_min`, and the required fraction `judged`."""
+    return limit_name.endswith("_min") or limit_name == JUDGED
+
+
+def is_on_target(shown_name: str) -> bool:
+    """Return whether a limit, by its name in a verdict, is on calls that were measured on a target."""
+    return shown_name.startswith(ON_TARGET)
+
+
+def margin_of(name: str, limit: float, value: float) -> float:
+    """Return the margin of a value to the limit of this name, negative if the limit is missed."""
+    return value - limit if is_lower_bound(name) else limit - abs(value)
+
+
+def meets(limit: Limit, value: float) -> bool:
+    """Return whether a value is within a limit; a value that equals the limit is."""
+    return value >= limit.limit if limit.is_lower_bound else abs(value) <= limit.limit

@@ -1,0 +1,107 @@
+"""The verdict on one limit, and the record of a proof for a limit with a fraction and a confidence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import msgspec
+
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.score.limits import is_lower_bound, is_on_target
+from sfr_loc_map.metrics.statistics.intervals import Interval
+from sfr_loc_map.metrics.table.catalogue import Subject
+from sfr_loc_map.metrics.table.records import Record
+
+
+class ProofRecord(Record, frozen=True, kw_only=True):
+    """Requirement of a limit with a fraction and a confidence, and the result of its proof [ECSS-E-ST-60-10C]."""
+
+    prob: float  #: Fraction of the errors that must be within the limit.
+    confidence: float  #: Confidence with which this fraction must be proved.
+    interpretation: str  #: `temporal` (every drive), `ensemble` (of drives) or `mixed` (of all errors) [4.1.4.2].
+    normal: bool = False  #: Whether the limits file declares that errors are normal.
+    good: float | None = None  #: Acceptable fraction of failures of a sequential test.
+    power: float | None = None  #: Probability of a pass if the fraction `good` of the drives fails.
+    #: Method of the proof: `order` (order statistics), `tested normal`, `assumed normal` or `sequential`.
+    method: str
+    independent: float  #: Number of independent errors: sub-trajectories of the deciding drive, or drives.
+    more: int | None = None  #: Without a decision: additional errors required; null if no number like these suffices.
+
+
+class LimitCounts(NamedTuple):
+    """Numbers of limits by the state of their verdict."""
+
+    met: int
+    missed: int
+    incomplete: int  #: Met by the available data of an incomplete part.
+    undecided: int  #: Not enough data, or not judged.
+
+    @property
+    def limits(self) -> int:
+        """Total number of limits."""
+        return sum(self)
+
+    @property
+    def text(self) -> str:
+        """The counts as text."""
+        text = f"{self.met} of {self.limits} limits met, {self.missed} missed, {self.undecided} without enough data"
+        return f"{text}, {self.incomplete} on incomplete data" if self.incomplete else text
+
+
+class Verdict(Record, frozen=True, kw_only=True):
+    """The verdict on one limit of the limits file, or on failed calls or incomplete results, which have no figure."""
+
+    id: str | None = None  #: Identifier of the requirement in the limits file.
+    text: str | None = None  #: Text of the requirement in the limits file.
+    name: str  #: Name of the limit in the limits file, with the prefix `target ` for a limit on the target.
+    #: Index of the limited row in the table of figures, for a group of a suite in the figures of the group; null if
+    #: there is no such row. A tolerance bound is the `value` of its row.
+    row: int | None = None
+    subject: Subject | None = None  #: Subject of the figure.
+    condition: str | None = None  #: Condition of the sub-trajectories; null outside the trajectory.
+    part: str | None = None  #: Part of the figure.
+    figure: str | None = None  #: Name of the figure.
+    statistic: str | None = None  #: Column of the row; `bound` for a tolerance bound.
+    limit: float  #: Upper bound (`coverage_min`, `judged`: lower bound) in the unit of the name.
+    value: float | None  #: The limited number; null if it is undefined.
+    low95: float | None = None  #: Lower bound of the 95 % interval of the value.
+    high95: float | None = None  #: Upper bound of the 95 % interval of the value.
+    margin: float | None = None  #: Distance from the value to the limit, negative if the limit is missed.
+    n: int | None = None  #: Number of values of the statistic; null for a single number.
+    independent: float | None = None  #: Number of independent values; null if it is undefined.
+    truth_error: float | None = None  #: Largest change of the value by the error of the ground truth; null if 0.
+    #: Pass if `|value| <= limit` (`coverage_min`, `judged`: `>=`). With `needs_certainty`, the complete interval must
+    #: be within the limit.
+    state: VerdictState = msgspec.field(name="verdict")
+    certain: bool | None = None  #: Whether the interval is on one side of the limit; null without an interval.
+    needs_certainty: bool = False  #: Whether the limits file requires certainty.
+    by_reading: dict[str, VerdictState] = {}  #: The verdict by each reading of the document.
+    proof: ProofRecord | None = None  #: Proof of a limit with a fraction and a confidence; null for other limits.
+
+    @property
+    def interval(self) -> Interval | None:
+        """Both bounds of the 95 % interval, None if it is undefined."""
+        return None if self.low95 is None or self.high95 is None else (self.low95, self.high95)
+
+    @property
+    def is_lower_bound(self) -> bool:
+        """Whether the limit is a lower bound, by its name."""
+        return is_lower_bound(self.name)
+
+    @property
+    def is_of_target(self) -> bool:
+        """Whether the limit is on calls that were measured on a target."""
+        return is_on_target(self.name)
+
+    @property
+    def is_within_truth_error(self) -> bool:
+        """Whether the error of the ground truth exceeds the margin, so the verdict is undecided."""
+        return self.truth_error is not None and self.margin is not None and abs(self.margin) <= self.truth_error
+
+
+def counts_of(verdicts: Iterable[Verdict]) -> LimitCounts:
+    """Return the counts of the verdicts on limits."""
+    states = [item.state for item in verdicts]
+    met, missed, incomplete = map(states.count, (VerdictState.PASS, VerdictState.FAIL, VerdictState.INCOMPLETE))
+    return LimitCounts(met, missed, incomplete, undecided=len(states) - met - missed - incomplete)

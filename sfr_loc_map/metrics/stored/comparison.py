@@ -1,0 +1,235 @@
+"""Comparison of several estimates: the difference of their errors, with its confidence interval and p-value.
+
+Sub-trajectories of the same condition with the same first and last stamp are paired, so that a sub-trajectory that is
+difficult for both estimates does not add to the scatter of the difference. For the interval of the difference, both
+series are resampled in the same blocks, which preserves the pairing (circular block bootstrap,
+`metrics.statistics.intervals`).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from enum import StrEnum
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+from scipy.special import stdtr
+
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.errors.trajectory_errors import overlap_of
+from sfr_loc_map.metrics.formulas import statistics
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.statistics.intervals import Interval, holm, scatter_of_difference
+from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.metrics.table.catalogue import KINDS, TOTAL, Subject
+from sfr_loc_map.metrics.table.details import SubTrajectoryRows
+from sfr_loc_map.metrics.table.records import MethodRecord, Record
+from sfr_loc_map.metrics.table.rows import Figure
+
+SCHEMA = "sfr-compare/1"
+SIGNIFICANT = 0.05  #: Significance level of the corrected p-value.
+_PRECISION = 1e-9  #: Rounding of the errors in the details of a score.
+
+
+class Outcome(StrEnum):
+    """Outcome of the comparison of another score with the first score."""
+
+    BETTER = "better"
+    WORSE = "worse"
+    EQUAL = "equal"
+    NO_DIFFERENCE = "no difference shown"
+    NOT_ENOUGH_DATA = "not enough data"
+    INCOMPLETE = "incomplete"
+
+
+class PairedDifference(Record, frozen=True, kw_only=True, omit_defaults=False):
+    """One figure over the sub-trajectories of one condition that two scores have in common."""
+
+    name: str  #: Name of the other score.
+    condition: str  #: Condition that ends the sub-trajectories.
+    figure: str  #: Figure of the catalogue whose mean + 3 sigma is compared.
+    unit: str  #: Unit of the figure.
+    count: int  #: Number of common sub-trajectories.
+    left_out: tuple[int, int]  #: Sub-trajectories of the first and of the other score that are not common.
+    first: float | None = None  #: Mean + 3 sigma of the first score over the common sub-trajectories.
+    other: float | None = None  #: Mean + 3 sigma of the other score over the common sub-trajectories.
+    difference: float | None = None  #: Other score minus first score; negative if the other score is better.
+    ci95: Interval | None = None  #: 95 % interval of the difference.
+    #: Outcome; `no difference shown` if the interval contains zero, or if `p_corrected` exceeds 0.05.
+    outcome: Outcome = msgspec.field(name="verdict", default=Outcome.NOT_ENOUGH_DATA)
+    p: float | None = None  #: p-value of the difference; None without a scatter.
+    p_corrected: float | None = None  #: p-value corrected for the number of comparisons (Holm).
+
+
+class SideBySide(Record, frozen=True, kw_only=True, omit_defaults=False):
+    """One figure of whole runs, which have no sub-trajectories to pair: the value of each run, None if unknown."""
+
+    label: str = msgspec.field(name="figure")  #: Figure, part and statistic in one text.
+    unit: str
+    values: tuple[float | None, ...]
+    figure: str = msgspec.field(name="kind")  #: Figure of the catalogue.
+    condition: str | None = None
+    part: str | None = None
+    statistic: str
+
+
+class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
+    """Comparison of the other scores with the first: names, methods, and differences by score, condition and figure."""
+
+    names: tuple[str, ...]
+    methods: tuple[MethodRecord | None, ...] = ()
+    incomplete: tuple[str | None, ...] = ()  #: Expected data that each score cannot judge; null for a complete score.
+    pairs: tuple[PairedDifference, ...]
+    side_by_side: tuple[SideBySide, ...]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the comparison as JSON values."""
+        return {"schema": SCHEMA, **to_plain(self)}
+
+
+def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
+    """Return the comparison of the other scores with the first; MetricsError if they have no figure in common."""
+    if len(scores) < 2:
+        raise MetricsError(f"a comparison requires at least two scores, found {len(scores)}: give several score files")
+    others = list(zip(scores[1:], names[1:], strict=True))
+    for score, name in others:
+        check_same_data(scores[0], score, (names[0], name))
+    pairs = [pair for score, name in others for pair in _paired(scores[0], score, name)]
+    incomplete = tuple(score.incomplete for score in scores)
+    without_outcome = {name for score, name in others if score.incomplete is not None or incomplete[0] is not None}
+    pairs = [replace(pair, p_corrected=p) for pair, p in zip(pairs, holm([pair.p for pair in pairs]), strict=True)]
+    pairs = [
+        replace(it, outcome=Outcome.NO_DIFFERENCE) if (it.p_corrected or 0.0) > SIGNIFICANT else it for it in pairs
+    ]
+    pairs = [replace(it, outcome=Outcome.INCOMPLETE) if it.name in without_outcome else it for it in pairs]
+    side_by_side = tuple(_side_by_side(scores))
+    if not pairs and not side_by_side:
+        raise MetricsError("the scores have no condition and no figure in common: score the same data and conditions")
+    methods = tuple(score.method for score in scores)
+    return Comparison(
+        names=tuple(names), methods=methods, incomplete=incomplete, pairs=tuple(pairs), side_by_side=side_by_side
+    )
+
+
+def _side_by_side(scores: Sequence[Score]) -> Iterator[SideBySide]:
+    """Yield every figure of whole runs that at least two scores have, by the statistics of the catalogue."""
+    rows = {_key(row): row for score in scores for row in score.figures if _is_of_a_whole_run(score, row)}
+    of_scores = [{_key(row): row for row in score.figures} for score in scores]
+    for key, row in rows.items():
+        for statistic in _statistics_side_by_side(row):
+            found = [None if key not in known else known[key].statistic(statistic) for known in of_scores]
+            if sum(value is not None for value in found) > 1:
+                words = (row.figure, row.part, "" if statistic == "value" else statistic)
+                yield SideBySide(
+                    label=" ".join(filter(None, words)),
+                    unit=row.unit,
+                    values=tuple(found),
+                    figure=row.figure,
+                    condition=row.condition,
+                    part=row.part,
+                    statistic=statistic,
+                )
+
+
+def _is_of_a_whole_run(score: Score, row: Figure) -> bool:
+    """Return whether a row is shown side by side: all rows of map and calls, the judged rows of the trajectory."""
+    if row.subject is Subject.TRAJECTORY:
+        return row is score.judged_row(row.figure, condition=row.condition)
+    return row.subject in (Subject.MAP, Subject.TIMING, Subject.MEMORY)
+
+
+def _statistics_side_by_side(row: Figure) -> Sequence[str]:
+    """Return the statistics by which runs are compared, without the statistic that is compared by pairs."""
+    compared = KINDS[row.figure].compared if row.figure in KINDS else ()
+    return [name for name in compared if row.subject is not Subject.TRAJECTORY or name != TOTAL]
+
+
+def _key(row: Figure) -> tuple[str, str | None, str | None, str]:
+    return row.subject, row.condition, row.part, row.figure
+
+
+def _paired(first: Score, other: Score, name: str) -> Iterator[PairedDifference]:
+    if first.association is None or other.association is None:  # a map score has no sub-trajectories
+        return
+    readings = first.association.rebase, other.association.rebase
+    if readings[0] != readings[1]:
+        used = f"'{name}' is re-based by {readings[1]}, the first score by {readings[0]}"
+        raise MetricsError(f"{used}: score both with the same option rebase")
+    for mine, theirs in itertools.product(_sub_trajectories(first), _sub_trajectories(other)):
+        if mine.condition == theirs.condition:
+            yield from _paired_rows(mine, theirs, name)
+
+
+def _sub_trajectories(score: Score) -> tuple[SubTrajectoryRows, ...]:
+    details = score.details
+    return () if details is None or details.trajectory is None else details.trajectory.sub_trajectories
+
+
+def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) -> Iterator[PairedDifference]:
+    """Yield the differences over the sub-trajectories of one condition that have the same first and last stamp."""
+    spans = list(zip(mine.start_stamp_ns, mine.end_stamp_ns, strict=True))
+    other_spans = {span: row for row, span in enumerate(zip(theirs.start_stamp_ns, theirs.end_stamp_ns, strict=True))}
+    rows = [row for row, span in enumerate(spans) if span in other_spans]
+    other_rows = [other_spans[spans[row]] for row in rows]
+    if not rows:
+        return
+    starts, ends = np.asarray(mine.start_frame)[rows], np.asarray(mine.end_frame)[rows]
+    spacing = max(int(np.median(np.diff(starts))), 1) if len(starts) > 1 else 1
+    overlap = overlap_of(starts, ends, spacing)
+    left_out = (len(spans) - len(rows), len(other_spans) - len(rows))
+    for kind in KINDS.values():
+        columns, other_columns = mine.errors_of(kind.name), theirs.errors_of(kind.name)
+        if TOTAL in kind.compared and columns and other_columns:
+            a = np.column_stack([np.asarray(column, np.float64)[rows] for column in columns])
+            b = np.column_stack([np.asarray(column, np.float64)[other_rows] for column in other_columns])
+            found = PairedDifference(
+                name=name,
+                condition=mine.condition,
+                figure=kind.name,
+                unit=kind.unit,
+                count=len(rows),
+                left_out=left_out,
+            )
+            yield _compared(found, a, b, overlap)
+
+
+def _compared(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: float) -> PairedDifference:
+    """Return a paired difference with the figures of both errors `(N, d)`, their difference and the outcome."""
+    first, other = statistics(a).mean_plus_3sigma, statistics(b).mean_plus_3sigma
+    if first is None or other is None:  # too few errors, or unknown attitudes
+        return pair
+    difference = other - first
+    pair = replace(pair, first=first, other=other, difference=difference)
+    if np.array_equal(a, b):
+        return replace(pair, ci95=(0.0, 0.0), outcome=Outcome.EQUAL)
+    scatter = scatter_of_difference(a, b, overlap, unsigned=KINDS[pair.figure].is_unsigned)
+    if scatter is None:
+        return pair
+    half = scatter.half_width + _PRECISION
+    p = None
+    if scatter.sigma > 0.0:
+        p = 2.0 * float(stdtr(scatter.freedom, -max(abs(difference) - _PRECISION, 0.0) / scatter.sigma))
+    outcome = Outcome.BETTER if difference < 0 else Outcome.WORSE
+    outcome = Outcome.NO_DIFFERENCE if abs(difference) <= half else outcome
+    return replace(pair, ci95=(difference - half, difference + half), outcome=outcome, p=p)
+
+
+def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
+    """Check by the hashes that two scores were made with the same truth; MetricsError if not."""
+    for role in ("truth", "map_truth"):
+        inputs = ({} if score.provenance is None else score.provenance.inputs for score in (first, other))
+        mine, theirs = (item.get(role) for item in inputs)
+        if mine is None or theirs is None:
+            continue
+        # hash of the values, or of the file for scores without the hash of the values
+        has_values = mine.data_sha256 is not None and theirs.data_sha256 is not None
+        same = mine.data_sha256 == theirs.data_sha256 if has_values else mine.sha256 == theirs.sha256
+        if not same:
+            what = role.replace("_", " ")
+            raise MetricsError(
+                f"different data: the {what} of '{names[0]}' is '{mine.path}', of '{names[1]}' it is '{theirs.path}'; "
+                "compare scores of the same data"
+            )

@@ -1,0 +1,184 @@
+"""Conversion of records to JSON and back by msgspec, with one schema for files, topics and the report.
+
+Numbers that are not finite are written as null. A record that is read is checked against the types of its fields. The
+JSON of a score contains the hash of its other values, so that a changed value is detected although no figure and no
+verdict depends on it, such as a deleted finding. The hash is not a signature.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+from msgspec.structs import replace
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
+from sfr_loc_map.metrics.score.score import SCHEMA, Score
+from sfr_loc_map.metrics.stored.contradiction import stored_contradiction
+from sfr_loc_map.metrics.table.catalogue import Subject
+
+T = TypeVar("T")
+HASH = "content_sha256"  #: Key of the hash of all other values.
+UNDEFINED = ("sigma", "mean_plus_3sigma")  #: Statistics of fewer than two sub-trajectories, which are written as null.
+MAX_NUMBER = 1e100  #: Maximum number of a figure; its squares and sums are finite.
+SCORE_AGAIN = "score the estimate again with this version (sfr score EST TRUTH --json S.json)"
+
+
+class RecordError(ValueError):
+    """A JSON value does not have the required type; the message names the field."""
+
+
+class _Head(msgspec.Struct):
+    schema: str = ""
+
+
+def to_plain(value: Any) -> Any:  # noqa: ANN401 - any record
+    """Return a record, or a collection of records, as JSON values: dicts, lists, numbers, strings."""
+    return msgspec.json.decode(_encoded(value))
+
+
+def json_line(value: Any) -> str:  # noqa: ANN401 - any record, or dicts and lists of records
+    """Return the JSON of a record in one line, with numbers in the shortest form that is read back bit-identical."""
+    return _encoded(value).decode() + "\n"
+
+
+def from_plain(kind: type[T], value: Any, name: str = "") -> T:  # noqa: ANN401 - any JSON
+    """Return the value of a type from its JSON; `name` is the name of the value in messages.
+
+    RecordError, with a message of one line, if a key is missing or unknown or a value has another type.
+    """
+    try:
+        return msgspec.convert(value, kind)
+    except (msgspec.ValidationError, ValueError) as error:
+        raise RecordError(f"{name}: {error}" if name else str(error)) from error
+
+
+def to_dict(score: Score) -> dict[str, Any]:
+    """Return the score as JSON values, with their hash."""
+    found: dict[str, Any] = to_plain(replace(score, content_sha256=None))
+    for row in found["figures"]:
+        if row["subject"] == Subject.TRAJECTORY and row.get("n") in (0, 1):
+            row |= dict.fromkeys(UNDEFINED) | row
+    return {**found, HASH: hash_of_values(found)}
+
+
+def to_json(score: Score) -> str:
+    """Return the JSON of a score, with numbers in the shortest form that is read back bit-identical."""
+    return json_line(to_dict(score))
+
+
+def hash_of_values(content: Mapping[str, Any]) -> str:
+    """Return the hash of the JSON values of a score except the hash itself, independently of the order of the keys."""
+    values = {name: value for name, value in content.items() if name != HASH}
+    return hashlib.sha256(msgspec.json.encode(values, order="sorted")).hexdigest()
+
+
+def load_score(path: Path) -> Score:
+    """Read a score and check its values; InputError if they contradict each other, or if the file is not a score."""
+    try:
+        return from_json(read_text(path, MAX_JSON_BYTES), f"'{path}'", needs_hash=True)
+    except (OSError, ValueError) as error:
+        problem = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"cannot read score '{path}': {problem}; give the JSON of sfr score --json") from error
+
+
+def from_dict(content: object, origin: str = "score", *, needs_hash: bool = False) -> Score:
+    """Return the score of JSON values; `origin` names their source in messages.
+
+    The values must contain their hash if `needs_hash` is set. InputError, whose message of one line names fault and
+    field, if they do not match the schema.
+    """
+    found = content.get("schema") if isinstance(content, dict) else type(content).__name__
+    _check_schema(found, origin)
+    try:
+        score = msgspec.convert(content, Score)
+    except (msgspec.ValidationError, ValueError) as error:
+        raise _invalid(error, origin) from error
+    checked(score, origin)
+    return _without_hash(score, content, origin, needs_hash=needs_hash)
+
+
+def from_json(text: str | bytes, origin: str = "score", *, needs_hash: bool = False) -> Score:
+    """Return the score of a JSON text, which must contain the hash of its values if `needs_hash` is set.
+
+    InputError, whose message of one line names fault and field, if the text is not JSON or does not match the schema.
+    """
+    try:
+        head = msgspec.json.decode(text, type=_Head)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{origin} is not a score: {error}; give the JSON of sfr score --json") from error
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
+        problem = " ".join(str(error).split())
+        raise InputError(f"{origin} is not JSON ({problem}): give the JSON of sfr score --json") from error
+    _check_schema(head.schema, origin)
+    score = checked(decoded(text, origin), origin)
+    return _without_hash(score, msgspec.json.decode(text), origin, needs_hash=needs_hash)
+
+
+def decoded(text: str | bytes, origin: str = "score") -> Score:
+    """Return the score of a JSON text without checking its verdicts."""
+    try:
+        return msgspec.json.decode(text, type=Score)
+    except (msgspec.ValidationError, ValueError) as error:
+        raise _invalid(error, origin) from error
+
+
+def checked(score: Score, origin: str) -> Score:
+    """Return the score if its verdicts follow from its figures; otherwise InputError, which names the contradiction."""
+    if (problem := stored_contradiction(score)) is not None:
+        raise InputError(f"{origin} contradicts itself: {problem}; {SCORE_AGAIN}")
+    return score
+
+
+def _without_hash(
+    score: Score,
+    content: Any,  # noqa: ANN401 - the JSON of the score
+    origin: str,
+    *,
+    needs_hash: bool,
+) -> Score:
+    """Return the score in memory, without the hash of its values.
+
+    InputError if the values have another hash, or no hash although `needs_hash` is set.
+    """
+    if needs_hash and score.content_sha256 is None:
+        raise InputError(f"{origin} has no {HASH}, the hash of its values: {SCORE_AGAIN}")
+    if score.content_sha256 not in (None, hash_of_values(content)):
+        raise InputError(f"{origin} contradicts itself: its values were changed, as {HASH} shows; {SCORE_AGAIN}")
+    return replace(score, content_sha256=None)
+
+
+def _check_schema(found: object, origin: str) -> None:
+    if found == "sfr-score/1":
+        raise InputError(f"{origin} is a score of version 0.2 ({found}), which is no longer supported: {SCORE_AGAIN}")
+    if found != SCHEMA:
+        named = " ".join(repr(found).split())[:60]
+        raise InputError(
+            f"{origin} is not a score: schema {SCHEMA} is required, found {named}; give the JSON of sfr score --json"
+        )
+
+
+def _invalid(error: Exception, origin: str) -> InputError:
+    problem = " ".join(str(error).split())  # keys of the file may contain line breaks
+    return InputError(f"{origin} does not match {SCHEMA}: {problem}; give the JSON of sfr score --json")
+
+
+def _encoded(value: Any) -> bytes:  # noqa: ANN401 - any record
+    try:
+        return msgspec.json.encode(value)
+    except UnicodeEncodeError:  # file names may contain bytes that are not UTF-8
+        return msgspec.json.encode(_readable(msgspec.to_builtins(value)))
+
+
+def _readable(value: Any) -> Any:  # noqa: ANN401 - any JSON value
+    if isinstance(value, str):
+        return value.encode("utf-8", "backslashreplace").decode("utf-8")
+    if isinstance(value, dict):
+        return {_readable(key): _readable(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_readable(item) for item in value]
+    return value

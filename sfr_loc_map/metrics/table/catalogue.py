@@ -1,0 +1,337 @@
+"""The catalogue of figures, one line each: the names, clauses and displayed statistics that every view uses.
+
+To add a figure, add its line here, and the text of a new clause in `CLAUSES`. The line of an error of sub-trajectories
+also names the function that returns the errors (`errors_of`). The rows of any other figure are made where its values
+are computed. To show one more statistic of a figure, add its name to the line. To add a quantile, add its field to
+`metrics.formulas.Statistics`. Any other statistic is computed in `metrics.formulas.statistics`, and `EXPANSION` of
+`metrics.judging.limited_value` states how the error of the truth affects it. Reports, comparisons, suites, searches,
+histories, limits, the topics of the monitor and the check of stored scores then include the figure or statistic. Scores
+that were stored without a new statistic remain readable.
+
+Three things have to be changed separately: the topics that `config/sros2_policy.xml` allows by name, the plots, which
+draw mean, mean + 3 sigma, p50 and p95, and the quantiles over the drives of a suite, which is judged by its worst
+drive. A statistic that is added to `compared` adds a test to comparisons and histories, so the Holm correction of
+all other tests changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import NamedTuple
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.config import CallKind, Reading
+from sfr_loc_map.metrics.formulas import QUANTILES
+from sfr_loc_map.metrics.formulas_beside import chord_error
+from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
+from sfr_loc_map.metrics.table.row_part import DIRECTIONS, MOVING, OTHER_FRAMES, Place, RowPart, is_of_distance
+
+
+class Subject(StrEnum):
+    """Subject of a figure."""
+
+    TRAJECTORY = "trajectory"
+    MAP = "map"
+    TIMING = "timing"
+    MEMORY = "memory"
+    COMPLETENESS = "completeness"
+    CONSISTENCY = "consistency"
+    EVIDENCE = "evidence"
+
+
+CLAUSES = {
+    "4.1.1": "Sub-trajectories from frame N to the frame N+x at which the condition is met",
+    "4.1.2": "Error before the start of a sub-trajectory does not count",
+    "4.1.3": "Standard deviation with Bessel's correction",
+    "4.2.1": "Time of a localisation call, wall clock on the target",
+    "4.2.2": "RAM of a localisation call, by a method that the supplier proposes",
+    "4.2.3.1": "3D position error",
+    "4.2.3.2": "Attitude error",
+    "4.2.3.3": "Heading error",
+    "4.3.1": "Time of a mapping call, wall clock on the target",
+    "4.3.2": "RAM of a mapping call, by a method that the supplier proposes",
+    "4.3.4": "Error of each point of the cloud",
+}
+"""Clauses of the specification that apply to figures, and their subjects."""
+OF_SUB_TRAJECTORIES = ("4.1.1", "4.1.2")  #: Clauses that apply to every error of the trajectory.
+STANDARD_DEVIATION = "4.1.3"
+
+
+class FigureKind(NamedTuple):
+    """A figure of the catalogue."""
+
+    name: str  #: Name in the rows of the score.
+    subject: Subject
+    clause: str  #: Clause of the specification; empty if the specification does not define the figure. See `clause_of`.
+    unit: str  #: `m`, `deg`, `px`, `s`, `bytes`, or `1` for counts and fractions.
+    title: str  #: Displayed name.
+    #: Statistics of the complete figure that every view shows; if empty, only the detailed tables have the figure.
+    shown: tuple[str, ...] = ()
+    compared: tuple[str, ...] = ()  #: Statistics by which runs are compared; the first one ranks them.
+    topic: str = ""  #: Topic below `metrics/` on which the monitor publishes the shown statistics; empty for none.
+    is_unsigned: bool = False  #: Whether the errors cannot be negative, so their distribution is skewed.
+    is_one_number: bool = False  #: Whether its rows have one number (`value`) instead of the statistics of many values.
+    is_count: bool = False  #: Whether a figure of unit `1` is a count instead of a fraction.
+    is_better_if_larger: bool = False  #: Whether a larger value is better, unlike errors, times and memory.
+    #: Errors of sub-trajectories, `(M,)` or vectors `(M, d)`, that the figure is about; None for any other figure.
+    errors_of: Callable[[SubTrajectories], FloatArray] | None = None
+    is_of_all_readings: bool = False  #: Whether these errors do not depend on the reading of the document.
+    is_without_height: bool = False  #: Whether only scores against a ground truth without heights have the figure.
+
+
+def of_completeness(name: str, title: str, *, unit: str = "1", is_count: bool = False) -> FigureKind:
+    """Return a figure of completeness, which is one number and is not in the document."""
+    return FigureKind(name, Subject.COMPLETENESS, "", unit, title, is_count=is_count, is_one_number=True)
+
+
+ERRORS_BEYOND = "errors_beyond"
+"""Fraction of the frames whose error far exceeds the judged errors; no judged sub-trajectory starts or ends at them."""
+STANDING = "standing"  #: Fraction of the sub-trajectories in which the rover is stationary.
+ALIGNED = ("ape", "rpe")  #: Figures of the aligned estimate, which cannot be limited.
+TOTAL = "mean_plus_3sigma"  #: The statistic that the specification limits.
+OF_ERRORS = ("mean", "sigma", TOTAL)  #: Displayed statistics of errors and of the times of API calls.
+OF_CALLS = ("mean", "p50", "p95")
+ONE_NUMBER = ("value",)
+CATALOGUE = (
+    # errors of sub-trajectories
+    FigureKind(
+        "position",
+        Subject.TRAJECTORY,
+        "4.2.3.1",
+        "m",
+        "position error",
+        OF_ERRORS,
+        (TOTAL,),
+        topic="position",
+        errors_of=lambda sub_trajectories: sub_trajectories.errors.position_m,
+    ),
+    FigureKind(
+        "attitude",
+        Subject.TRAJECTORY,
+        "4.2.3.2",
+        "deg",
+        "attitude error",
+        OF_ERRORS,
+        (TOTAL,),
+        topic="attitude",
+        is_unsigned=True,
+        errors_of=lambda sub_trajectories: sub_trajectories.errors.attitude_deg,
+    ),
+    FigureKind(
+        "heading",
+        Subject.TRAJECTORY,
+        "4.2.3.3",
+        "deg",
+        "heading error",
+        OF_ERRORS,
+        (TOTAL,),
+        topic="heading",
+        errors_of=lambda sub_trajectories: sub_trajectories.errors.heading_deg,
+    ),
+    FigureKind(
+        "horizontal",
+        Subject.TRAJECTORY,
+        "",
+        "m",
+        "horizontal position error",
+        errors_of=lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2],
+        is_without_height=True,
+    ),
+    FigureKind(
+        "chord",
+        Subject.TRAJECTORY,
+        "",
+        "m",
+        "chord error",
+        errors_of=lambda sub_trajectories: chord_error(
+            sub_trajectories.poses, sub_trajectories.starts, sub_trajectories.ends
+        ),
+        is_of_all_readings=True,
+    ),
+    FigureKind("ape", Subject.TRAJECTORY, "", "m", "absolute pose error (APE)"),
+    FigureKind("rpe", Subject.TRAJECTORY, "", "m", "relative pose error (RPE)"),
+    # the map; of these figures the document defines only the point error
+    FigureKind("point_error", Subject.MAP, "4.3.4", "m", "point error", OF_ERRORS, (TOTAL,), topic="point"),
+    FigureKind("nearest_distance", Subject.MAP, "", "m", "distance to the nearest true point", OF_ERRORS, (TOTAL,)),
+    FigureKind("disparity_error", Subject.MAP, "", "px", "disparity error"),
+    FigureKind(
+        "nmad", Subject.MAP, "", "m", "height error, normalised median absolute deviation (NMAD)", is_one_number=True
+    ),
+    FigureKind("le90", Subject.MAP, "", "m", "height error, 90 % (LE90)", is_one_number=True),
+    FigureKind("ce90", Subject.MAP, "", "m", "horizontal error, 90 % (CE90)", is_one_number=True),
+    FigureKind(
+        "coverage",
+        Subject.MAP,
+        "",
+        "1",
+        "coverage",
+        ONE_NUMBER,
+        ONE_NUMBER,
+        is_one_number=True,
+        is_better_if_larger=True,
+    ),
+    FigureKind(
+        "points", Subject.MAP, "", "1", "points of the cloud", (), ONE_NUMBER, is_count=True, is_one_number=True
+    ),
+    FigureKind("pairs", Subject.MAP, "", "1", "mapping pairs of the ground truth", is_count=True, is_one_number=True),
+    FigureKind("maps", Subject.MAP, "", "1", "maps of the live run", is_count=True, is_one_number=True),
+    # calls; the document defines the time on the target, and leaves the method of measuring memory to the supplier
+    FigureKind("localisation", Subject.TIMING, "4.2.1", "s", "localisation time", OF_ERRORS, OF_CALLS),
+    FigureKind("mapping_call", Subject.TIMING, "4.3.1", "s", "mapping call time", OF_ERRORS, OF_CALLS),
+    FigureKind("mapping", Subject.TIMING, "", "s", "mapping time", (), OF_CALLS),
+    FigureKind("fusion", Subject.TIMING, "", "s", "fusion time", (), OF_CALLS),
+    FigureKind("period", Subject.TIMING, "", "s", "period of the pairs", is_one_number=True),
+    FigureKind("within_period", Subject.TIMING, "", "1", "fraction of calls within the period", is_one_number=True),
+    FigureKind(
+        "processor_share", Subject.TIMING, "", "1", "mean time of a call divided by the period", is_one_number=True
+    ),
+    FigureKind(
+        "above_idle",
+        Subject.MEMORY,
+        "4.2.2",
+        "bytes",
+        "peak memory above the idle process",
+        ONE_NUMBER,
+        ONE_NUMBER,
+        is_one_number=True,
+    ),
+    FigureKind("peak", Subject.MEMORY, "4.2.2", "bytes", "peak memory", ONE_NUMBER, ONE_NUMBER, is_one_number=True),
+    FigureKind("heap_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the heap", (), ONE_NUMBER, is_one_number=True),
+    FigureKind("stack_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the stack", (), ONE_NUMBER, is_one_number=True),
+    # completeness, and the consistency of the covariance: not in the document
+    of_completeness("judged", "judged fraction of the expected items"),
+    of_completeness("missing", "missing"),
+    of_completeness("in_gaps", "evident gaps"),
+    of_completeness("hidden_conditions", "conditions that are shorter than an evident gap"),
+    of_completeness("images_without_truth", "images without ground truth"),
+    of_completeness("lost", "lost"),
+    of_completeness("degraded", "degraded"),
+    of_completeness("unmatched", "estimates without ground truth"),
+    of_completeness("doubled", "estimates with a repeated stamp"),
+    of_completeness("poses_repeated", "poses that repeat the previous pose while moving"),
+    of_completeness("poses_of_truth", "poses that are copies of the ground truth"),
+    of_completeness("errors_of_truth", "judged motions that are copies of the ground truth"),
+    of_completeness(ERRORS_BEYOND, "unjudged frames with an error far above the judged ones"),
+    of_completeness(STANDING, "sub-trajectories of a stationary rover"),
+    of_completeness("path_without_images", "true path without images"),
+    of_completeness("longest_gap", "longest gap", unit="m"),
+    of_completeness("points_without_truth", "map points without ground truth"),
+    of_completeness("pairs_without_cloud", "mapping pairs without points"),
+    of_completeness("points_repeated", "map points at the pixel or position of another"),
+    of_completeness("points_not_finite", "map points that are not finite"),
+    of_completeness("pixels_without_point", "true pixels without a map point, worst pair"),
+    of_completeness("calls_missing", "pairs without a measured call"),
+    of_completeness("calls_other", "calls with stamps that are not in the source"),
+    of_completeness("calls_doubled", "calls with a repeated stamp"),
+    of_completeness("unmeasured", "calls without measured memory"),
+    of_completeness("unanswered", "pairs without an answer"),
+    of_completeness("answered_twice", "answers to pairs that were answered before"),
+    of_completeness("dropped", "messages dropped"),
+    of_completeness("restarts", "restarts of the live score", is_count=True),
+    FigureKind("truth_error", Subject.CONSISTENCY, "", "m", "error of the ground truth", is_one_number=True),
+    FigureKind("nees", Subject.CONSISTENCY, "", "1", "normalised error squared (NEES)"),
+    FigureKind(
+        "nees_not_usable",
+        Subject.CONSISTENCY,
+        "",
+        "1",
+        "sub-trajectories whose covariance cannot be tested",
+        is_one_number=True,
+    ),
+    FigureKind(
+        "nees_from_steps",
+        Subject.CONSISTENCY,
+        "",
+        "1",
+        "sub-trajectories tested by the covariance of steps",
+        is_one_number=True,
+    ),
+    # confidence of the figures (metrics.errors.three_sigma): not in the document
+    FigureKind("confidence", Subject.EVIDENCE, "", "1", "confidence of mean + 3 sigma"),
+    FigureKind("shape", Subject.EVIDENCE, "", "1", "relative sigma of position errors"),
+    FigureKind("normality", Subject.EVIDENCE, "", "1", "p-value of the normality of position errors"),
+    # evidence without a ground truth (package `evidence`): not in the document
+    FigureKind("difference", Subject.EVIDENCE, "", "m", "difference of positions"),
+    FigureKind("attitude_difference", Subject.EVIDENCE, "", "deg", "difference of attitudes"),
+    FigureKind("difference_nees", Subject.EVIDENCE, "", "1", "normalised difference squared (NEES)"),
+    FigureKind("error_at_least", Subject.EVIDENCE, "", "m", "minimum error (rmse) of one of the two runs"),
+    FigureKind("agreement", Subject.EVIDENCE, "", "1", "p-value of the difference by the covariances"),
+    FigureKind("revisited_path", Subject.EVIDENCE, "", "m", "path between two visits of a place"),
+    FigureKind("misclosure", Subject.EVIDENCE, "", "m", "misclosure of the position at a revisited place"),
+    FigureKind("misclosure_of_path", Subject.EVIDENCE, "", "1", "misclosure divided by the path"),
+    FigureKind("misclosure_nees", Subject.EVIDENCE, "", "1", "normalised misclosure squared (NEES)"),
+    FigureKind("overlap", Subject.EVIDENCE, "", "1", "overlap of two mapping pairs"),
+    FigureKind("overlap_difference", Subject.EVIDENCE, "", "m", "range difference where two maps overlap (robust rms)"),
+    FigureKind("overlap_ratio", Subject.EVIDENCE, "", "1", "ratio of the range difference to the expected difference"),
+    FigureKind(
+        "overlap_grey", Subject.EVIDENCE, "", "1", "ratio of the grey level difference to that of shifted images"
+    ),
+    FigureKind("predicted", Subject.EVIDENCE, "", "m", "position error by the covariance (rms)"),
+    FigureKind("predicted_share", Subject.EVIDENCE, "", "1", "fraction of the mean square position error"),
+    FigureKind("predicted_attitude", Subject.EVIDENCE, "", "deg", "attitude error by the covariance (rms)"),
+    FigureKind("right_camera", Subject.EVIDENCE, "", "px", "offset of the right camera from its calibration"),
+    FigureKind("right_camera_spread", Subject.EVIDENCE, "", "px", "difference between runs of the offset"),
+    FigureKind("depth_error", Subject.EVIDENCE, "", "m", "error of depth by the offset in yaw"),
+    FigureKind("calibration_cost", Subject.EVIDENCE, "", "m", "change of positions by a corrected calibration (rmse)"),
+    FigureKind("scale", Subject.EVIDENCE, "", "1", "excess of length"),
+    FigureKind("hat_sigma", Subject.EVIDENCE, "", "m", "sigma by the three-cornered hat"),
+    FigureKind("bound", Subject.EVIDENCE, "", "1", "tolerance bound"),
+)
+KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
+"""The catalogue by the unique names of its figures."""
+FITTED = tuple(reading for reading in Reading if reading.is_fit)  #: Readings after an alignment of the drive.
+CLAUSES_OF_MEMORY = {CallKind.LOCALISATION: "4.2.2", CallKind.MAPPING_CALL: "4.3.2"}  #: Clauses by the kind of call.
+DEFINED = {Subject.TRAJECTORY: ("mean", "sigma", TOTAL), Subject.MAP: ()}
+"""Statistics that the specification defines, by subject: none for the point error. For calls any statistic is
+allowed."""
+
+
+def clause_of(figure: str, part: str | None) -> str:
+    """Return the clause that defines a figure of a part; empty if the specification does not define the figure.
+
+    4.2.1 and 4.3.1 define the time of a call on the target, 4.2.2 and 4.3.2 the memory of a call. The specification
+    does not define an alignment of the complete drive, stages of a mapping call, times on another host, or the times
+    and memory that an external node reports for its own calls. It does not define errors of sub-trajectories along one
+    direction. It does not define the parts `moving`, `other frames` and a distance (`5 m`) either, because their
+    sub-trajectories are chosen by other rules.
+    """
+    place, call = RowPart.of(part).place, RowPart.of(part).call
+    if figure not in KINDS or part in DIRECTIONS or part in FITTED or place is Place.STATED:
+        return ""
+    kind = KINDS[figure]
+    if kind.subject is Subject.TRAJECTORY and (part in (MOVING, OTHER_FRAMES) or is_of_distance(part)):
+        return ""
+    if kind.subject is Subject.TIMING:
+        return kind.clause if part == Place.TARGET else ""
+    if kind.subject is Subject.MEMORY:
+        return "" if call is None else CLAUSES_OF_MEMORY.get(call, "")
+    return kind.clause
+
+
+def defines(figure: str, part: str | None, statistic: str) -> bool:
+    """Return whether the specification defines this statistic of a figure."""
+    if not clause_of(figure, part):
+        return False
+    subject = KINDS[figure].subject
+    return subject not in DEFINED or statistic in DEFINED[subject]
+
+
+def is_fraction(figure: str, part: str | None = None) -> bool:
+    """Return whether a figure of unit `1` is a fraction, which is shown in per cent, and not a count or a ratio."""
+    if figure not in KINDS or part == "count":
+        return False
+    kind = KINDS[figure]
+    return not kind.is_count and kind.subject not in (Subject.CONSISTENCY, Subject.EVIDENCE)
+
+
+def title_of(figure: str) -> str:
+    """Return the displayed name of a figure."""
+    return KINDS[figure].title if figure in KINDS else figure.replace("_", " ")
+
+
+def statistic_title(statistic: str) -> str:
+    """Return the displayed name of a statistic: `mean + 3 sigma` for `mean_plus_3sigma`, `p99.7` for `p997`."""
+    if statistic in QUANTILES:
+        return f"p{QUANTILES[statistic]:g}"
+    return statistic.replace("_plus_3sigma", " + 3 sigma").replace("_", " ")

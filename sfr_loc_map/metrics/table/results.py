@@ -1,0 +1,53 @@
+"""The results of the three parts of a score: the trajectory, the map and the calls.
+
+`errors.trajectory_score`, `errors.cloud_error` and `calls.call_score` compute them, `scoring.score_parts` adds
+warnings, and `scoring.assembly` combines them to a score. A result has no figures if the run does not have this part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from sfr_loc_map.metrics.table.details import CallPlots, ErrorRows, MapDetails, TrajectoryDetails
+from sfr_loc_map.metrics.table.records import Alignment, Association, CallRecords, CloudRecord, TargetRun, TruthRecord
+from sfr_loc_map.metrics.table.rows import Figure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PartResult:
+    """What every part of a score has."""
+
+    figures: tuple[Figure, ...] = ()
+    warnings: tuple[str, ...] = ()
+    caveats: tuple[str, ...] = ()  #: Further warnings, which are also deviations.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrajectoryResult(PartResult):
+    """The part of a score from the trajectory."""
+
+    association: Association | None = None  #: None without estimates.
+    truth: TruthRecord | None = None  #: None without estimates.
+    alignment: Alignment | None = None  #: How APE and RPE were computed; None if they were not requested.
+    contradiction: str | None = None  #: Convention mismatch of estimate and truth; None if there is none.
+    unjudged: tuple[str, ...] = ()  #: Warnings of frames without a judged error whose errors are far larger.
+    errors: tuple[ErrorRows, ...] = ()  #: All errors of the figures that limits require.
+    details: TrajectoryDetails | None = None  #: Data of the plots; with the frames only if they are requested.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapResult(PartResult):
+    """The part of a score from the map."""
+
+    cloud: CloudRecord | None = None  #: How the cloud was compared with the ground truth; None without a cloud.
+    details: MapDetails | None = None  #: Data of the plots; None if the pixels of the points are unknown.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallsResult(PartResult):
+    """The part of a score from the calls."""
+
+    records: CallRecords | None = None  #: How times and memory were measured; None without calls on this host.
+    plots: Mapping[str, CallPlots] = field(default_factory=dict)  #: Data of the plots by kind of call, if requested.
+    target: TargetRun | None = None  #: The target on which calls were measured; None without a target.

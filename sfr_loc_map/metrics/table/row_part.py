@@ -1,0 +1,129 @@
+"""The parts of the rows of the table of figures. Every kind of part is stated here.
+
+The part of a row is one text, or None for the complete figure. Only this module parses such texts.
+
+| part | rows | in code |
+|---|---|---|
+| `pose`, `displacement`, `position`, ... | errors of sub-trajectories by one reading | `config.Reading` |
+| `x`, `y`, `z`, `along`, `cross` | position errors along one direction | `DIRECTIONS` |
+| `moving`, `other frames`, `pooled` | errors of other sub-trajectories than the judged ones | `MOVING`, ... |
+| `5 m` | errors over a distance travelled | `distance_part` |
+| `0-4 m`, `pair 0` | points of a range, points of a mapping pair | `range_part`, `pair_part` |
+| `localisation`, `target mapping_call` | memory and completeness of calls | `RowPart` |
+| `first call`, `target first call`, a stage | times of calls | `RowPart`, `metrics.calls.call_score` |
+| `drive`, `map`, `calls localisation`, ... | the judged fraction of the expected items | `Scope`, `RowPart` |
+| `count` | a number in place of its fraction | |
+| a name or a sentence | contributions, axes and tolerance bounds | the module of the figure |
+
+A *scope* is a part of a score that has expected items, and is complete or incomplete. The *place* of calls is where
+they were measured. In a look-up of rows, `ANY` accepts every part, and None accepts only rows without a part.
+"""
+
+from __future__ import annotations
+
+import re
+from enum import StrEnum
+from typing import NamedTuple
+
+from sfr_loc_map.metrics.config import CallKind
+
+ANY = "*"  #: Accepts every value of a key in a look-up of rows.
+MOVING = "moving"  #: Part of the rows with the errors of the sub-trajectories in which the rover moves.
+OTHER_FRAMES = "other frames"  #: Part of the rows with the errors at frames without a judged error.
+POOLED = "pooled"  #: Part of the rows over all drives of a suite.
+SUB_TRAJECTORIES = "sub-trajectories"  #: Part of the row `standing` of one condition.
+DIRECTIONS = {"x": "x (east)", "y": "y (north)", "z": "z (up)", "along": "along the path", "cross": "across the path"}
+"""Parts of the position error along one direction, and their titles; x, y and z are axes of DS."""
+NUMBER = r"\d+(?:\.\d+)?(?:e[+-]\d+)?"  #: Pattern of a number >= 0 in the format `g`.
+
+
+class Scope(StrEnum):
+    """A part of a score that has expected items."""
+
+    DRIVE = "drive"  #: The trajectory: images, or true poses if the images are unknown.
+    MAP = "map"  #: The cloud: mapping pairs.
+    CALLS = "calls"  #: The times of the calls of one kind: pairs.
+    MEMORY = "memory"  #: The memory of the calls of one kind: pairs.
+    LIVE = "live"  #: The messages of a live run.
+    SUITE = "suite"  #: The results of a suite.
+
+
+class Place(StrEnum):
+    """Where calls were measured."""
+
+    HOST = "host"  #: The computer of the run; omitted in the text of a part.
+    TARGET = "target"  #: On a target.
+    STATED = "stated"  #: Reported by an external node, which measures time and memory of its own calls.
+
+
+class RowPart(NamedTuple):
+    """The part of a row."""
+
+    what: str = ""  #: The part without call and place, for a row `judged` the scope; may be empty.
+    call: CallKind | None = None  #: Kind of call; None if the part names no call.
+    place: Place = Place.HOST  #: Where the calls were measured.
+
+    @classmethod
+    def of(cls, text: str | None) -> RowPart:
+        """Return the part that a text states; the text is None for a row without a part."""
+        words = text.split(" ") if text else []
+        place, call = Place.HOST, None
+        if words and words[0] in (Place.TARGET, Place.STATED):
+            place = Place(words.pop(0))
+        if words and words[-1] in [*CallKind]:
+            call = CallKind(words.pop())
+        return cls(" ".join(words), call, place)
+
+    @property
+    def text(self) -> str | None:
+        """The part as written in a score; None if it is empty."""
+        place = "" if self.place is Place.HOST else self.place
+        return " ".join(filter(None, (place, self.what, self.call))) or None
+
+    def at(self, place: Place) -> RowPart:
+        """Return this part for calls that were measured at another place."""
+        return self._replace(place=place)
+
+    @property
+    def of_calls(self) -> RowPart:
+        """The calls that the part is about, without `what`."""
+        return self._replace(what="")
+
+
+# ---- parts with a number
+
+
+def pair_part(number: int) -> str:
+    """Return the part of one mapping pair, counted from 0."""
+    return f"pair {number}"
+
+
+def is_of_pair(part: str | None) -> bool:
+    """Return whether a part is one mapping pair."""
+    return re.fullmatch(r"pair \d+", part or "") is not None
+
+
+def range_part(low_m: float, high_m: float) -> str:
+    """Return the part of the points in a range [low, high)."""
+    return f"{low_m:g}-{high_m:g} m"
+
+
+def range_of(part: str | None) -> tuple[float, float] | None:
+    """Return the bounds of a range of points, m; None for another part."""
+    found = re.fullmatch(rf"({NUMBER})-({NUMBER}) m", part or "")
+    return None if found is None else (float(found[1]), float(found[2]))
+
+
+def distance_part(distance_m: float) -> str:
+    """Return the part of the errors over a distance travelled."""
+    return f"{distance_m:g} m"
+
+
+def is_of_distance(part: str | None) -> bool:
+    """Return whether a part is a distance travelled."""
+    return (part or "").endswith(" m") and range_of(part) is None
+
+
+def distance_of(part: str | None) -> float:
+    """Return the distance travelled of such a part, m; 0 for a row without a part."""
+    return float((part or "0").removesuffix(" m"))

@@ -1,0 +1,137 @@
+"""The rows of the table of figures, and how they are found by figure, subject, condition and part."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+
+from sfr_loc_map.metrics.config import CallKind, Condition
+from sfr_loc_map.metrics.formulas import STATISTICS, Statistics
+from sfr_loc_map.metrics.statistics.intervals import Interval
+from sfr_loc_map.metrics.table.catalogue import KINDS, Subject, clause_of
+from sfr_loc_map.metrics.table.row_part import ANY, Place, RowPart
+
+
+class RowNumbers(Statistics, frozen=True, kw_only=True):
+    """The numbers of a row: the statistics of its values and other numbers."""
+
+    independent: float | None = None  #: Number of independent values: n divided by the overlap of sub-trajectories.
+    low95: float | None = None  #: Lower bound of the 95 % interval of mean + 3 sigma; for NEES of a consistent mean.
+    high95: float | None = None  #: Upper bound of the interval of `low95`.
+    value: float | None = None  #: The value of a count, fraction or peak; for NEES the expected mean.
+
+
+class Figure(RowNumbers, frozen=True):
+    """One row of the table of figures: its keys, then its numbers. Numbers that are undefined are null."""
+
+    subject: Subject  #: What the figure is about.
+    figure: str  #: Name of the figure.
+    unit: str  #: `m`, `deg`, `px`, `s`, `bytes`; `1` for counts and fractions.
+    clause: str = ""  #: Clause of the specification that defines the figure; empty if the specification does not.
+    condition: str | None = None  #: Condition that ends the sub-trajectories [4.1.1], as on the command line.
+    #: Part of the figure: the reading (`pose`, `displacement`, `position`), an axis or direction (`x`,
+    #: `along`), a range (`0-4 m`), a pair (`pair 0`), a kind or stage of calls, a distance (`5 m`), the number of items
+    #: instead of their fraction (`count`), or other errors than the judged ones (`moving`, `other frames`, `pooled`).
+    #: The part of calls that were not measured on the host begins with `target` or `stated`.
+    part: str | None = None
+
+    @property
+    def place(self) -> Place:
+        """Where the calls of the row were measured."""
+        return RowPart.of(self.part).place
+
+    @property
+    def call(self) -> CallKind | None:
+        """Kind of call that the row is about, None if the row is not about calls."""
+        return CallKind(self.figure) if self.figure in [*CallKind] else RowPart.of(self.part).call
+
+    @property
+    def interval(self) -> Interval | None:
+        """Both bounds of the 95 % interval, None if it is undefined."""
+        return None if self.low95 is None or self.high95 is None else (self.low95, self.high95)
+
+    @property
+    def is_defined(self) -> bool:
+        """Whether the row has a value: the one number of its figure, or the statistics of at least two values."""
+        if self.is_one_number:
+            return self.value is not None
+        return self.mean is not None and (self.n or 0) > 1
+
+    @property
+    def is_one_number(self) -> bool:
+        """Whether the row has a single number: by its numbers, or without any number by its kind."""
+        if self.value is not None or self.mean is not None:
+            return self.mean is None
+        return self.figure in KINDS and KINDS[self.figure].is_one_number
+
+    @property
+    def label(self) -> str:
+        """Figure, condition and part, the name of the row in messages."""
+        return " ".join(filter(None, (self.figure, self.condition, self.part)))
+
+    def statistic(self, name: str) -> float | None:
+        """Return the number of a column."""
+        found: float | None = self.as_dict()[name]
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all columns by name."""
+        return msgspec.structs.asdict(self)
+
+
+COLUMNS = tuple(Figure.__struct_fields__)
+NUMBERS = (*STATISTICS, "value")
+"""Columns that a view shows: the statistics, then the value of figures with a single number."""
+
+
+def figure_row(
+    figure: str,
+    condition: str | None = None,
+    part: str | None = None,
+    unit: str = "",
+    statistics: Statistics | None = None,
+    **numbers: float | None,
+) -> Figure:
+    """Return the row of a figure of the catalogue, with its clause, its subject and, unless given, its unit."""
+    kind = KINDS[figure]
+    part = None if part is None else str(part)
+    row: dict[str, Any] = {} if statistics is None else msgspec.structs.asdict(statistics)
+    for name, value in numbers.items():
+        row[name] = None if value is None else int(value) if name == "n" else float(value)
+    return Figure(
+        clause=clause_of(kind.name, part),
+        subject=kind.subject,
+        condition=condition,
+        part=part,
+        figure=kind.name,
+        unit=unit or kind.unit,
+        **row,
+    )
+
+
+def find_rows(
+    figures: tuple[Figure, ...],
+    figure: str = ANY,
+    *,
+    subject: str = ANY,
+    condition: str | Condition | None = ANY,
+    part: str | RowPart | None = ANY,
+) -> Iterator[Figure]:
+    """Yield the rows that have these keys, in the order of the table."""
+    if isinstance(part, RowPart):
+        part = part.text
+    if isinstance(condition, Condition):
+        condition = condition.setting
+    elif condition is not None and condition != ANY:
+        condition = Condition.parse(condition).setting
+    for row in figures:
+        fits = (
+            figure in (ANY, row.figure),
+            subject in (ANY, row.subject),
+            condition in (ANY, row.condition),
+            part in (ANY, row.part),
+        )
+        if all(fits):
+            yield row
