@@ -52,9 +52,11 @@ class ShownScore:
     def at_end(self, images: int, posed: int) -> ShownScore:
         """Return the score at the end of a run, judged again by the number of images of the source with a pose.
 
-        The monitor does not know the images of the source, and during the run, results may still arrive.
+        The monitor does not know the images of the source, and during the run, results may still arrive. A score that
+        states the images has been judged by them already.
         """
-        if not images or self.score.association is None:
+        association = self.score.association
+        if not images or association is None or association.images is not None:
             return self
         share = (images - posed) / images
         judged_drive = self.score.number(JUDGED, part=Scope.DRIVE) or 0.0
@@ -63,8 +65,8 @@ class ShownScore:
         keys = {(row.figure, row.part) for row in replaced}
         others = [row for row in self.score.figures if (row.figure, row.part) not in keys]
         figures = (*others, *replaced)
-        association = replace(self.score.association, images=images)
-        return ShownScore(with_verdicts(replace(self.score, figures=figures, association=association)), self.received_s)
+        at_end = replace(self.score, figures=figures, association=replace(association, images=images))
+        return ShownScore(with_verdicts(at_end), self.received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return the content of a page as JSON values."""

@@ -68,6 +68,8 @@ def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> N
         state.end(RunEnd(images=10, posed=9), 1.0)
         ended = state.to_plain(1.0)
         assert ("covers 90 % of the images" in (ended.get("incomplete") or "")) == (not partial)
+        state.end(RunEnd(images=10, posed=9, report="report.html"), 2.0)  # once the report is written
+        assert state.to_plain(1.0)["figures"] == ended["figures"]
         assert stored_contradiction(from_dict({name: ended[name] for name in ended if name != "live"}, "page")) is None
 
 
