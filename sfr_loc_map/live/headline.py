@@ -20,8 +20,8 @@ class Headline:
 
     icon: str
     style: str  #: Class of the style sheet: pass, fail, open or stale.
-    word: str  #: Verdict, with its age if stale.
-    age: str  #: Age of an up-to-date verdict; empty otherwise.
+    word: str  #: Verdict.
+    age: str  #: Age of the verdict; empty after the end of the run.
     text: str  #: Sentences about the end or the staleness, the verdict over all limits, and the worst limit.
 
 
@@ -48,8 +48,7 @@ def headline(
     if ended_s is not None:
         return Headline(shown.icon, shown.style, f"{shown.state}, ended at {clock_time(ended_s)}", "", " ".join(judged))
     if stale_reasons:
-        word = f"{shown.state}, {age}" if age else shown.state
-        return Headline("○", "stale", word, "", " ".join([f"{', '.join(stale_reasons)}.", *judged]))
+        return Headline("○", "stale", shown.state, age, " ".join([f"{', '.join(stale_reasons)}.", *judged]))
     return Headline(shown.icon, shown.style, shown.state, age, " ".join(judged))
 
 

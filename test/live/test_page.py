@@ -118,11 +118,11 @@ async def check_states(browser: Browser, state: LiveState) -> None:
     await browser.wait_for(f"{traces('events', 'name')}.includes('lost')")
     await browser.wait_for(f"{text('nodes')}.includes('stale: silent') && {text('nodes-pill')}.includes('silent')")
     verdict = state.to_plain(0.0)["live"]["overall"]["state"]
-    await browser.wait_for(f"/^○ {verdict}, \\d+ s old$/.test({text('verdict')}.trim())")
+    await browser.wait_for(f"{text('verdict')}.trim() === '○ {verdict}' && /^\\d+ s old$/.test({text('age')})")
     await browser.wait_for(f"{text('overall')}.includes('_node silent for')")
     keep_alive(state, AHEAD_S)
     await browser.wait_for(f"!{text('nodes')}.includes('stale: silent')")
-    await browser.wait_for(f"/^\\d+ s old$/.test({text('age')}) && !{text('verdict')}.includes('old')")
+    await browser.wait_for(f"/^\\d+ s old$/.test({text('age')}) && !{text('verdict')}.includes('○')")
     state.put(ImageProblem("loc/left", "encoding 'yuv' is unknown"))
     await browser.wait_for(f"{text('images')}.includes(\"encoding 'yuv' is unknown\")")
     state.put(ImageProblem("nav/left", "no publisher of nav/left"))
@@ -209,6 +209,7 @@ def test_panels_states_commands_and_hostile_names() -> None:
             server.show_end()
             ended_at = f"/ended \\d{{4}}-\\d\\d-\\d\\d \\d\\d:\\d\\d:\\d\\d/.test({text('connection')})"
             await browser.wait_for(f"{ended_at} && {text('verdict')}.includes('ended') && !{text('age')}")
+            await browser.wait_for(f"!{text('images')}.includes('onerror')")  # no image is missing after the end
             server.show_end(RunEnd(aborted="monitor_node was killed by SIGKILL"))
             await browser.wait_for(f"{text('verdict')}.includes('aborted')")
             await browser.wait_for(f"{text('overall')}.startsWith('monitor_node was killed by SIGKILL at ')")

@@ -27,7 +27,8 @@ const connection = new Connection({
 });
 const isDark = matchMedia("(prefers-color-scheme: dark)");
 
-// Each panel with its section and its data. A panel is redrawn when a value or object of its data has changed.
+// Each panel with its section and its data. A panel is redrawn when a value or object of its data has changed, and at
+// the end of the run.
 const panels = [
   { id: "events", show: showEvents, data: () => [run.events, run.live] },
   { id: "limits", show: showLimits, data: () => [run.score] },
@@ -57,7 +58,7 @@ function draw() {
 }
 
 function drawPanel(panel) {
-  const data = [...panel.data(), innerWidth, isDark.matches];
+  const data = [...panel.data(), run.ended, innerWidth, isDark.matches];
   const isSame = panel.drawn?.length === data.length && data.every((value, place) => value === panel.drawn[place]);
   const isEarly = performance.now() - panel.drawnMs < panel.everyMs;
   if (isSame || isEarly || !panel.isVisible) return;

@@ -12,11 +12,13 @@ const MEBIBYTES = 2 ** -20;
 /** Show the plots of time and memory. */
 export function showCalls(run) {
   const limits = (run.score?.limits ?? []).filter((limit) => !limit.is_of_target);
+  const empty = run.missing("no call was received");
   const trace = (...what) => traceOf(run.calls, ...what);
   drawPlot({
     id: "time-plot",
     title: "time per call, ms",
     factor: MILLISECONDS,
+    empty,
     limits: limits.filter((limit) => limit.subject === "timing"),
     traces: [
       trace(LOCALISATION, "processing_time_s", MILLISECONDS),
@@ -29,6 +31,7 @@ export function showCalls(run) {
     id: "memory-plot",
     title: "peak memory, MiB",
     factor: MEBIBYTES,
+    empty,
     limits: limits.filter((limit) => limit.figure === "peak"),
     traces: [trace(LOCALISATION, "memory_bytes", MEBIBYTES), trace(MAPPING, "memory_bytes", MEBIBYTES)],
   });
@@ -47,7 +50,7 @@ function traceOf(allCalls, task, field, factor, { suffix = "", dash = "solid" } 
   };
 }
 
-function drawPlot({ id, title, factor, limits, traces }) {
+function drawPlot({ id, title, factor, limits, traces, empty }) {
   const shown = traces.filter((trace) => trace.x.length);
   const times = shown.flatMap((trace) => trace.x).sort();
   if (times.length) {
@@ -56,5 +59,5 @@ function drawPlot({ id, title, factor, limits, traces }) {
   }
   const scale = scaleOf(shown.flatMap((trace) => trace.y));
   const layout = { xaxis: timeAxis(id), yaxis: axis(title, scale), showlegend: true, plotHeight: 200 };
-  draw(id, shown, layout, "no call yet");
+  draw(id, shown, layout, empty);
 }

@@ -10,11 +10,17 @@ export function showCameras(run) {
   for (const side of ["left", "right"]) {
     const topic = `${rig}/${side}`;
     const image = run.images.get(topic);
-    const problem = run.live?.image_problems[topic] || (image ? "" : "no image yet");
+    const problem = problemOf(run, topic);
     const isLost = rig === "loc" && !run.ended && run.localisation?.state === "lost";
     showState(slotOf(side), { problem, lost: isLost ? run.localisation.text : "" });
     showImage(slotOf(side), image, topic);
   }
+}
+
+/** Return why no image is shown, or no newer one; after the end of the run, the last image stays without a problem. */
+function problemOf(run, topic) {
+  const problem = run.ended ? "" : run.live?.image_problems[topic];
+  return problem || (run.images.has(topic) ? "" : run.missing("no image was received"));
 }
 
 function slotOf(side) {

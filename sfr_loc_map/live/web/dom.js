@@ -33,6 +33,11 @@ export function short(value) {
   return String(Number(value.toPrecision(3)));
 }
 
+/** Return coordinates in metres with two decimals; a small negative value has no sign. */
+export function position(metres) {
+  return `${metres.map((value) => (Math.round(value * 100) / 100 + 0).toFixed(2)).join(", ")} m`;
+}
+
 /** Return a length in mm below 0.1 m, otherwise in m. */
 export function length(metres) {
   return Math.abs(metres) < 0.1 ? `${short(metres * 1000)} mm` : `${short(metres)} m`;

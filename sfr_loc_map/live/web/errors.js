@@ -37,7 +37,7 @@ function lineOf(limit, frames) {
 }
 
 function whyEmpty(run) {
-  if (!run.poses.length) return "no pose yet";
+  if (!run.poses.length) return run.missing("no pose was received");
   const hasTruth = run.poses.some((pose) => pose.truth_m);
-  return hasTruth ? "no sub-trajectory has ended yet" : "no ground truth: the error is unknown";
+  return hasTruth ? run.missing("no sub-trajectory has ended") : "no ground truth: the error is unknown";
 }

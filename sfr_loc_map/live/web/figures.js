@@ -12,7 +12,7 @@ export function showFigures(run) {
   const warnings = run.score?.warnings ?? [];
   const first = tables.filter((table) => FIRST.includes(table.name));
   const withNotes = first.flatMap((table) => [tableOf(table, { withHelp: true }), noteOf(table.note)]);
-  const empty = noteOf(run.score ? "not enough data" : "The monitor has not reported yet.");
+  const empty = noteOf(run.score ? "not enough data" : run.missing("no score was received"));
   byId("figure-table").replaceChildren(...(first.length ? withNotes : [empty]));
   byId("warnings").replaceChildren(...warnings.map((text) => element("li", { text })));
   showFolded(tables.filter((table) => !FIRST.includes(table.name)));

@@ -43,9 +43,9 @@ function headlineWithoutConnection(run, connection) {
   const verdict = run.score?.overall.state ?? "waiting";
   const lostForS = (Date.now() - connection.lostMs) / 1000;
   const isAgeKnown = Number.isFinite(run.live?.age_s);
-  const word = isAgeKnown ? `${verdict}, ${(run.live.age_s + lostForS).toFixed(0)} s old` : verdict;
+  const age = isAgeKnown ? `${(run.live.age_s + lostForS).toFixed(0)} s old` : "";
   const { text } = run.live?.headline ?? NO_HEADLINE;
-  return { ...UNKNOWN, word, age: "", text: `no connection since ${clockTime(connection.lostMs / 1000)}. ${text}` };
+  return { ...UNKNOWN, word: verdict, age, text: `no connection since ${clockTime(connection.lostMs / 1000)}. ${text}` };
 }
 
 function localisationPill(run) {

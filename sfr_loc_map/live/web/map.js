@@ -20,7 +20,7 @@ export function showMap(run) {
   const known = cells.flat().filter((value) => value !== null).sort((a, b) => a - b);
   const layout = { xaxis: axis("x, m"), yaxis: axis("y, m", { scaleanchor: "x" }) };
   const traces = known.length ? [heatmap(map, cells, known, title)] : [];
-  draw("map-plot", traces, layout, map ? `no ${layer} in this map` : "no map yet");
+  draw("map-plot", traces, layout, map ? `no ${layer} in this map` : run.missing("no map was received"));
   setText(byId("map-note"), known.length ? noteOf(map, known.length) : "");
 }
 

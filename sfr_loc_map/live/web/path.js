@@ -1,6 +1,6 @@
 // The path from above.
 
-import { byId, element, length, short } from "./dom.js";
+import { byId, element, length, position, short } from "./dom.js";
 import { axis, colour, draw } from "./plots.js";
 
 const ERROR_LINES = 120; // maximum number of drawn errors, evenly spread over the path
@@ -26,7 +26,7 @@ export function showPath(run) {
     dots("last pose", positions(poses.slice(-1)), colour("estimate"), "circle"),
   ];
   const layout = { xaxis: axis("x, m"), yaxis: axis("y, m", { scaleanchor: "x" }) };
-  draw("path-plot", traces.filter((trace) => trace.x.length), layout, "no pose yet");
+  draw("path-plot", traces.filter((trace) => trace.x.length), layout, run.missing("no pose was received"));
   showFacts(run);
 }
 
@@ -56,9 +56,8 @@ function largestSigma(pose) {
 }
 
 function describe(pose) {
-  const position = pose.position_m.map((value) => value.toFixed(2)).join(", ");
   const error = pose.error_m ? `, error ${length(Math.hypot(...pose.error_m))}` : "";
-  return `pose ${pose.n + 1}${pose.lost ? " (lost)" : ""}: ${position} m${error}`;
+  return `pose ${pose.n + 1}${pose.lost ? " (lost)" : ""}: ${position(pose.position_m)}${error}`;
 }
 
 /** Return the larger side of the rectangle around the path, at least one metre. */
@@ -116,7 +115,7 @@ function factsOf(pose, beforeM) {
   return [
     ["poses", String(pose.n + 1)],
     ["path travelled", `${(beforeM + pose.distance_m).toFixed(2)} m`],
-    ["position", `${pose.position_m.map((value) => value.toFixed(2)).join(", ")} m`],
+    ["position", position(pose.position_m)],
     ["error now", error ? length(Math.hypot(...error)) : "no truth"],
     ["sigma (x, y)", covariance ? length(Math.sqrt(covariance[0] + covariance[1])) : "unknown"],
   ];

@@ -93,14 +93,14 @@ export function draw(id, traces, layout = {}, empty = "no data yet") {
     plot_bgcolor: "rgba(0,0,0,0)",
     hovermode: "closest",
     dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", // touch scrolls the page
-    legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
+    legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", maxheight: 1 }, // no scroll bar in the legend
     uirevision: "kept", // keeps the zoom when data change
     ...shown,
   };
   if (!count) {
     const text = { text: plain(empty), showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 };
     Object.assign(all, { annotations: [{ ...text, font: { color: colour("muted"), size: 13 } }], shapes: [] });
-    Object.assign(all, { xaxis: { visible: false }, yaxis: { visible: false } });
+    Object.assign(all, { xaxis: { visible: false }, yaxis: { visible: false }, margin: { l: 8, r: 8, t: 8, b: 8 } });
   }
   box.dataset.values = String(count);
   Plotly.react(box, count ? traces : [], all, CONFIG);

@@ -67,6 +67,11 @@ export class Run {
     return Boolean(this.live?.ended);
   }
 
+  /** Return a sentence about something missing with the time: until now, or until the end of the run. */
+  missing(sentence) {
+    return `${sentence} ${this.ended ? "before the end of the run" : "yet"}`;
+  }
+
   /** The poses of the thinned path, and the last pose. */
   get poses() {
     const isKept = !this.lastPose || this.keptPoses.at(-1)?.n === this.lastPose.n;
