@@ -16,7 +16,8 @@ import numpy as np
 
 from sfr_loc_map import api_types
 from sfr_loc_map.api_types import PathLike
-from sfr_loc_map.config import build, read_config
+from sfr_loc_map.config import build
+from sfr_loc_map.config_file import read_config
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory

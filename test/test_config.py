@@ -10,7 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfr_loc_map.config import build, flatten, load_yaml, param, parameters, read_sections
+from sfr_loc_map.config import build, flatten, param, parameters
+from sfr_loc_map.config_file import read_sections
+from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig

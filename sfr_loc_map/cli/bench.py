@@ -22,7 +22,7 @@ from sfr_loc_map.cli.options import (
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, counting, progress_bar, say, show
 from sfr_loc_map.cli.verdict import check_conditions
-from sfr_loc_map.config import read_config
+from sfr_loc_map.config_file import read_config
 from sfr_loc_map.errors import FailedVerdictError, InputError, InterruptedRunError, NotJudgedError
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig

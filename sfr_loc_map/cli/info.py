@@ -21,7 +21,7 @@ from sfr_loc_map.cli.options import (
     sections_of,
 )
 from sfr_loc_map.cli.output import check_outputs, progress_bar, say
-from sfr_loc_map.config import Configuration, read_sections
+from sfr_loc_map.config_file import Configuration, read_sections
 from sfr_loc_map.errors import InputError
 
 if TYPE_CHECKING:

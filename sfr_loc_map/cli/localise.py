@@ -24,7 +24,7 @@ from sfr_loc_map.cli.options import (
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
-from sfr_loc_map.config import read_config
+from sfr_loc_map.config_file import read_config
 from sfr_loc_map.errors import InterruptedRunError, naming
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.signals import hold

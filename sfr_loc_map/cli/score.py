@@ -45,7 +45,7 @@ from sfr_loc_map.cli.output import (
     show,
 )
 from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, not_judged, present, write_junit
-from sfr_loc_map.config import Configuration
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig, aligned_error_config

@@ -11,7 +11,8 @@ from typer import Argument, Context, Option
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, open_as, parse_settings, refuse_given
 from sfr_loc_map.cli.output import output_folder, progress_bar, say
-from sfr_loc_map.config import build, flatten, load_yaml
+from sfr_loc_map.config import build, flatten
+from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault
 from sfr_loc_map.simulation.config import SimulationConfig

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import Configuration
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check import check_drive

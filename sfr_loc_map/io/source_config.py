@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from sfr_loc_map.config import SECTIONS, SECTIONS_WITHOUT_KEYS, build, flatten, param, read_sections, suggestion
+from sfr_loc_map.config import build, flatten, param, suggestion
+from sfr_loc_map.config_file import SECTIONS, SECTIONS_WITHOUT_KEYS, read_sections
 from sfr_loc_map.errors import ConfigError, GeometryError, SfrError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import load_yaml
+from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.io.message_stream import begin_of
 from sfr_loc_map.io.sequence import Source

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sfr_loc_map.config import Configuration
+from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.judging.limits_file import load_limits

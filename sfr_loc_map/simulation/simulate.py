@@ -26,7 +26,8 @@ import yaml
 from sfr_loc_map import __version__, geometry
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.child_process import end_with_parent
-from sfr_loc_map.config import build, flatten, load_yaml
+from sfr_loc_map.config import build, flatten
+from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, OutputError
 from sfr_loc_map.inputs import read_text
 from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX

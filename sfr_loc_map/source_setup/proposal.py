@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.config import flatten, yaml_text
+from sfr_loc_map.config import flatten
+from sfr_loc_map.config_yaml import yaml_text
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory

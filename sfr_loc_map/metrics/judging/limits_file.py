@@ -6,7 +6,8 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import load_yaml, suggestion
+from sfr_loc_map.config import suggestion
+from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.score.limits import (

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import yaml
 
-from sfr_loc_map.config import Configuration, changed, node_parameters
+from sfr_loc_map.config import changed
+from sfr_loc_map.config_file import Configuration, node_parameters
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
 from sfr_loc_map.localisation.config import LocalisationConfig

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from sfr_loc_map.config import build, flatten, load_yaml
+from sfr_loc_map.config import build, flatten
+from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import estimate_hash, files_hash

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import build, load_yaml, param
+from sfr_loc_map.config import build, param
+from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig

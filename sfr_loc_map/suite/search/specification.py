@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from sfr_loc_map.config import build, flatten, load_yaml, param
+from sfr_loc_map.config import build, flatten, param
+from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault, with_amount
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
