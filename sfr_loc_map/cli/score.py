@@ -328,7 +328,7 @@ def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *
     The disagreement is the root sum of squares of the position error per distance travelled and the attitude error in
     radians, re-based at each start and averaged over sub-trajectories.
     """
-    from sfr_loc_map.metrics.diagnosis.convention_diagnosis import MIN_POSES
+    from sfr_loc_map.metrics.diagnosis.disagreement import MIN_POSES
     from sfr_loc_map.report.diagnosis_table import diagnosis_table
     from sfr_loc_map.scoring.conversion import diagnose_run
 

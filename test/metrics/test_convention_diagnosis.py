@@ -13,7 +13,8 @@ from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.diagnosis.convention_diagnosis import diagnose, disagreement
+from sfr_loc_map.metrics.diagnosis.convention_diagnosis import diagnose
+from sfr_loc_map.metrics.diagnosis.disagreement import disagreements
 from sfr_loc_map.metrics.diagnosis.pose_convention import PoseConvention, converted_estimates
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates, associate
 
@@ -99,7 +100,7 @@ def test_each_mismatch_is_found_among_the_others_and_its_setting_corrects_it(cas
     convention = PoseConvention.parse([hypothesis.setting])
     corrected = converted_estimates(Estimates.of(wrong), convention, convention.T_rb_child(None), true).trajectory
     frames = associate(corrected, true, config)[0]
-    after = disagreement((frames.true_position, frames.true_attitude), (frames.position, frames.attitude))
+    after = np.mean(disagreements((frames.true_position, frames.true_attitude), (frames.position, frames.attitude)))
     assert after == pytest.approx(hypothesis.disagreement, rel=0.2 if name == "time offset" else 1e-6)
     assert name != "time offset" or corrected.stamps_ns.tolist() == estimate[0].tolist()
 
@@ -113,7 +114,7 @@ def test_the_disagreement_of_an_offset_is_that_of_its_setting() -> None:
     assert hypothesis.setting == "time_offset_ns=-1234000000"
     last = len(stamps) - 1  # without the last pose, after which the truth cannot be interpolated
     of_truth = (true.positions[:last], true.quats_xyzw[:last])
-    expected = disagreement(of_truth, (late.positions[:last], late.quats_xyzw[:last]))
+    expected = np.mean(disagreements(of_truth, (late.positions[:last], late.quats_xyzw[:last])))
     assert hypothesis.disagreement == pytest.approx(expected, rel=1e-12)
 
 

@@ -16,8 +16,7 @@ mismatch, each mismatch without fitted numbers. In nine tenths of the sub-trajec
 `EXPLAINED`, and at most a fraction (1 / `GAIN`) of the median that each of these hypotheses leaves. If one of them
 leaves less than `NEGLIGIBLE`, no mismatch is needed. An offset of the stamps must keep nine tenths of the poses.
 
-The disagreement of a sub-trajectory is `hypot(position error / path length, attitude error in radians)`. The estimate
-is re-based by its complete pose, so that the disagreement does not depend on the world frame.
+The module `disagreement` defines the disagreement, and `offset_search` searches for an offset of the stamps.
 
 To add a mismatch, add its line to `MISMATCHES`. If its correction needs fitted numbers or the rig, yield the mismatch
 in a function of `HYPOTHESES`.
@@ -30,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,
     quat_angle,
@@ -38,16 +37,14 @@ from sfr_loc_map.geometry.rotation import (
     quat_from_matrix,
     quat_multiply,
     quat_rotate,
-    slerp,
-    unit_quats,
 )
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.diagnosis.disagreement import MIN_POSES, PoseArrays, disagreements, eighths
+from sfr_loc_map.metrics.diagnosis.offset_search import best_offset, period_ns
 from sfr_loc_map.metrics.diagnosis.pose_convention import FRD_IN_BODY, MIRROR, MIRROR_QUAT
-from sfr_loc_map.metrics.formulas import pose_reading
 from sfr_loc_map.metrics.frames.association import associate, unique_rows
 from sfr_loc_map.metrics.table.records import Record
 
@@ -57,7 +54,7 @@ NEGLIGIBLE = 1e-3
 EXPLAINED = 0.25
 """Maximum disagreement after the correction: 25 % of the path, or 14 deg. Chosen by hand, because methods err less, and
 wrong axes or units leave about 1."""
-NEARLY_ALL = 0.9  #: Minimum fraction of explained sub-trajectories, and of the poses that an offset keeps. By hand.
+NEARLY_ALL = 0.9  #: Minimum fraction of explained sub-trajectories. Chosen by hand.
 GAIN, GAIN_FITTED = 2.0, 3.0
 """Minimum factors by which a mismatch, without and with fitted numbers, must reduce the median disagreement that
 simpler hypotheses leave. Chosen by hand; no honest random drive has a diagnosis (`python -m campaigns honest-drives`).
@@ -68,20 +65,9 @@ MIN_LEVER_M = 0.05  #: Minimum fitted lever arm. Smaller lever arms are errors o
 MAX_TILT_DEG = 60.0  #: Maximum rotation of a fitted camera from forward-looking optical axes. Chosen by hand.
 MIN_CORRELATION = 0.5  #: Minimum correlation of estimated and true displacements for a wrong unit; noise has about 0.
 SPEEDS = (0.005, 40.0)  #: Range of the speed of a vehicle, from a slow rover to a car, m/s. Chosen by hand.
-MIN_POSES = 8  #: Minimum number of frames, because a sub-trajectory contains an eighth of the poses.
-MAX_POSES, SUB_TRAJECTORIES, SEARCHED_POSES = 20_000, 400, 800
-"""Maximum numbers of estimates, of sub-trajectories, and of poses in the search for an offset. They bound the time of a
-diagnosis to about 0.1 s."""
-SEARCHED_PERIODS, SEARCHED_NS = 20, 2 * NS_PER_S
-"""The offset of the stamps is searched up to this number of periods and up to this time. Chosen by hand, above the
-delays of methods."""
-SEARCH_STEPS, SEARCH_ROUNDS = 200, 3
-"""Steps of the grid of offsets, and number of grids, each of two steps around the best offset of the last one. The step
-of the last grid is 8 us for a search of 2 s."""
-AS_GOOD = 1.1
-"""Factor of disagreement up to which an offset to the exact stamps of the truth is preferred. Chosen by hand."""
+SPEED_QUANTILE = 0.9  #: Quantile of the speeds that is compared, because a rover may often be stationary.
+MAX_POSES = 20_000  #: Maximum number of estimates, which bounds the time of a diagnosis to about 0.1 s.
 TIME_OFFSET = "time offset"  #: Name of the mismatch that the stamps are offset.
-PoseArrays = tuple[FloatArray, FloatArray]  #: Positions `(N, 3)` and unit quaternions `(N, 4)`.
 
 
 class ComparedPoses(NamedTuple):
@@ -182,8 +168,9 @@ def _without_mismatch(compared: ComparedPoses) -> Iterator[FloatArray]:
     if compared.plain is None:
         return
     yield compared.plain
-    true, found = compared.true, compared.found
-    starts, ends = _eighths(len(true[0]))
+    true = compared.true
+    found = compared.found
+    starts, ends = eighths(len(true[0]))
     true_m, found_m = (np.linalg.norm(p[ends] - p[starts], axis=1) for p in (true[0], found[0]))
     scale = float(true_m @ found_m) / max(float(found_m @ found_m), 1e-12)
     if HONEST_SCALES[0] <= scale <= HONEST_SCALES[1]:
@@ -197,7 +184,8 @@ def compared_poses(
     estimate = _in_order(estimate, max(1, len(estimate.stamps_ns) // MAX_POSES))
     truth = _in_order(truth, 1)
     frames = associate(estimate, truth, config)[0]
-    true, found = (frames.true_position, frames.true_attitude), (frames.position, frames.attitude)
+    true = (frames.true_position, frames.true_attitude)
+    found = (frames.position, frames.attitude)
     plain = disagreements(true, found) if len(frames.stamps_ns) >= MIN_POSES else None
     return ComparedPoses(estimate, truth, found, true, rig, plain)
 
@@ -206,40 +194,6 @@ def _in_order(poses: Trajectory, step: int) -> Trajectory:
     """Return every `step`-th pose in the order of the stamps, each stamp once."""
     rows = unique_rows(poses.stamps_ns)[::step]
     return Trajectory(poses.stamps_ns[rows], poses.positions[rows], poses.quats_xyzw[rows])
-
-
-def disagreement(truth: PoseArrays, estimate: PoseArrays) -> float:
-    """Return the mean disagreement of estimated poses with the truth, both in time order."""
-    return float(np.mean(disagreements(truth, estimate)))
-
-
-def disagreements(truth: PoseArrays, estimate: PoseArrays) -> FloatArray:
-    """Return the disagreement of each sub-trajectory."""
-    starts, ends = _eighths(len(truth[0]))
-    errors = pose_reading(formulas.Poses(*truth, *estimate), starts, ends)
-    return _relative_errors(errors, _path_lengths(truth[0][None], starts, ends)[0])
-
-
-def _relative_errors(errors: formulas.SubTrajectoryErrors, lengths_m: FloatArray) -> FloatArray:
-    """Return position errors divided by path lengths `(M,)`, combined with the attitude errors."""
-    of_path = np.linalg.norm(errors.position_m, axis=1) / lengths_m
-    return np.asarray(np.hypot(of_path, np.radians(errors.attitude_deg)))
-
-
-def _path_lengths(positions: FloatArray, starts: IntArray, ends: IntArray) -> FloatArray:
-    """Return the path lengths `(K, M)` of the sub-trajectories of K paths `(K, N, 3)`, at least a tenth of the mean."""
-    steps_m = np.linalg.norm(np.diff(positions, axis=1), axis=2)
-    until_m = np.concatenate((np.zeros((len(positions), 1)), np.cumsum(steps_m, axis=1)), axis=1)
-    lengths_m = until_m[:, ends] - until_m[:, starts]
-    shortest_m = np.maximum(0.1 * lengths_m.mean(axis=1, keepdims=True), 1e-9)  # the rover may be stationary
-    return np.asarray(np.maximum(lengths_m, shortest_m))
-
-
-def _eighths(count: int) -> tuple[IntArray, IntArray]:
-    """Return starts and ends of sub-trajectories that contain an eighth of the poses each."""
-    span = max(2, count // 8)
-    starts = np.unique(np.linspace(0, count - 1 - span, SUB_TRAJECTORIES).astype(np.int64))
-    return starts, starts + span
 
 
 # ---- mismatches that are corrected pose by pose
@@ -263,7 +217,8 @@ class Mismatch(NamedTuple):
 
     def tried(self, compared: ComparedPoses) -> Tried:
         """Return the result of the correction."""
-        true, found = compared.true, compared.found
+        true = compared.true
+        found = compared.found
         left = disagreements(self.undo(*true), found) if self.is_of_truth else disagreements(true, self.undo(*found))
         hypothesis = Hypothesis(
             mismatch=self.name,
@@ -302,7 +257,7 @@ def _moves_in_true_directions(true: PoseArrays, found: PoseArrays) -> bool:
     The displacements of a stationary rover are noise. Without this condition the unit millimetre would explain this
     noise, because a smaller unit reduces it.
     """
-    starts, ends = _eighths(len(true[0]))
+    starts, ends = eighths(len(true[0]))
     moves = [quat_rotate(quat_conjugate(q[starts]), p[ends] - p[starts]) for p, q in (true, found)]
     size = float(np.linalg.norm(moves[0]) * np.linalg.norm(moves[1]))
     return bool((moves[0] * moves[1]).sum() > MIN_CORRELATION * size)
@@ -424,10 +379,10 @@ def _unit_of_truth(unit: str, metres: float, otherwise: str) -> Mismatch:
 def _has_speed_of_vehicle(poses: Trajectory) -> bool:
     """Return whether the positions have the speed of a vehicle if they are in metres; poses are in time order.
 
-    The ninth decile of the speeds between successive poses is compared, because a rover may often be stationary.
+    The quantile `SPEED_QUANTILE` of the speeds between successive poses is compared.
     """
     steps = np.linalg.norm(np.diff(poses.positions, axis=0), axis=1)
-    speed = float(np.quantile(steps / (np.diff(poses.stamps_ns) / NS_PER_S), NEARLY_ALL))
+    speed = float(np.quantile(steps / (np.diff(poses.stamps_ns) / NS_PER_S), SPEED_QUANTILE))
     return SPEEDS[0] <= speed <= SPEEDS[1]
 
 
@@ -450,7 +405,7 @@ def _of_fitted_point(truth: PoseArrays, estimate: PoseArrays) -> Iterator[Mismat
     (Kabsch 1976). The directions are the rotation axes and displacements of the sub-trajectories in the frame of their
     start, weighted by their size.
     """
-    starts, ends = _eighths(len(estimate[0]))
+    starts, ends = eighths(len(estimate[0]))
     turns, moves, directions = [], [], []
     for positions, attitudes in (truth, estimate):
         back = quat_conjugate(attitudes[starts])
@@ -498,42 +453,16 @@ def _upright(quats: FloatArray) -> FloatArray:
 # ---- offsets of the stamps
 
 
-class Offset(NamedTuple):
-    """An offset that is added to the stamps of the estimate, and the remaining disagreement of each sub-trajectory."""
-
-    offset_ns: int
-    left: FloatArray
-
-    @property
-    def disagreement(self) -> float:
-        """The mean of the remaining disagreement."""
-        return float(np.mean(self.left))
-
-
 def _of_stamps(compared: ComparedPoses) -> Iterator[Tried]:
-    """Yield the hypothesis that the stamps are offset, if most of the estimate has a truth with an offset.
-
-    The offset with the least disagreement is searched on a grid that is refined around the best offset. The offset to
-    the exact stamps of the truth is then preferred if its disagreement is about the same.
-    """
-    if min(len(compared.estimate), len(compared.truth)) < MIN_POSES:
+    """Yield the hypothesis that the stamps are offset, if most of the estimate has a truth with an offset."""
+    begin_ns = 0
+    if compared.plain is None and len(compared.estimate) and len(compared.truth):  # too few stamps are common
+        begin_ns = int(compared.truth.stamps_ns[0]) - int(compared.estimate.stamps_ns[0])
+    best = best_offset(compared.estimate, compared.truth, begin_ns)
+    if best is None:
         return
-    estimate, truth = _with_unit_quats(compared.estimate), _with_unit_quats(compared.truth)
-    step_ns = int(np.median(np.diff(estimate.stamps_ns)))
-    begin_ns = 0 if compared.plain is not None else int(truth.stamps_ns[0]) - int(estimate.stamps_ns[0])
-    best = Offset(begin_ns, np.full(1, np.inf))
-    reach_ns = max(SEARCHED_PERIODS * step_ns, SEARCHED_NS)
-    for _ in range(SEARCH_ROUNDS):
-        grid = np.linspace(best.offset_ns - reach_ns, best.offset_ns + reach_ns, SEARCH_STEPS + 1)
-        best = min((best, *_with_offsets(estimate, truth, grid.astype(np.int64))), key=lambda each: each.disagreement)
-        reach_ns = reach_ns * 4 // SEARCH_STEPS
-    if not np.isfinite(best.disagreement):
-        return
-    exact_ns = best.offset_ns + _offset_to_stamps(estimate.stamps_ns + best.offset_ns, truth.stamps_ns)
-    for exact in _with_offsets(estimate, truth, np.array([exact_ns])):
-        if exact.disagreement <= AS_GOOD * best.disagreement:
-            best = exact
-    seconds, periods = best.offset_ns / NS_PER_S, best.offset_ns / step_ns
+    seconds = best.offset_ns / NS_PER_S
+    periods = best.offset_ns / period_ns(compared.estimate)
     hypothesis = Hypothesis(
         mismatch=TIME_OFFSET,
         sentence="the stamps of estimate and truth are offset: add "
@@ -543,49 +472,6 @@ def _of_stamps(compared: ComparedPoses) -> Iterator[Tried]:
         setting=f"time_offset_ns={best.offset_ns}",
     )
     yield Tried(hypothesis, best.left)
-
-
-def _with_unit_quats(poses: Trajectory) -> Trajectory:
-    return Trajectory(poses.stamps_ns, poses.positions, unit_quats(poses.quats_xyzw))
-
-
-def _offset_to_stamps(stamps_ns: IntArray, true_ns: IntArray) -> int:
-    """Return the median offset from the stamps to the nearest stamps of the truth."""
-    after = np.clip(np.searchsorted(true_ns, stamps_ns), 1, len(true_ns) - 1)
-    around = np.stack((true_ns[after - 1] - stamps_ns, true_ns[after] - stamps_ns))
-    to_nearest = around[np.abs(around).argmin(axis=0), np.arange(len(stamps_ns))]
-    return int(np.median(to_nearest))
-
-
-def _with_offsets(estimate: Trajectory, truth: Trajectory, offsets_ns: IntArray) -> Iterator[Offset]:
-    """Yield the offsets that keep enough frames, each with its disagreement from the interpolated truth.
-
-    Both trajectories have ascending stamps and unit quaternions. Offsets that keep the same frames are evaluated in
-    one batch, because the overhead of numpy exceeds the arithmetic for the small arrays of one offset.
-    """
-    est_ns, true_ns = estimate.stamps_ns, truth.stamps_ns
-    kept = np.searchsorted(est_ns, true_ns[[0, -1]] - offsets_ns[:, None])
-    is_enough = kept[:, 1] - kept[:, 0] >= max(MIN_POSES, round(NEARLY_ALL * len(est_ns)))
-    for first, last in np.unique(kept[is_enough], axis=0)[::-1].tolist():  # by ascending offset
-        some_ns = offsets_ns[(kept == (first, last)).all(axis=1)]
-        chosen = slice(first, last, max(1, (last - first) // SEARCHED_POSES))
-        stamps_ns = est_ns[chosen] + some_ns[:, None]
-        after = np.searchsorted(true_ns, stamps_ns, side="right")
-        share = (stamps_ns - true_ns[after - 1]) / (true_ns[after] - true_ns[after - 1])
-        start = truth.positions[after - 1]
-        true_positions = start + share[..., None] * (truth.positions[after] - start)
-        starts, ends = _eighths(stamps_ns.shape[1])
-        rows = np.concatenate((starts, ends))  # only their attitudes are needed
-        before, fraction = after[:, rows].ravel() - 1, share[:, rows].ravel()
-        true_quats = slerp(truth.quats_xyzw[before], truth.quats_xyzw[before + 1], fraction)
-        found = np.tile(estimate.positions[chosen][rows], (len(some_ns), 1))
-        quats = np.tile(estimate.quats_xyzw[chosen][rows], (len(some_ns), 1))
-        places = np.arange(len(found)).reshape(len(some_ns), 2, len(starts))
-        poses = formulas.Poses(true_positions[:, rows].reshape(-1, 3), true_quats, found, quats)
-        errors = pose_reading(poses, places[:, 0].ravel(), places[:, 1].ravel())
-        lengths_m = _path_lengths(true_positions, starts, ends)
-        left = _relative_errors(errors, lengths_m.ravel()).reshape(lengths_m.shape)
-        yield from (Offset(int(offset_ns), each) for offset_ns, each in zip(some_ns, left, strict=True))
 
 
 HYPOTHESES: tuple[Callable[[ComparedPoses], Iterator[Tried]], ...] = (_of_poses, _of_stamps)

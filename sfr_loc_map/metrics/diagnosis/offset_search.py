@@ -1,0 +1,110 @@
+"""Search for the offset of the stamps of an estimate with which it agrees best with the truth.
+
+The offset with the least disagreement is searched on a grid that is refined around the best offset. The offset to the
+exact stamps of the truth is then preferred if its disagreement is about the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.rotation import slerp, unit_quats
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.diagnosis.disagreement import MIN_POSES, eighths, path_lengths, relative_errors
+from sfr_loc_map.metrics.formulas import pose_reading
+from sfr_loc_map.stamp_pairing import nearest_stamps
+
+KEPT = 0.9  #: Minimum fraction of the poses of the estimate that lie in the time span of the truth with an offset.
+SEARCHED_POSES = 800  #: Maximum number of poses in the search, which bounds the time of a diagnosis to about 0.1 s.
+SEARCHED_PERIODS, SEARCHED_NS = 20, 2 * NS_PER_S
+"""The offset of the stamps is searched up to this number of periods and up to this time. Chosen by hand, above the
+delays of methods."""
+SEARCH_STEPS, SEARCH_ROUNDS = 200, 3
+"""Steps of the grid of offsets, and number of grids, each of two steps around the best offset of the last one. The step
+of the last grid is 8 us for a search of 2 s."""
+AS_GOOD = 1.1
+"""Factor of disagreement up to which an offset to the exact stamps of the truth is preferred. Chosen by hand."""
+
+
+class Offset(NamedTuple):
+    """An offset that is added to the stamps of the estimate, and the remaining disagreement of each sub-trajectory."""
+
+    offset_ns: int
+    left: FloatArray
+
+    @property
+    def disagreement(self) -> float:
+        """The mean of the remaining disagreement."""
+        return float(np.mean(self.left))
+
+
+def best_offset(estimate: Trajectory, truth: Trajectory, begin_ns: int) -> Offset | None:
+    """Return the offset with the least disagreement near `begin_ns`; None if no offset keeps enough poses.
+
+    The stamps of both trajectories ascend, and each occurs once.
+    """
+    if min(len(estimate), len(truth)) < MIN_POSES:
+        return None
+    estimate = _with_unit_quats(estimate)
+    truth = _with_unit_quats(truth)
+    best = Offset(begin_ns, np.full(1, np.inf))
+    reach_ns = max(SEARCHED_PERIODS * period_ns(estimate), SEARCHED_NS)
+    for _ in range(SEARCH_ROUNDS):
+        grid = np.linspace(best.offset_ns - reach_ns, best.offset_ns + reach_ns, SEARCH_STEPS + 1)
+        best = min((best, *_with_offsets(estimate, truth, grid.astype(np.int64))), key=lambda each: each.disagreement)
+        reach_ns = reach_ns * 4 // SEARCH_STEPS
+    if not np.isfinite(best.disagreement):
+        return None
+    stamps_ns = estimate.stamps_ns + best.offset_ns
+    to_exact_ns = int(np.median(truth.stamps_ns[nearest_stamps(stamps_ns, truth.stamps_ns)[0]] - stamps_ns))
+    for exact in _with_offsets(estimate, truth, np.array([best.offset_ns + to_exact_ns])):
+        if exact.disagreement <= AS_GOOD * best.disagreement:
+            best = exact
+    return best
+
+
+def period_ns(poses: Trajectory) -> int:
+    """Return the median period of poses, ns."""
+    return int(np.median(np.diff(poses.stamps_ns)))
+
+
+def _with_unit_quats(poses: Trajectory) -> Trajectory:
+    return Trajectory(poses.stamps_ns, poses.positions, unit_quats(poses.quats_xyzw))
+
+
+def _with_offsets(estimate: Trajectory, truth: Trajectory, offsets_ns: IntArray) -> Iterator[Offset]:
+    """Yield the offsets that keep enough frames, each with its disagreement from the interpolated truth.
+
+    Both trajectories have ascending stamps and unit quaternions. Offsets that keep the same frames are evaluated in
+    one batch, because the overhead of numpy exceeds the arithmetic for the small arrays of one offset.
+    """
+    est_ns = estimate.stamps_ns
+    true_ns = truth.stamps_ns
+    kept = np.searchsorted(est_ns, true_ns[[0, -1]] - offsets_ns[:, None])
+    is_enough = kept[:, 1] - kept[:, 0] >= max(MIN_POSES, round(KEPT * len(est_ns)))
+    for first, last in np.unique(kept[is_enough], axis=0)[::-1].tolist():  # by ascending offset
+        some_ns = offsets_ns[(kept == (first, last)).all(axis=1)]
+        chosen = slice(first, last, max(1, (last - first) // SEARCHED_POSES))
+        stamps_ns = est_ns[chosen] + some_ns[:, None]
+        after = np.searchsorted(true_ns, stamps_ns, side="right")
+        share = (stamps_ns - true_ns[after - 1]) / (true_ns[after] - true_ns[after - 1])
+        start = truth.positions[after - 1]
+        true_positions = start + share[..., None] * (truth.positions[after] - start)
+        starts, ends = eighths(stamps_ns.shape[1])
+        rows = np.concatenate((starts, ends))  # only their attitudes are needed
+        before, fraction = after[:, rows].ravel() - 1, share[:, rows].ravel()
+        true_quats = slerp(truth.quats_xyzw[before], truth.quats_xyzw[before + 1], fraction)
+        found = np.tile(estimate.positions[chosen][rows], (len(some_ns), 1))
+        quats = np.tile(estimate.quats_xyzw[chosen][rows], (len(some_ns), 1))
+        places = np.arange(len(found)).reshape(len(some_ns), 2, len(starts))
+        poses = formulas.Poses(true_positions[:, rows].reshape(-1, 3), true_quats, found, quats)
+        errors = pose_reading(poses, places[:, 0].ravel(), places[:, 1].ravel())
+        lengths_m = path_lengths(true_positions, starts, ends)
+        left = relative_errors(errors, lengths_m.ravel()).reshape(lengths_m.shape)
+        yield from (Offset(int(offset_ns), each) for offset_ns, each in zip(some_ns, left, strict=True))
