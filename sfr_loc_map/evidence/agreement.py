@@ -25,12 +25,12 @@ from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.errors.consistency import Span, normalised_square, relative_errors, without_overlap
 from sfr_loc_map.metrics.errors.trajectory_errors import select
 from sfr_loc_map.metrics.statistics.intervals import chi2_interval95
+from sfr_loc_map.metrics.table.catalogue import REVISITED_PLACES
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 SIGNIFICANCE = 0.05  #: Probability of a false finding over all comparisons of a recording.
 MIN_SUB_TRAJECTORIES = 3  #: Minimum number of sub-trajectories that do not overlap.
 DEGREES = 6  #: Degrees of freedom of a pose error.
-PLACES = "revisited places"  #: Label of a comparison without a condition.
 
 
 class Differences(NamedTuple):
@@ -132,7 +132,7 @@ def disagreement_of(agreements: Sequence[Agreement]) -> str:
     """Return the description of the least probable difference."""
     known = [(item.probability, item) for item in agreements if item.probability is not None]
     probability, worst = min(known, key=lambda item: item[0])
-    over = worst.condition or PLACES
+    over = worst.condition or REVISITED_PLACES
     return f"{worst.name} over {over} differ by more than their covariances predict (p {probability:.2g})"
 
 

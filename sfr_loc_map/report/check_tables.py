@@ -12,10 +12,9 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.mapping.multiview.pose_agreement import MAX_GREY_RATIO, MAX_RANGE_RATIO
 from sfr_loc_map.mapping.multiview.projection import SHIFT_PX
 from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.table.catalogue import REVISITED_PLACES
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.tables import ABSENT, METRE, NONE, PERCENT, Cell, Column, Table, Unit, fitting
-
-PLACES = "revisited places"  #: Label of a comparison without a condition.
 
 CALIBRATION_NAMES = {
     "right_camera": "right camera, ",
@@ -51,7 +50,7 @@ def agreement_table(figures: Sequence[Figure]) -> Table:
         rows.append(
             (
                 Cell.head(item.part or ""),
-                Cell(label_of(item.condition) or PLACES),
+                Cell(label_of(item.condition) or REVISITED_PLACES),
                 Cell(unit.symbol),
                 item.cell("difference", "rmse", unit),
                 item.cell("error_at_least", unit=unit),

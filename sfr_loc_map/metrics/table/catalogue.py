@@ -89,6 +89,7 @@ ERRORS_BEYOND = "errors_beyond"
 """Fraction of the frames whose error far exceeds the judged errors; no judged sub-trajectory starts or ends at them."""
 STANDING = "standing"  #: Fraction of the sub-trajectories in which the rover is stationary.
 ALIGNED = ("ape", "rpe")  #: Figures of the aligned estimate, which cannot be limited.
+REVISITED_PLACES = "revisited places"  #: Label of a comparison that has no condition, in place of the condition.
 TOTAL = "mean_plus_3sigma"  #: The statistic that the specification limits.
 OF_ERRORS = ("mean", "sigma", TOTAL)  #: Displayed statistics of errors and of the times of API calls.
 OF_CALLS = ("mean", "p50", "p95")
