@@ -140,8 +140,8 @@ def test_short_steps_of_an_honest_estimate_are_not_those_of_the_truth(rate_hz: f
     heading = np.linspace(0.0, 2.0, count)
     steps = 0.06 / rate_hz * np.column_stack((np.cos(heading), np.sin(heading), 0.2 * np.sin(8.0 * heading)))
     drift = np.radians(0.1) * 0.06 / rate_hz * np.arange(count)
-    drifted = 0.06 / rate_hz * np.column_stack((np.cos(heading + drift), np.sin(heading + drift), steps[:, 2] * 0.0))
-    drifted[:, 2] = steps[:, 2]
+    drifted = 0.06 / rate_hz * np.column_stack((np.cos(heading + drift), np.sin(heading + drift)))
+    drifted = np.column_stack((drifted, steps[:, 2]))
     true = np.round(np.cumsum(steps, axis=0), digits)
     level = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
     stamps_ns = np.round(np.arange(count) * 1e9 / rate_hz).astype(np.int64)

@@ -70,7 +70,8 @@ def map_completeness(
 def with_unmapped_pairs(rows: Sequence[Figure], unmapped: int) -> tuple[Figure, ...]:
     """Return the rows of the score of a cloud after further expected pairs that have no cloud."""
     (bare,) = (row for row in rows if (row.figure, row.part) == ("pairs_without_cloud", "count"))
-    expected, without = (bare.n or 0) + unmapped, int(bare.value or 0) + unmapped
+    expected = (bare.n or 0) + unmapped
+    without = int(bare.value or 0) + unmapped
     changed = [expected_row(RowPart(Scope.MAP), expected - without, expected)]
     changed += share_rows("pairs_without_cloud", without, expected)
     by_place = {(row.figure, row.part): row for row in changed}

@@ -48,7 +48,7 @@ class ShortfallKind(NamedTuple):
 
 JUDGED = "judged"  #: Figure of the fraction of the expected items of a scope that is judged.
 IN_GAPS, HIDDEN_CONDITIONS = "in_gaps", "hidden_conditions"
-"""Figures of the evident gaps of a drive: their fraction, and the fraction of the conditions that end within a gap."""
+"""Figures of the evident gaps of a drive: their fraction, and that of the conditions that are shorter than a gap."""
 UNMEASURED = "unmeasured"  #: Shortfall of the memory of calls, as the row `judged` states it.
 UNANSWERED, ANSWERED_TWICE = "unanswered", "answered_twice"
 """Shortfalls of an external node, whose record has their numbers."""

@@ -125,7 +125,8 @@ def completeness_of_drive(
     in_flight_ns: int,
 ) -> tuple[Association, list[Figure]]:
     """Return the association with the number of images, and all rows of completeness of a drive."""
-    frames, conditions = placed.frames, [item.condition for item in chosen]
+    frames = placed.frames
+    conditions = [item.condition for item in chosen]
     association, rows = drive_completeness(
         estimate, truth, placed.association, frames.stamps_ns, conditions, image_stamps_ns, in_flight_ns
     )
@@ -145,7 +146,8 @@ def result_of_condition(
 ) -> ConditionResult:
     """Return the part of a score from the sub-trajectories of one condition."""
     condition, starts, ends = chosen
-    name, has_height = condition.setting, as_truth(truth).has_height
+    name = condition.setting
+    has_height = as_truth(truth).has_height
     sub_trajectories = SubTrajectories(starts, ends, placed.poses, placed.errors_of(placed.poses, starts, ends))
     overlap = overlap_of(starts, ends, spacing)
     of_other_frames = tuple(rows_of_other_frames(name, sub_trajectories, placed, has_height=has_height))

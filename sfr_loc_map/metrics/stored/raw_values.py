@@ -154,7 +154,8 @@ def _of_axes(score: Score) -> Iterator[str]:
         if len(known) < len(axes):
             continue
         for statistic in ("mean", "sigma"):
-            value, of_axes = row.statistic(statistic), [axis.statistic(statistic) for axis in known]
+            value = row.statistic(statistic)
+            of_axes = [axis.statistic(statistic) for axis in known]
             if value is None or None in of_axes:
                 continue
             norm = float(np.linalg.norm(np.array(of_axes, np.float64)))
@@ -327,7 +328,8 @@ def _of_counts(score: Score) -> Iterator[str]:
         row, drive = score.figure(name, part="count"), score.association
         if row is not None and drive is not None and row.value not in (None, getattr(drive, name)):
             yield f"{name} is {_text(row.value)}, but {getattr(drive, name)} frames are {name}"
-    drive, doubled = score.association, score.figure("doubled", part="count")
+    drive = score.association
+    doubled = score.figure("doubled", part="count")
     if drive is not None and doubled is not None and doubled.value != drive.estimate_duplicates:
         yield f"doubled is {_text(doubled.value)}, but {drive.estimate_duplicates} estimates have a repeated stamp"
 

@@ -62,7 +62,8 @@ def to_dict(score: Score) -> dict[str, Any]:
     found: dict[str, Any] = to_plain(replace(score, content_sha256=None))
     for row in found["figures"]:
         if row["subject"] == Subject.TRAJECTORY and row.get("n") in (0, 1):
-            row |= dict.fromkeys(UNDEFINED) | row
+            for name in UNDEFINED:
+                row.setdefault(name, None)
     return {**found, HASH: hash_of_values(found)}
 
 
