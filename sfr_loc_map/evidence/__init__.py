@@ -1,4 +1,18 @@
 """Evidence from a recording without ground truth: agreement of runs that should agree.
 
-`recording.py` checks a complete recording. `check.py` checks its drive and lists the kinds of evidence.
+`recording.check_recording` checks the drive and the maps of a source:
+
+    source ─┬─ drive ── check.check_drive ──┬── RecordingCheck ── cli.check, report.check_tables
+            └─ maps ─── overlap.check_maps ─┘
+
+`check_drive` runs the localiser several times over the drive and compares the runs:
+
+- runs: `variants` runs the localiser forward, backward, over every second pair, and with the landmarks of one half of
+  the image. `paired_runs` restricts two runs to their common pairs.
+- evidence that decides the result: `agreement` compares two runs over sub-trajectories, and `revisited` compares the
+  accumulated motion with a direct run between two visits of a place.
+- further figures: `predicted` (error by source), `other_estimates` (wheel odometry) and `calibration` (right camera).
+
+Each of these modules returns its figures as rows of the table of figures. `check_result` defines the results
+(`CheckResult`) and how they are combined.
 """

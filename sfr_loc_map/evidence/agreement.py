@@ -111,7 +111,7 @@ def probability_of(squares: FloatArray) -> float:
     return float(gammaincc(0.5 * DEGREES * len(squares), 0.5 * squares.sum()))
 
 
-# ---- result, figures and table
+# ---- result and figures
 
 
 def results_of(agreements: Sequence[Agreement]) -> tuple[CheckResult, ...]:

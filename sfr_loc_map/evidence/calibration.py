@@ -97,6 +97,11 @@ def right_camera_offsets(runs: Sequence[DriveRun], rig: StereoRig) -> list[Camer
     return found
 
 
+def wrong_among(offsets: Sequence[CameraOffset]) -> tuple[CameraOffset, ...]:
+    """Return the offsets for which the calibration should be repeated."""
+    return tuple(offset for offset in offsets if offset.is_wrong)
+
+
 def settled(run: DriveRun, statistic: str) -> float | None:
     """Return the median of a statistic over the second half of a run."""
     values = [getattr(item, statistic) for item in run.statistics[len(run.statistics) // 2 :]]

@@ -1,9 +1,4 @@
-"""Check of a drive without a ground truth. `recording` adds the maps, and `report.check_tables` shows the figures.
-
-Each kind of evidence has a module that measures it and returns its figures as rows: `agreement` (runs that should
-agree), `revisited` (places), `predicted` (error by source), `other_estimates`, `calibration` (right camera) and
-`overlap` (maps).
-"""
+"""Check of a drive without a ground truth: its runs, their comparisons, and the figures of each kind of evidence."""
 
 from __future__ import annotations
 
@@ -20,6 +15,7 @@ from sfr_loc_map.evidence.calibration import (
     cost_row,
     offset_rows,
     right_camera_offsets,
+    wrong_among,
 )
 from sfr_loc_map.evidence.check_result import Check, CheckResult
 from sfr_loc_map.evidence.other_estimates import at_pairs_of, hat_rows, scale_row
@@ -29,7 +25,6 @@ from sfr_loc_map.evidence.variants import DriveRun, PairsInMemory, Variant, run_
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.table.rows import Figure
 
 MIN_PAIRS = 20
 COMPARED = (
@@ -49,7 +44,11 @@ class DriveCheck(Check):
     agreements: tuple[Agreement, ...]  #: The comparisons that decide the result.
     forward: DriveRun  #: The run over all pairs in recorded order, as in operation.
     offsets: tuple[CameraOffset, ...]  #: Offsets of the right camera from its calibration.
-    wrong_offsets: tuple[CameraOffset, ...]  #: The offsets for which the calibration should be repeated.
+
+    @property
+    def wrong_offsets(self) -> tuple[CameraOffset, ...]:
+        """The offsets for which the calibration should be repeated."""
+        return wrong_among(self.offsets)
 
     @property
     def advice(self) -> dict[str, Advice]:
@@ -83,19 +82,13 @@ def check_drive(
     others = [at_pairs_of(forward, other) for other in others]
     with_others = [compare(forward, other, condition) for condition in conditions for other in others]
     offsets = right_camera_offsets([runs[variant] for variant in CALIBRATED], sequence.rig)
-    wrong_offsets = [offset for offset in offsets if offset.is_wrong]
-    figures: list[Figure] = []
-    for agreement in (*agreements, *with_others):
-        figures += agreement_rows(agreement)
-    for condition in conditions:
-        figures += predicted_rows(forward, condition)
-    for closure in closures:
-        figures += closure_rows(closure)
+    wrong_offsets = wrong_among(offsets)
+    figures = [row for agreement in (*agreements, *with_others) for row in agreement_rows(agreement)]
+    figures += [row for condition in conditions for row in predicted_rows(forward, condition)]
+    figures += [row for closure in closures for row in closure_rows(closure)]
     figures += [scale_row(agreement) for agreement in with_others]
-    for condition in conditions:
-        figures += hat_rows((forward, *others), condition)
-    for offset in offsets:
-        figures += offset_rows(offset)
+    figures += [row for condition in conditions for row in hat_rows((forward, *others), condition)]
+    figures += [row for offset in offsets for row in offset_rows(offset)]
     if wrong_offsets:
         corrected = run_pairs(drive, config, "corrected", corrected_drive(drive, wrong_offsets).kept)
         figures += [cost_row(wrong_offsets, compare(forward, corrected, condition)) for condition in conditions]
@@ -107,5 +100,4 @@ def check_drive(
         agreements=tuple(agreements),
         forward=forward,
         offsets=tuple(offsets),
-        wrong_offsets=tuple(wrong_offsets),
     )

@@ -1,12 +1,14 @@
-"""Results of checks without a ground truth, and how the results of comparisons are combined."""
+"""Results of checks without a ground truth, and how results of comparisons and of subjects are combined."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 from sfr_loc_map.metrics.table.rows import Figure
+
+SCHEMA = "sfr-check/1"  #: Schema of the JSON of a check.
 
 
 class CheckResult(StrEnum):
@@ -15,6 +17,13 @@ class CheckResult(StrEnum):
     CONSISTENT = "consistent"
     INCONSISTENT = "inconsistent"
     NOT_ENOUGH_DATA = "not enough data"
+
+
+OF_COMPARISONS = (CheckResult.INCONSISTENT, CheckResult.CONSISTENT, CheckResult.NOT_ENOUGH_DATA)
+"""Precedence of the results of comparisons: a comparison without enough data does not change the result of the others.
+The number of comparisons with enough data is stated beside the result (`Check.checked`)."""
+OF_SUBJECTS = (CheckResult.INCONSISTENT, CheckResult.NOT_ENOUGH_DATA, CheckResult.CONSISTENT)
+"""Precedence of the results of subjects: a recording is consistent only if each of its subjects could be checked."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,11 +47,7 @@ class Check:
         return sum(result is not CheckResult.NOT_ENOUGH_DATA for result in self.results)
 
 
-def combined(results: Iterable[CheckResult]) -> CheckResult:
-    """Return the result over several comparisons: the worst result of those with enough data.
-
-    The number of comparisons with enough data belongs beside the result (`Check.checked`).
-    """
+def combined(results: Iterable[CheckResult], precedence: Sequence[CheckResult] = OF_COMPARISONS) -> CheckResult:
+    """Return the result that comes first in the precedence; without results, there is not enough data."""
     found = set(results)
-    order = (CheckResult.INCONSISTENT, CheckResult.CONSISTENT)
-    return next((result for result in order if result in found), CheckResult.NOT_ENOUGH_DATA)
+    return next((result for result in precedence if result in found), CheckResult.NOT_ENOUGH_DATA)

@@ -11,7 +11,7 @@ from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check import check_drive
-from sfr_loc_map.evidence.check_result import Check, CheckResult
+from sfr_loc_map.evidence.check_result import OF_SUBJECTS, SCHEMA, Check, CheckResult, combined
 from sfr_loc_map.evidence.overlap import check_maps
 from sfr_loc_map.evidence.variants import DriveRun, calls_of
 from sfr_loc_map.io.sequence import Source, drive_of
@@ -24,7 +24,6 @@ from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.rows import Figure
 
-SCHEMA = "sfr-check/1"
 DRIVE, MAPS = "drive", "maps"  #: Subjects of a check.
 TOO_FEW = {
     DRIVE: "fewer than three sub-trajectories and no revisited place: give a smaller --condition",
@@ -49,9 +48,7 @@ class RecordingCheck:
     @property
     def result(self) -> CheckResult:
         """The result of the recording: not enough data if a subject could not be checked and no other disagrees."""
-        found = set(self.results.values())
-        order = (CheckResult.INCONSISTENT, CheckResult.NOT_ENOUGH_DATA, CheckResult.CONSISTENT)
-        return next((result for result in order if result in found), CheckResult.NOT_ENOUGH_DATA)
+        return combined(self.results.values(), OF_SUBJECTS)
 
     @property
     def checked(self) -> dict[str, str]:

@@ -195,7 +195,7 @@ class MapInputs:
 
 
 class MonitorScore:
-    """Collects poses, truth, clouds and calls, and scores them; `maps` has the score of each complete map."""
+    """Collects poses, truth, clouds and calls, and scores them; `maps` judges each complete map and keeps the worst."""
 
     def __init__(self, config: ScoreConfig, limits: Limits | None, body: TrackedBodyConfig = RB_ITSELF) -> None:
         """Start a run, judged by limits if there are any. `body` is the tracked body of the true poses."""

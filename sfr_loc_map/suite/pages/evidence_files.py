@@ -14,6 +14,7 @@ import msgspec
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.calibration import Advice
+from sfr_loc_map.evidence.check_result import SCHEMA as CHECK_SCHEMA
 from sfr_loc_map.evidence.check_result import CheckResult
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
@@ -93,7 +94,7 @@ class SearchFile(SearchRecord, frozen=True, kw_only=True):
 
 
 KINDS: dict[str, type[CheckFile | BudgetFile | SearchFile]] = {
-    "sfr-check/1": CheckFile,
+    CHECK_SCHEMA: CheckFile,
     SUITE_SCHEMA: BudgetFile,
     SEARCH_SCHEMA: SearchFile,
 }
