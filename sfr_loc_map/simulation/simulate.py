@@ -8,7 +8,6 @@ number of workers.
 
 from __future__ import annotations
 
-import hashlib
 import io
 import multiprocessing
 import os
@@ -29,6 +28,7 @@ from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, OutputError
+from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import read_text
 from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX
 from sfr_loc_map.io.calibration.rig_file import rig_json
@@ -119,9 +119,8 @@ def settings_text(config: SimulationConfig) -> str:
 
 
 def _code_line() -> str:
-    files = sorted(path for folder in CODE for path in folder.rglob("*.py"))
-    code = hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
-    return f"# rendered by sfr_loc_map {__version__}, code {code[:16]}\n"
+    code = "-".join(hash_path(folder)[:8] for folder in CODE)
+    return f"# rendered by sfr_loc_map {__version__}, code {code}\n"
 
 
 def _difference(config: SimulationConfig, out: Path) -> str:
