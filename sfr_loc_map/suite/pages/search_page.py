@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from sfr_loc_map.metrics.config import VerdictState
@@ -9,7 +10,7 @@ from sfr_loc_map.report.page import render_overview
 from sfr_loc_map.report.plots import Plot, axis, colour_bar, log_axis, marks, plain, span
 from sfr_loc_map.report.summary import Banner
 from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
-from sfr_loc_map.suite.search.record import CoverageRecord, SearchRecord
+from sfr_loc_map.suite.search.record import CoverageRecord, PointRecord, SearchRecord
 
 WORST_SHOWN = 20  #: Maximum number of points in the table of the worst points.
 CELLS_SHOWN = 30  #: Maximum number of untested cells in the table.
@@ -48,14 +49,18 @@ def _ratio(ratio: float | None) -> Cell:
 def _points_table(record: SearchRecord) -> Table:
     names = [parameter.name for parameter in record.parameters]
     heads = (Column("point"), Column("figure over limit"), *map(Column, names))
-    numbered = sorted(enumerate(record.points, 1), key=lambda item: -_shown(record, item[1].ratio))
-    numbered.sort(key=lambda item: item[1].ratio is not None)  # drives without the figure first
+    numbered = sorted(enumerate(record.points, 1), key=lambda item: _badness(item[1]), reverse=True)
     rows = tuple(
         (Cell.number(number), _ratio(item.ratio), *(Cell.number(item.point[name]) for name in names))
         for number, item in numbered[:WORST_SHOWN]
     )
     note = f"{len(record.points)} points were searched."
     return Table("points", "Points with the smallest margin", heads, rows, note)
+
+
+def _badness(point: PointRecord) -> float:
+    """Return the ratio; infinite for a drive without the figure, which is worse than any drive with the figure."""
+    return math.inf if point.ratio is None else point.ratio
 
 
 def _coverage_tables(coverage: Sequence[CoverageRecord]) -> list[Table]:

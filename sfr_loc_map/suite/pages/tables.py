@@ -18,7 +18,7 @@ from sfr_loc_map.report.typed_tables import RowColumn, heads, intervals, numbers
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.suite.running.job import SHORT_KEY
 from sfr_loc_map.suite.running.job_outcome import WorkerRecord
-from sfr_loc_map.suite.statistics.budget import Budget, BudgetFigure
+from sfr_loc_map.suite.statistics.budget import Budget, BudgetRow, row_with_fraction
 from sfr_loc_map.suite.statistics.comparison import FigureComparison, SuiteComparison
 from sfr_loc_map.suite.statistics.drive_count import DriveCount
 from sfr_loc_map.suite.statistics.figures import map_error_of
@@ -226,21 +226,8 @@ def pooled_table(groups: Sequence[Group]) -> Table:
     return table_of("pooled", "Errors over the sub-trajectories of all drives", POOLED, rows, note)
 
 
-class BudgetTableRow(NamedTuple):
-    """A source of error, the rest, or the sum; the rest and the sum have only the fraction `alone`."""
-
-    source: str
-    alone: BudgetFigure
-    removed: BudgetFigure = BudgetFigure()
-    interaction: BudgetFigure = BudgetFigure()
-    mean_m: tuple[float, ...] | None = None
-    sigma_m: tuple[float, ...] | None = None
-
-
-def _by_axis(
-    title: str, of: Callable[[BudgetTableRow], tuple[float, ...] | None]
-) -> Iterator[RowColumn[BudgetTableRow]]:
-    def value_of(row: BudgetTableRow, axis: int) -> float | None:
+def _by_axis(title: str, of: Callable[[BudgetRow], tuple[float, ...] | None]) -> Iterator[RowColumn[BudgetRow]]:
+    def value_of(row: BudgetRow, axis: int) -> float | None:
         values = of(row)
         return values[axis] if values else None
 
@@ -248,7 +235,7 @@ def _by_axis(
         yield numbers(f"{title}, {name}", partial(value_of, axis=number_of_axis), MILLIMETRE)
 
 
-BUDGET: tuple[RowColumn[BudgetTableRow], ...] = (
+BUDGET: tuple[RowColumn[BudgetRow], ...] = (
     heads("source of error", lambda row: row.source),
     numbers("fraction alone", lambda row: row.alone.value, PERCENT),
     intervals("95 % interval", lambda row: row.alone.ci95, PERCENT),
@@ -266,12 +253,10 @@ def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
     tables = []
     for place, budget in enumerate(budgets, 1):
         rows = [
-            BudgetTableRow(row.source, row.alone, row.removed, row.interaction, row.mean_m, row.sigma_m)
-            for row in budget.rows
+            *sorted(budget.rows, key=lambda row: row.alone.value or 0.0, reverse=True),
+            row_with_fraction("not named in the budget", budget.rest),
+            row_with_fraction("sum", budget.total),
         ]
-        rows.sort(key=lambda row: -(row.alone.value or 0.0))
-        rows.append(BudgetTableRow("not named in the budget", budget.rest))
-        rows.append(BudgetTableRow("sum", budget.total))
         note = (
             f"Fractions of the mean square position error over {label_of(budget.condition)}; {budget.drives} drives, "
             f"{budget.left_out} skipped because a variant has no result. Mean and sigma: effect of the source alone."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import msgspec
@@ -28,12 +29,12 @@ from sfr_loc_map.suite.search.record import (
     SliceRecord,
     ratio_text,
 )
-from sfr_loc_map.suite.search.specification import UNUSED, Point, SearchSettings, SearchSpecification
+from sfr_loc_map.suite.search.specification import WITHOUT_EFFECT, Point, SearchSettings, SearchSpecification
 from sfr_loc_map.suite.search.worst_case import (
     WITHOUT_FIGURE,
     RandomChooser,
     TreeChooser,
-    Tried,
+    TriedPoint,
     coverage_of,
     rank_correlations,
     reduced,
@@ -46,22 +47,22 @@ RunWaitingJobs = Callable[[Sequence[Job]], None]
 """Runs jobs and stores their results in the folder of the suite."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class SearchResult:
     """The result of a search."""
 
     specification: SearchSpecification
-    usual: Tried  #: The unchanged scenario.
+    usual: TriedPoint  #: The unchanged scenario.
     left_out: Mapping[Point, str]  #: Points whose scenario cannot be run, with the reason. They do not count as misses.
-    tried: tuple[Tried, ...]  #: Points of the search with a result, in the order of the search.
-    found: Tried  #: The point with the least margin.
-    case: Tried  #: The smallest change of the scenario that still misses the limit; `found` if it meets the limit.
+    tried: tuple[TriedPoint, ...]  #: Points of the search with a result, in the order of the search.
+    found: TriedPoint  #: The point with the least margin.
+    case: TriedPoint  #: The smallest change of the scenario that still misses the limit; `found` if it meets the limit.
     case_seed: int  #: Seed with the largest ratio at the case.
     slices: tuple[SliceRecord, ...]
     coverage: tuple[CoverageRecord, ...]
     correlations: tuple[float, ...]  #: Rank correlation of each parameter with the ratio.
 
-    @property
+    @cached_property
     def record(self) -> SearchRecord:
         """The result as a record, for JSON and pages."""
         specification, chosen = self.specification, self.specification.settings
@@ -94,7 +95,7 @@ class SearchResult:
         pairs = zip(self.specification.parameters, point, strict=True)
         return {parameter.name: value for parameter, value in pairs}
 
-    def _point(self, item: Tried) -> PointRecord:
+    def _point(self, item: TriedPoint) -> PointRecord:
         jobs = [job.key for job in self.specification.jobs_at(item.point)]
         return PointRecord(None if item.is_lost else item.ratio, self.named(item.point), jobs)
 
@@ -156,7 +157,7 @@ def _search(specification: SearchSpecification, points: _Points, *, at_random: b
     if usual_ratio is None:
         reason = points.left_out[usual_point]
         raise InputError(f"{specification.path}: the unchanged scenario cannot be run: {reason}")
-    if Tried(usual_point, usual_ratio).is_lost:
+    if TriedPoint(usual_point, usual_ratio).is_lost:
         raise InputError(
             f"{specification.path}: the unchanged scenario has no {chosen.figure} {chosen.statistic} over "
             f"{chosen.condition}; choose a figure and a condition that its drive has"
@@ -170,7 +171,7 @@ def _search(specification: SearchSpecification, points: _Points, *, at_random: b
     slices = slices_of(parameters, case, tried, chosen.slices, points.evaluate) if chosen.slices else []
     return SearchResult(
         specification=specification,
-        usual=Tried(usual_point, usual_ratio),
+        usual=TriedPoint(usual_point, usual_ratio),
         left_out=points.left_out,
         tried=tuple(tried),
         found=found,
@@ -211,7 +212,7 @@ def case_file(result: SearchResult) -> str:
         "sources": [{"simulate": str(specification.scenario), "seeds": [result.case_seed], "set": to_plain(settings)}],
         "tasks": ["localise"],
         "conditions": list(specification.scoring.conditions),
-        **{name: value for name, value in asdict(specification.running).items() if name not in UNUSED},
+        **{name: value for name, value in asdict(specification.running).items() if name not in WITHOUT_EFFECT},
     }
     if faults := specification.faults_at(point):
         content |= {"perturb": [faults], "nominal": False}

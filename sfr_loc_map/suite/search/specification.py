@@ -25,12 +25,8 @@ from sfr_loc_map.suite.running.specification import SuiteSettings
 Point = tuple[float, ...]
 """Values of the parameters of a search, in the order of the file."""
 CHOICES = (*STATISTICS, "value")  #: Statistics that a search accepts.
-UNUSED = (
-    "repeats",
-    "stop_when_decided",
-    "order_seed",
-    "nominal",
-)  #: Settings of a suite that have no effect in a search.
+WITHOUT_EFFECT = ("repeats", "stop_when_decided", "order_seed", "nominal")
+"""Settings of a suite that a search rejects, because they would have no effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +81,7 @@ class SearchSpecification:
     parameters: tuple[Parameter, ...]
     scoring: TrajectoryScoreConfig
     settings: SearchSettings
-    running: SuiteSettings  #: Settings of the jobs, except `UNUSED`.
+    running: SuiteSettings  #: Settings of the jobs; those in `WITHOUT_EFFECT` have their defaults.
     code: str  #: Fingerprint of the code at the start of the search, so that a change of the code runs no point again.
 
     @property
@@ -143,8 +139,8 @@ def load_search(path: Path) -> SearchSpecification:
     ranges, seeds = content.pop("ranges", None), content.pop("seeds", [1])
     stated_running = content.pop("running", None) or {}
     running = build(SuiteSettings, stated_running, origin=f"{path}: running")
-    if unused := [name for name in UNUSED if name in stated_running]:
-        raise ConfigError(f"{path}: running: '{unused[0]}' has no effect in a search: remove it")
+    if rejected := [name for name in WITHOUT_EFFECT if name in stated_running]:
+        raise ConfigError(f"{path}: running: '{rejected[0]}' has no effect in a search: remove it")
     settings = build(SearchSettings, content, origin=str(path))
     if settings.figure not in KINDS:
         raise ConfigError(f"{path}: 'figure: {settings.figure}' is unknown; one of {', '.join(KINDS)} is required")

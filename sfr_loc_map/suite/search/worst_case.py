@@ -115,7 +115,7 @@ class TreeChooser:
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
+class TriedPoint:
     """A point and its ratio."""
 
     point: Point
@@ -132,7 +132,7 @@ class Tried:
         return self.ratio > 1.0
 
 
-def search_worst(chooser: Chooser, evaluate: Evaluate, count: int, batch: int) -> Iterator[Tried]:
+def search_worst(chooser: Chooser, evaluate: Evaluate, count: int, batch: int) -> Iterator[TriedPoint]:
     """Yield those of `count` points that have a result, in the order of the search."""
     for begin in range(0, count, batch):
         points = chooser.ask(min(batch, count - begin))
@@ -140,10 +140,10 @@ def search_worst(chooser: Chooser, evaluate: Evaluate, count: int, batch: int) -
         chooser.tell(points, ratios)
         for point, ratio in zip(points, ratios, strict=True):
             if ratio is not None:
-                yield Tried(point, ratio)
+                yield TriedPoint(point, ratio)
 
 
-def reduced(found: Tried, parameters: Sequence[Parameter], evaluate: Evaluate) -> Tried:
+def reduced(found: TriedPoint, parameters: Sequence[Parameter], evaluate: Evaluate) -> TriedPoint:
     """Return the smallest change of the scenario that still misses the limit; `found` if it meets the limit.
 
     First, each parameter in turn is reset to its usual value if the case still fails with that value. Then each
@@ -169,12 +169,12 @@ def reduced(found: Tried, parameters: Sequence[Parameter], evaluate: Evaluate) -
     return case
 
 
-def _still_failing(case: Tried, point: Point, evaluate: Evaluate) -> Tried:
+def _still_failing(case: TriedPoint, point: Point, evaluate: Evaluate) -> TriedPoint:
     """Return the changed case if it fails, otherwise the unchanged case."""
     (ratio,) = evaluate([point])
     if ratio is None:
         return case
-    tried = Tried(point, ratio)
+    tried = TriedPoint(point, ratio)
     return tried if tried.fails else case
 
 
@@ -183,7 +183,7 @@ def _with(point: Point, index: int, value: float) -> Point:
 
 
 def slices_of(
-    parameters: Sequence[Parameter], case: Tried, tried: Sequence[Tried], count: int, evaluate: Evaluate
+    parameters: Sequence[Parameter], case: TriedPoint, tried: Sequence[TriedPoint], count: int, evaluate: Evaluate
 ) -> list[SliceRecord]:
     """Return slices through a case for each pair of the most important parameters."""
     made = []
@@ -201,7 +201,7 @@ def _grid(parameter: Parameter, count: int) -> tuple[float, ...]:
     return tuple(dict.fromkeys(values))
 
 
-def most_important(parameters: Sequence[Parameter], case: Tried, tried: Sequence[Tried]) -> list[int]:
+def most_important(parameters: Sequence[Parameter], case: TriedPoint, tried: Sequence[TriedPoint]) -> list[int]:
     """Return at most three parameters: first those that the case changes, then by correlation with the ratio."""
     usual = [parameter.usual for parameter in parameters]
     correlations = rank_correlations(tried, len(parameters))
@@ -211,7 +211,7 @@ def most_important(parameters: Sequence[Parameter], case: Tried, tried: Sequence
     return sorted(order[:MAX_SLICED])
 
 
-def rank_correlations(tried: Sequence[Tried], count: int) -> list[float]:
+def rank_correlations(tried: Sequence[TriedPoint], count: int) -> list[float]:
     """Return Spearman's rank correlation of each parameter with the ratio; 0 if undefined."""
     ratios = [item.ratio for item in tried]
     found = []

@@ -89,7 +89,7 @@ def budget_of(
     begun = sorted({drive for name in needed for drive in errors.get(name, {})})
     drives = [drive for drive in begun if all(drive in errors.get(name, {}) for name in needed)]
     if not drives:
-        rows = [_unknown(name) for name in sources]
+        rows = [row_with_fraction(name, BudgetFigure()) for name in sources]
         return Budget(
             configuration=configuration,
             condition=condition,
@@ -165,6 +165,7 @@ def _figure(values: FloatArray, drives: int) -> BudgetFigure:
     return BudgetFigure(value, (value - half, value + half))
 
 
-def _unknown(source: str) -> BudgetRow:
+def row_with_fraction(source: str, alone: BudgetFigure) -> BudgetRow:
+    """Return a row whose other figures are unknown."""
     unknown = BudgetFigure()
-    return BudgetRow(source=source, alone=unknown, removed=unknown, interaction=unknown, mean_m=None, sigma_m=None)
+    return BudgetRow(source=source, alone=alone, removed=unknown, interaction=unknown, mean_m=None, sigma_m=None)

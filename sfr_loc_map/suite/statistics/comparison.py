@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -151,7 +152,7 @@ def _compared(
             p=p,
             p_corrected=corrected,
             outcome=outcome,
-            worst=max(chain(*drives.values()), key=_badness),
+            worst=max(chain(*drives.values()), key=partial(_log_ratio, loss=np.inf)),
         )
 
 
@@ -162,19 +163,14 @@ def _log_ratios(drives: Collection[Sequence[DriveRatio]]) -> FloatArray:
     """
     loss = max((abs(item.log) for item in chain(*drives) if item.log is not None), default=1.0) or 1.0
 
-    def log_ratio(item: DriveRatio) -> float:
-        if item.log is not None:
-            return item.log
-        return loss if item.other is None else -loss
-
-    return np.array([np.mean([log_ratio(item) for item in items]) for items in drives])
+    return np.array([np.mean([_log_ratio(item, loss) for item in items]) for items in drives])
 
 
-def _badness(item: DriveRatio) -> float:
-    """Return the log ratio; infinite if only the second suite lacks the figure, or minus infinite if the first does."""
+def _log_ratio(item: DriveRatio, loss: float) -> float:
+    """Return the log ratio; `loss` if only the second suite lacks the figure, and `-loss` if the first suite does."""
     if item.log is not None:
         return item.log
-    return np.inf if item.other is None else -np.inf
+    return loss if item.other is None else -loss
 
 
 def ratio_interval(log_ratios: FloatArray) -> Interval | None:

@@ -320,10 +320,18 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
             after = x[:, max(changed_at, night + 1 - last.window) : night + 1]
             reference = x[:, max(start, changed_at - REFERENCE) : changed_at]
             if compare_nights(reference, after, scale, false_alarm_rate / len(WINDOWS)) is None:
-                now = float(_mean(changed[:, night]))
-                returned = replace(last, night=night, detected=night, before=last.after, after=now, is_return=True)
-                returned = replace(returned, last_before=_last_with_value(changed[:, :night]))
-                found.append(replace(returned, nights_before=last.nights_after, nights_after=(night, night + 1)))
+                returned = replace(
+                    last,
+                    night=night,
+                    detected=night,
+                    last_before=_last_with_value(changed[:, :night]),
+                    before=last.after,
+                    after=float(_mean(changed[:, night])),
+                    nights_before=last.nights_after,
+                    nights_after=(night, night + 1),
+                    is_return=True,
+                )
+                found.append(returned)
                 changed_at = None
             continue
         for window in WINDOWS:

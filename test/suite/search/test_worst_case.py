@@ -12,7 +12,7 @@ from sfr_loc_map.suite.search.worst_case import (
     Chooser,
     RandomChooser,
     TreeChooser,
-    Tried,
+    TriedPoint,
     coverage_of,
     reduced,
     search_worst,
@@ -56,14 +56,14 @@ def test_a_search_chooses_the_same_points_again() -> None:
 
 def test_the_reduced_case_changes_only_what_it_needs() -> None:
     usual = tuple(parameter.usual for parameter in PARAMETERS)
-    found = Tried((0.9, 0.1, 0.8, 0.9, 0.1), weak([(0.9, 0.1, 0.8, 0.9, 0.1)])[0])
+    found = TriedPoint((0.9, 0.1, 0.8, 0.9, 0.1), weak([(0.9, 0.1, 0.8, 0.9, 0.1)])[0])
     case = reduced(found, PARAMETERS, weak)
     assert case.fails
     assert case.point[3:] == usual[3:]
     distances = [abs(at - of) for at, of in zip(case.point, usual, strict=True)]
     assert all(distance <= abs(weak_at - of) for distance, weak_at, of in zip(distances, WEAK, usual, strict=False))
     assert case.ratio < 1.05, "expected: just above the limit"
-    meets_limit = Tried(usual, 0.3)
+    meets_limit = TriedPoint(usual, 0.3)
     assert reduced(meets_limit, PARAMETERS, weak) is meets_limit
 
 
@@ -75,12 +75,12 @@ def test_the_reduced_case_of_an_integer_parameter_is_an_integer_and_no_point_is_
         evaluated.extend(points)
         return [0.25 * point[0] for point in points]
 
-    assert reduced(Tried((7.0,), 1.75), [pairs], fails_from_five) == Tried((5.0,), 1.25)
+    assert reduced(TriedPoint((7.0,), 1.75), [pairs], fails_from_five) == TriedPoint((5.0,), 1.25)
     assert evaluated == [(0.0,), (4.0,), (6.0,), (5.0,)]
 
 
 def test_slices_show_where_the_limit_begins_to_be_missed() -> None:
-    case = Tried((0.9, 0.1, 0.8, 0.5, 0.5), 1.1)
+    case = TriedPoint((0.9, 0.1, 0.8, 0.5, 0.5), 1.1)
     slices = slices_of(PARAMETERS, case, [case], 11, weak)
     assert [(cut.first, cut.second) for cut in slices] == [(0, 1), (0, 2), (1, 2)]
     first = slices[0]
