@@ -57,7 +57,7 @@ sample: $(DEV_STAMP)  ## Render the sample bag again
 test: $(COMPILED)  ## Run all tests; the slowest are listed at the end
 	$(BIN)/python -m pytest $(PARALLEL) --durations=60 --durations-min=2
 
-test-fast: $(COMPILED)  ## Run the tests without running nodes that take less than seconds each, for daily work
+test-fast: $(COMPILED)  ## Run the tests that start no node and take less than about two seconds each, for daily work
 	$(BIN)/python -m pytest $(PARALLEL) -m "not ros and not slow"
 
 test-quick: $(TEST_STAMP)  ## Run the quick tests of some folders (DIR="metrics geometry localisation") without ROS, the sample and slow tests
