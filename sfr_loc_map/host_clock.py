@@ -17,7 +17,7 @@ SYSTEM_CALLS = {"x86_64": 228, "aarch64": 113}  #: Numbers of the system call cl
 MONOTONIC = 1  #: Number of the monotonic clock in that system call.
 _LIBRARY = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 MOST_S, MOST_SHARE = 0.1, 0.01
-"""Maximum difference between the two clocks over a run: ten steps of the kernel's file plus 1 % of the run."""
+"""Maximum difference between the two clocks over a run: ten steps of /proc/uptime (10 ms each) plus 1 % of the run."""
 
 
 @contextmanager

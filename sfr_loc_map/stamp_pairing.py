@@ -27,7 +27,7 @@ def below_half_period(tolerance_ns: int, *gaps_ns: Collection[int]) -> int:
 
 
 def match_stamps(left: Sequence[int], right: Sequence[int], tolerance_ns: int) -> dict[int, int]:
-    """Return the right stamp of each left stamp that has a partner, ns; the stamps of both streams increase."""
+    """Return the right stamp of each left stamp that has a partner, ns; the stamps of both streams must increase."""
     gaps = [[after - before for before, after in pairwise(stamps) if after > before] for stamps in (left, right)]
     pairing: StampPairing[int] = StampPairing(below_half_period(tolerance_ns, *gaps), WAITING)
     order = sorted([(stamp, 0) for stamp in left] + [(stamp, 1) for stamp in right])
@@ -50,10 +50,10 @@ class StampPairing(Generic[T]):
     """Pairs the items of two streams by their stamps, with bounded memory.
 
     The stamps of each stream increase until the stream returns to an earlier stamp. An item is therefore dropped, and
-    counted as `unpaired`, when the other stream has reached a later stamp and both streams have returned equally often.
-    `run_order`, which receives the pairs, decides whether a return begins a new run. `overflowed` counts items that
-    were dropped because their queue was full. The tolerance is less than half of the shorter period, so that items of
-    neighbouring frames are not paired.
+    counted as `unpaired`, when the other stream has reached a later stamp and both streams have gone back to an earlier
+    stamp the same number of times. `run_order`, which receives the pairs, decides whether a return begins a new run.
+    `overflowed` counts items that were dropped because their queue was full. The tolerance is less than half of the
+    shorter period, so that items of neighbouring frames are not paired.
     """
 
     def __init__(self, tolerance_ns: int, depth: int) -> None:

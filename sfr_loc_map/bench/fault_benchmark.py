@@ -192,7 +192,7 @@ def error_and_sigma(
         turn = rotvec_from_matrix(pose.rotation @ true.rotation.T)
         errors[row] = np.linalg.norm(pose.translation - true.translation), np.linalg.norm(turn)
         variances[row] = np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])
-    # the norm has three axes, each with the noise of one true pose, or of the two true poses of a step
+    # the squared norm sums three axes; each contains the noise of one true pose, or of the two true poses of a step
     noisy_values = 6.0 if steps else 3.0
     return errors, np.sqrt(variances + noisy_values * np.square(noise))
 

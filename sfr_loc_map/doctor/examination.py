@@ -171,7 +171,7 @@ def _pairs(seen: Observation, rig: str) -> Issues:
         yield Issue(Cause.UNPAIRED, seen.both_images(rig), text, fix, False)
     elif share < PAIRED:
         off_s = f"{typical_ns / NS_PER_S:.3g}"
-        fix = "stamp both images by one trigger"
+        fix = "trigger both cameras together and give both images the stamp of the trigger"
         if typical_ns <= NS_PER_S // 2:
             section = "input" if seen.is_live else "sync"
             fix += f"; or set {section}.stamp_tolerance_s above {off_s}, if the motion in this time is negligible"

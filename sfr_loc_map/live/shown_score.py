@@ -81,7 +81,10 @@ class ShownScore:
 
 
 def _errors_to_plain(score: Score) -> dict[str, Any] | None:
-    """Return the position errors, m, over the first condition with their end frames; None without a trajectory."""
+    """Return the position errors, m, of the sub-trajectories of the first condition, and their end frames.
+
+    None without a trajectory.
+    """
     drive = None if score.details is None else score.details.trajectory
     if drive is None:
         return None

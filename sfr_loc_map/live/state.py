@@ -340,7 +340,7 @@ class LiveState:
             node.in_graph = name in update.nodes
 
     def _take_media(self, update: updates.Media) -> None:
-        """Add the newest image, cloud or grid of a topic."""
+        """Replace the image, cloud or grid of a topic by the newest one."""
         before = self.media.get(update.topic)
         if before is None and len(self.media) >= MAX_TOPICS:
             return

@@ -217,7 +217,7 @@ class NoOperator:
 
     def run(self, command: Command) -> str:
         """Raise an InputError."""
-        raise InputError(f"'{command.action}' is not possible yet: the ROS graph is not joined")
+        raise InputError(f"'{command.action}' is not possible yet: this process has not joined the ROS graph yet")
 
     def close(self) -> None:
         """Do nothing, because no command is pending."""

@@ -39,7 +39,7 @@ changes it.
 
 To add an error source:
 
-- A noise that is measured and differs between pixels requires a term in `uncertainty`. It then weights the fusion.
+- Measured noise that differs between pixels requires a term in `uncertainty`. It then weights the fusion.
 - An allowance that differs between pixels, and is not a measured noise, requires a factor in `random_sigma`, like
   saturation. It does not affect the weights of the fusion.
 - An error that is common to all points requires a parameter (`CalibrationPrior`), a field of `CalibrationSigma`, its

@@ -13,7 +13,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 STRIDES = (1, 4)
-"""Distance from x to y and from y to z in the list of numbers: in a table of poses, and in a table of matrices."""
+"""Index steps from x to y, and from y to z, in the list of numbers: 1 in a table of poses, 4 in a table of 3 x 4
+matrices."""
 SAME_M = 0.001  #: Coordinates are rounded to 1 mm, the coarsest resolution of common files.
 MOST_POSITIONS = 10  #: Allowed number of true positions: a start, a goal and waypoints are legitimate settings.
 FAR_M = 1e9  #: Larger numbers, such as stamps, are not coordinates, and overflow 64 bits in mm.

@@ -49,8 +49,8 @@ def numbers_of(pose: Transform) -> Pose:
 class MethodProcess:
     """The process of a method, which is warmed up once constructed.
 
-    A mapper `maps_sets` of pairs in one call, or `fuses` maps of single pairs, or neither. Arrays of the results are at
-    `output` plus a suffix for their kind.
+    `maps_sets`: a mapper maps all pairs in one call. `fuses`: a separate call fuses the maps of single pairs. Both may
+    be false. Arrays of the results are at `output` plus a suffix for their kind.
     """
 
     def __init__(

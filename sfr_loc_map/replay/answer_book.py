@@ -69,7 +69,7 @@ class AnswerBook:
         return stamp_ns in self._sent
 
     def note_restart(self, how: str) -> None:
-        """Note that the node ended during the run, although another process answers in its place.
+        """Record that the node ended during the run, although a restarted process answers in its place.
 
         The replay continues to wait for answers, unlike after `note_end`.
         """

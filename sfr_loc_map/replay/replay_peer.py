@@ -35,7 +35,9 @@ class ReplayPeer(Peer):
         """Spin until a condition holds; after the timeout, raise a NodeError with the text of `problem`."""
 
         def is_met() -> bool:
-            self._refuse_others()  # first, because messages of these nodes may be why the condition fails
+            # First, because messages of another process's nodes with these names may be the reason why the condition is
+            # not met
+            self._refuse_others()
             if condition():
                 return True
             self.supervisor.check()

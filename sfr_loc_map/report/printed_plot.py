@@ -92,7 +92,7 @@ class Series:
 
 
 def printed_plots(score: Score) -> list[PrintedPlot]:
-    """Return the errors of position and attitude over the distance travelled, and of map points over their range."""
+    """Return the plots of the position and attitude errors against the distance, of map points against the range."""
     return [_drawn(series) for series in (*_of_drive(score), *_of_map(score))]
 
 

@@ -358,7 +358,7 @@ def convention_text(score: Score) -> str:
         return ""
     parts = [f"declared: {', '.join(convention.declared)}"] if convention.declared else []
     if convention.diagnosed is not None:
-        fitted = ", numbers fitted to the truth" if convention.fitted else ""
+        fitted = ", with values fitted to the truth" if convention.fitted else ""
         parts.append(f"by the diagnosis: {convention.diagnosed} (--apply-diagnosis{fitted})")
     return "; ".join(parts)
 

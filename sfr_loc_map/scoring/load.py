@@ -220,7 +220,11 @@ def _drive_of(
 
 
 def _as_declared(true: LoadedTrajectory, place: Path | None, how: SourceConfig) -> LoadedTrajectory:
-    """Return true poses as the configuration declares them. Without a declaration, poses of a file are checked.
+    """Return true poses as the configuration declares them.
+
+    If the configuration declares nothing about the truth, poses from a file are still checked, and other poses are
+    returned unchanged.
+
 
     The configuration is already applied to a `Truth`, except for a configured standard deviation.
     """

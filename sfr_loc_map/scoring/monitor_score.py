@@ -239,7 +239,8 @@ class MonitorScore:
 
     def add_call(self, record: CallRecord) -> None:
         """Add a call, before or after its pose. The call of a fusion names the pairs of its cloud."""
-        if record.stamp_ns == self._covariance_ns:  # the published covariance is used, so the other is dropped
+        # The covariance of the pose message is used, so that of the call record is dropped
+        if record.stamp_ns == self._covariance_ns:
             record = replace(record, covariance=None)
         self._calls.add_call(record)
         self.map_inputs.add_call(record)

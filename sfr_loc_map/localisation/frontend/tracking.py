@@ -210,7 +210,8 @@ class Tracker:
     def fits_swapped(self, frame: StereoFrame, tracks: Tracks, offset: RightOffset) -> bool:
         """Return whether the landmarks fit well if left and right image are swapped.
 
-        If they fit, the image with more inliers was taken by the other camera, which is one baseline away.
+        The swapped fit starts at the pose one baseline away, because the image with more inliers determined the pose,
+        but with swapped images the other camera took it.
         """
         rotation, position = tracks.pose
         baseline = rotation[:, 0] * self._camera.baseline_m

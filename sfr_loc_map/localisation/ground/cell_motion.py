@@ -145,7 +145,7 @@ def _landmark_motion(start: Pose, end: Pose, landmarks: LandmarkEstimates, camer
 
 @jit_fast_ir_inline
 def _quantile(motion_px: FloatArray) -> float:
-    """Return the quantile `MOTION_QUANTILE` of image motions `(M,)`, without NaN; 0 for none."""
+    """Return the quantile `MOTION_QUANTILE` of the image motions `(M,)` that are not NaN; 0 if there are none."""
     known_px = np.empty(len(motion_px))
     known = 0
     for n in range(len(motion_px)):

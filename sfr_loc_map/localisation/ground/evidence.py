@@ -226,7 +226,11 @@ class Evidence:
 
     @property
     def is_decided(self) -> bool:
-        """Whether the motion with more weight has far more weight and explains enough landmarks to be the ground's."""
+        """Whether one motion is clearly that of the ground.
+
+        The weights of both motions differ by a factor of `CLEAR_RATIO` or more, and the heavier motion explains enough
+        landmarks to be the motion of the ground.
+        """
         if 1.0 / CLEAR_RATIO < self.weight_ratio < CLEAR_RATIO:
             return False
         explained_fraction = 1.0 - self.explained.unexplained_fraction

@@ -16,7 +16,8 @@ order of their evaluation:
    matching costs are ambiguous, and the pixel is not filled.
 6. The hypothesis is confirmed: its surface is on opposite sides of the pixel, or the matcher agrees, or its cost is
    lower by the margin than at disparities `ALTERNATIVE_PX` to either side (`_is_confirmed`).
-7. At least `MIN_SAME_SURFACE` of its neighbours are valid or proposed by the same pass, and are on its surface. Its
+7. At least `MIN_SAME_SURFACE` of the eight neighbours of the pixel are on the surface of the hypothesis. Neighbours
+count if they are valid or proposed in the same pass. Its
    corresponding pixel still belongs to no other surface if the proposed pixels are included (`_on_their_surface`).
 8. After all passes, its depth is less than `MAX_DEPTH_RATIO` times that of a nearby surface (`fill_holes`).
 

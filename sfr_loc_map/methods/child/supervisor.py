@@ -2,7 +2,7 @@
 
 RULES are JSON: folders that may be listed (`names`), paths that may be read (`read`), and paths that may be read and
 written (`write`). Missing paths are ignored. The command runs in a child process in a Landlock domain (Linux 5.13) and
-under a filter of system calls (x86-64 and AArch64). Both require no privileges. The first line on standard output is
+under a filter of system calls (x86-64 and AArch64). Neither requires privileges. The first line on standard output is
 JSON: the process id of the command, and the restrictions in force. This program requires only Linux.
 
 This process remains as the supervisor, and adopts orphaned descendants of the command. When the command has ended, the

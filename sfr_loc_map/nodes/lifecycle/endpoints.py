@@ -72,7 +72,8 @@ class Endpoints:
             f"a publisher of {full_name} offers weaker {{}} than this node requests, so nothing is received from "
             f"this publisher: set the parameter {prefix}{{parameter}} to the offered value, or change the publisher"
         )
-        # Only given parameters: rclpy would declare the others and keep the default of this activation.
+        # Only the overrides that are set are passed: rclpy would declare the others and keep the default of this
+        # activation.
         given = [policy for policy in QoSPolicyKind if self._node.has_parameter(prefix + policy.name.lower())]
         try:
             subscription = self._node.create_subscription(

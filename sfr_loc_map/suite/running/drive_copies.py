@@ -2,9 +2,9 @@
 
 Two sources are candidates if their paths agree, or if a large fraction of the steps is common. Steps depend neither on
 the frame nor on the first pose nor on the stamps. The paths are also compared because rounding changes the steps, but
-hardly the path, and because a short drive has too few steps. The first images of candidates must agree if their paths
-agree or if they start to move with the same steps. Steps at constant speed and curvature are equal in different drives
-and are therefore no evidence of a copy.
+hardly the path, and because a short drive has too few steps. If the paths of two candidates agree, or if their first
+windows of steps agree, their first left images must agree as well. Steps at constant speed and curvature are equal in
+different drives and are therefore no evidence of a copy.
 """
 
 from __future__ import annotations

@@ -60,10 +60,17 @@ class SearchSettings:
     condition: str = param("distance=5", doc="Condition of the sub-trajectories.")
     limit: float = param(0.1, doc="Upper limit of the figure, in its unit.", low=1e-12, high=1e12)
     points: int = param(
-        100, doc="Number of points in the search, before the worst point is reduced.", low=1, high=10**6
+        100,
+        doc="Number of points that are searched. Points that simplify the worst case afterwards are not counted.",
+        low=1,
+        high=10**6,
     )
     batch: int = param(
-        4, doc="Number of points that are chosen and run together; the first is chosen uniformly.", low=2, high=1000
+        4,
+        doc="Number of points that are chosen and run together. The first point of each batch is drawn uniformly "
+        "from the ranges.",
+        low=2,
+        high=1000,
     )
     seed: int = param(0, doc="Seed of the search.", low=0, high=2**31 - 1)
     slices: int = param(5, doc="Number of points along each side of a slice. 0: no slices.", low=0, high=50)
