@@ -83,7 +83,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("page", nargs="*", type=Path, help="pages; by default all tutorials")
     failed = []
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs ignore SIGINT, also in their children
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs and their children ignore SIGINT
     pages = [path.resolve() for path in parser.parse_args().page] or PAGES
     with tempfile.TemporaryDirectory(prefix="tutorial-") as folder:
         for name in ("sample", "config", "examples"):

@@ -163,7 +163,7 @@ def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> State
 
 
 def _ratios(errors: FloatArray, sigmas: FloatArray) -> FloatArray:
-    """Return errors divided by 3 sigma; 0 for an error of 0, also if its sigma is 0."""
+    """Return errors divided by 3 sigma; 0 for an error of 0, even if its sigma is 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(errors > 0.0, errors / (3.0 * sigmas), 0.0)
 

@@ -68,7 +68,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     """Raise the error that corresponds to a score, which has been written.
 
     A failure of the method comes first. If the conventions of estimate and truth contradict each other, no limit is
-    judged, and the error states the contradiction, also after a failure of the method. Otherwise missed limits take
+    judged, and the error states the contradiction, even after a failure of the method. Otherwise missed limits take
     precedence over limits that could not be judged.
     """
     from sfr_loc_map.metrics.judging.reasons import names_of_incomplete_parts, reasons_not_judged

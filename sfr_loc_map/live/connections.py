@@ -30,5 +30,5 @@ class BoundedConnections:
         return handler
 
     def note_request(self, handler: web.RequestHandler) -> None:
-        """Note that a connection has sent a request; from now on only aiohttp's timer closes the connection."""
+        """Record that a connection has sent a request; from now on only aiohttp's timer closes the connection."""
         self._silent.pop(handler, None)

@@ -31,6 +31,6 @@ class DisplayedMedia:
             self._kinds[viewer] = kinds
 
     def forget(self, viewer: object) -> None:
-        """Note that a viewer has left."""
+        """Record that a viewer has left."""
         with self._lock:
             self._kinds.pop(viewer, None)

@@ -66,7 +66,7 @@ class MapFeed:
         self._take_cloud()
 
     def _take_cloud(self) -> None:
-        """Note the errors of the cloud, which require the call of its fusion, and pass on a grid if there is none."""
+        """Record the errors of the cloud, which require the call of its fusion, and pass on a grid if there is none."""
         if self._cloud is None:
             return
         stamp_ns, cloud, published_s = self._cloud

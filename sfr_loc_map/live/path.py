@@ -72,7 +72,7 @@ class LivePath:
         self.version += 1
         self.before_m = 0.0  # distance travelled before the first received pose
         self.rows: list[PathRow] = []
-        self.newest: PathRow | None = None  # the last pose, also if thinning drops it from `rows`
+        self.newest: PathRow | None = None  # the last pose, even if thinning drops it from `rows`
         self._last_ns: dict[Track, int] = {}  # last stamp of each track
         self._count = 0
         self._interval = 1  # number of poses in each interval
@@ -112,7 +112,7 @@ class LivePath:
             self.newest = None if self.newest is None else replace(self.newest, error_m=None)
 
     def note_length(self, length_m: float) -> None:
-        """Note the length of the true path from the score, which includes the path before the first received pose.
+        """Record the length of the true path from the score, which includes the path before the first received pose.
 
         The length is not needed for runs whose start was received. A score does not include the newest poses, so that
         each length gives a lower bound of the distance before; the largest bound is kept.

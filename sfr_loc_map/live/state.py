@@ -113,14 +113,14 @@ class LiveState:
                 self.timeline.tick(now_s, self._silent_nodes(now_s))
 
     def end_reception(self, now_s: float) -> None:
-        """Note that no more data are received, so that later silence is not reported as stale data."""
+        """Record that no more data are received, so that later silence is not reported as stale data."""
         with self.lock:
             if self.ended_s is None:
                 self.timeline.end_all(now_s)
                 self.ended_s = now_s
 
     def end(self, run_end: RunEnd, now_s: float) -> None:
-        """Note that the run is over or was aborted. From now on, an uncovered part of the drive counts as missing."""
+        """Record that the run is over or was aborted. From now on, an uncovered part of the drive counts as missing."""
         page = run_end.report_page()
         with self.lock:
             self.end_reception(now_s)

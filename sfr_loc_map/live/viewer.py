@@ -40,7 +40,7 @@ class Viewer:
         self._first_call = 0
 
     def notify(self, texts: dict[str, str]) -> None:
-        """Note a change, with the latest messages that are sent to all pages."""
+        """Record a change, with the latest messages that are sent to all pages."""
         self._texts = texts
         self._changed.set()
 

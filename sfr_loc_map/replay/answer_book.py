@@ -34,7 +34,7 @@ class AnswerBook:
         self._findings: dict[FindingKind, FindingRecord] = {}
 
     def note_sent(self, stamp_ns: int, sent_s: float) -> None:
-        """Note a pair and the time of the monotonic clock when its last image was published, s."""
+        """Record a pair and the time of the monotonic clock when its last image was published, s."""
         self._sent[stamp_ns] = sent_s
         for received_s in self._early.pop(stamp_ns, ()):
             self._answered(stamp_ns, received_s)
@@ -76,7 +76,7 @@ class AnswerBook:
         self._findings.setdefault(FindingKind.CRASHED, self._crash(how))
 
     def note_end(self, how: str) -> None:
-        """Note that the node's process has ended during the run."""
+        """Record that the node's process has ended during the run."""
         if not self.ended:
             self.ended = how
             self._findings[FindingKind.CRASHED] = self._crash(how)
@@ -88,7 +88,7 @@ class AnswerBook:
         return time.monotonic() - self._sent.get(stamp_ns, 0.0) > self._timeout_s
 
     def note_waited(self, stamp_ns: int) -> None:
-        """Note that the wait for a pair is over."""
+        """Record that the wait for a pair is over."""
         if stamp_ns not in self._latency_s:
             self._unanswered_in_a_row += 1
 
@@ -132,7 +132,7 @@ class AnswerBook:
         return FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=last, text=how)
 
     def _answered(self, stamp_ns: int, received_s: float) -> bool:
-        """Note the answer to a published pair; return whether the answer is used."""
+        """Record the answer to a published pair; return whether the answer is used."""
         if stamp_ns in self._latency_s:
             self._note("doubled", FindingKind.DOUBLED, stamp_ns, "the pair was answered already")
             return False

@@ -91,13 +91,13 @@ class ExternalNode(ABC):
         """Add the content of a message to the results, and publish the converted message."""
 
     def note_sent(self, stamp_ns: int, sent_s: float) -> None:
-        """Note a pair and the time of the monotonic clock when its last image was published, s."""
+        """Record a pair and the time of the monotonic clock when its last image was published, s."""
         self._answers.note_sent(stamp_ns, sent_s)
         if (early := self._early.pop(stamp_ns, None)) is not None:
             self.accept(*early)
 
     def note_call(self, call: CallRecord) -> None:
-        """Note a call that the node has reported, and the version of the node if the call states it."""
+        """Record a call that the node has reported, and the version of the node if the call states it."""
         self._version = call.version or self._version
 
     def wait_until_ready(self, topics: Iterable[str]) -> None:

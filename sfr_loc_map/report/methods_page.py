@@ -152,7 +152,7 @@ def _finding_count(score: Score) -> Cell:
 
 
 def compared_rows(score: Score) -> list[Figure]:
-    """Return the errors by which methods are compared: the judged errors over the first condition."""
+    """Return the errors by which methods are compared: the judged errors of the first condition."""
     errors = [kind for kind in KINDS.values() if TOTAL in kind.compared]
     rows = (score.judged_row(kind.name, subject=kind.subject) for kind in errors)
     return [row for row in rows if row is not None]

@@ -50,7 +50,7 @@ class CallMeter:
 
     @contextmanager
     def measure(self) -> Iterator[CallUsage]:
-        """Measure the `with` block. The usage is filled in at its end, also if the block raises."""
+        """Measure the `with` block. The usage is filled in at its end, even if the block raises."""
         usage = CallUsage()
         if self._available:
             reset_peak("self")

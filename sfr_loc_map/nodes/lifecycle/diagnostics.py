@@ -159,7 +159,7 @@ class StatusReporter:
         self._activity = activity
 
     def note_arrival(self) -> None:
-        """Note that input was received."""
+        """Record that input was received."""
         with self._lock:
             self._last_arrival = time.monotonic()
             self._remember(self._arrivals, self._last_arrival)
@@ -171,7 +171,7 @@ class StatusReporter:
         times: Mapping[str, float] = MappingProxyType({}),
         statistics: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
-        """Note a call; its latencies are summarised, and its statistics that `OFFSETS` names are monitored."""
+        """Record a call; its latencies are summarised, and its statistics that `OFFSETS` names are monitored."""
         with self._lock:
             self._remember(self._calls, time.monotonic())
             self._last_call = (level, state)
@@ -181,7 +181,7 @@ class StatusReporter:
                     self._latencies.setdefault(name, deque(maxlen=LATENCY_WINDOW)).append(seconds)
 
     def note_problem(self, level: Level, text: str, kind: str = "") -> None:
-        """Note a problem, which stays visible for `window_s`. It replaces an earlier problem of the same kind."""
+        """Record a problem, which stays visible for `window_s`. It replaces an earlier problem of the same kind."""
         with self._lock:
             self._problems.pop(kind or text, None)  # the newest problem is last
             self._problems[kind or text] = (time.monotonic(), level, text)
@@ -206,7 +206,7 @@ class StatusReporter:
             self._publish(StatusKind.HEALTH, level, message, values)
 
     def _note_drops(self, counts: Mapping[str, int], now: float) -> None:
-        """Note the time of each count that has grown."""
+        """Record the time of each count that has grown."""
         for name, count in counts.items():
             if count > self._counts.get(name, 0):
                 self._drops[name] = now

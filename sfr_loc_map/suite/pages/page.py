@@ -88,7 +88,7 @@ def budget_plot(budget: Budget) -> Plot:
 
 
 def first_position(figures: tuple[Figure, ...]) -> Figure | None:
-    """Return the position error over the first condition; None if there is none."""
+    """Return the position error of the first condition; None if there is none."""
     return next(find_rows(figures, "position"), None)
 
 

@@ -282,7 +282,7 @@ def linked(summary: Summary) -> list[ScoredJob]:
 def result_table(
     name: str, title: str, drives: Sequence[ScoredJob], pages: set[str], subject: Subject, note: str = ""
 ) -> Table:
-    """Return a table with a row per result: the compared errors over the first condition, and the resources."""
+    """Return a table with a row per result: the compared errors of the first condition, and the resources."""
 
     def page_of(row: ScoredJob) -> str:
         return f"{PAGES}/{row.job.key}.html" if row.job.key in pages else ""

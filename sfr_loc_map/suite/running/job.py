@@ -4,7 +4,7 @@ A job has these identities:
 
     key           all inputs of the result, without names and paths of sources: names the files of the job
     description   names and inputs that the files of the job state, so that a later plan recognises the work
-    pairing       data, task, faults, repeat and scoring: pairs jobs of two suites, also with other code or parameters
+    pairing       data, task, faults, repeat and scoring: pairs jobs of two suites, even with other code or parameters
     group         task, configuration and faults: the errors of a group are pooled
     drive_key     drive, task and faults: repeats and copies of a drive share this hash, because their errors depend on
                   each other. Sequential tests take the drives in the order of this hash

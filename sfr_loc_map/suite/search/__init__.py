@@ -1,1 +1,1 @@
-"""Search for the worst case: the scenario with the least margin within given ranges, and where failures begin."""
+"""Search for the worst case: the scenario with the smallest margin within given ranges, and where failures begin."""

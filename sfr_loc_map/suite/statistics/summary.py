@@ -50,7 +50,7 @@ class ScoredJob:
 
     @property
     def position_m(self) -> float | None:
-        """Mean + 3 sigma of the position error over the first condition, m; None without a trajectory."""
+        """Mean + 3 sigma of the position error of the first condition, m; None without a trajectory."""
         return self.score.number("position", "mean_plus_3sigma")
 
     def names(self) -> dict[str, object]:
