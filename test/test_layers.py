@@ -19,7 +19,7 @@ LAYERS = {
     "metrics": ("geometry", "The figures of the specification, and the verdicts by limits"),
     "faults": ("geometry io", "Faults that are injected into the stereo pairs of a source"),
     "simulation": ("geometry io", "Stereo pairs of a Mars-like scene with exact truth"),
-    "report": ("geometry mapping metrics", "Views of scores and other results; a view makes no verdict"),
+    "report": ("geometry mapping metrics", "Views of scores and other results; a view computes no verdict"),
     "ros": ("geometry io localisation mapping", "What every program with a ROS node requires"),
     "methods": ("geometry io localisation mapping metrics", "Localisers and mappers under test, in their processes"),
     "runs": (
