@@ -116,7 +116,7 @@ class StepEstimate:
     seconds: float  #: Time since the previous pose, s; 0 at the first pose.
     motion: FloatArray  #: `(6,)` translation, m, and rotation vector, rad.
     #: `(6, 6)` covariance of the motion, ROS order. Errors from images are independent from step to step; the terms
-    #: that findings add to two consecutive steps are not (formula `step` of `uncertainty.covariance`).
+    #: that findings add to two consecutive steps are not (part `step` of `uncertainty`).
     covariance: FloatArray
     #: `(6,)` signed one-sigma effects of errors common to all steps, on the axes of RB. They add up over the steps. The
     #: six components are independent of each other.

@@ -93,7 +93,7 @@ Findings = frozenset[Finding]
 
 
 class Inflation(Flag):
-    """What a finding adds to the covariance of a pose (`covariance.inflation_of`)."""
+    """What a finding adds to the covariance of a pose (`uncertainty.inflation`)."""
 
     NONE = 0
     #: The motion since the last pose as if unobserved, because parts of the images may be stale. The covariance of the

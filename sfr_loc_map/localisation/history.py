@@ -5,30 +5,23 @@ from __future__ import annotations
 from bisect import bisect_left
 from typing import NamedTuple
 
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform, interpolated
-from sfr_loc_map.localisation.uncertainty.path_errors import DirectedError, DisparityBias, LocatedCovariance
+from sfr_loc_map.localisation.uncertainty.path_errors import PathErrors
 from sfr_loc_map.message_stamps import NS_PER_S
 
 HISTORY_PAIRS = 1000  #: Number of past pairs to which an external pose can be applied: 100 s at 10 Hz.
 
 
 class PastPose(NamedTuple):
-    """A past pose and the components of its covariance, for the uncertainty of later poses relative to it."""
+    """A past pose and its errors, for the uncertainty of later poses relative to it."""
 
     stamp_ns: int
     T_world_left: Transform
     #: Whether the pair directly follows that of the previous past pose, without a refused or missing pair in between.
     follows_directly: bool
-    window_number: int  #: Number of the window.
-    of_keyframe: LocatedCovariance  #: Covariance of the newest keyframe in its window.
-    #: Errors of this pose that no other pose shares: those of its images, and the motion to the pose if this motion
-    #: counts as unobserved.
-    alone: LocatedCovariance
-    #: Covariance that windows, and the motions between windows, added up to this pose (`PathErrors`).
-    since_map_was_placed: LocatedCovariance
-    bias: DisparityBias  #: Path integrals up to this pose.
-    directed: DirectedError  #: Sum of the directed errors up to this pose.
-    followed_px: float  #: Sum of the drift corrections of the right camera up to this pose, px.
+    position: FloatArray  #: `(3,)` position at which `errors` holds, m; `T_world_left` may be interpolated.
+    errors: PathErrors  #: Errors of the pose.
 
 
 class History(NamedTuple):

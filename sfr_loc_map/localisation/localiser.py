@@ -16,7 +16,7 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 8. Complete: the pair becomes a keyframe if few landmarks are left or if they moved far in the image. For a keyframe,
    the remaining landmarks of the map are tracked, too, and the pose is solved for again.
 9. Accept: update the path and its accumulated errors, and compute the motion since the last pose with its covariance
-   (`trajectory`, `covariance`).
+   (`trajectory`, `uncertainty`).
 
 Before and after these stages, `Localiser.process`
 
@@ -41,7 +41,7 @@ localiser is lost, or a window may begin (`findings.Action`).
 
 The state between two pairs is one immutable value (`state.State`, with the changes by each pair and event). Each stage
 takes and returns values. `findings` contains the consequences of all findings, and what a new guard requires.
-`uncertainty.covariance` contains what enlarges the covariance, and where a new error source belongs.
+`uncertainty` lists the error sources, what enlarges the covariance, and where a new error source belongs.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ from sfr_loc_map.localisation.stage_clock import StageClock
 from sfr_loc_map.localisation.stale_images import ImageComparison
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
-from sfr_loc_map.localisation.uncertainty.covariance import pose_covariance
+from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
 
@@ -453,7 +453,7 @@ class Localiser:
         if state.status is TrackingState.LOST:
             return self._lose(state, state.reason, statistics, tracks)
         path, step = trajectory.kept(state.path, stamp_ns, self._model)
-        if path.errors.unobserved_since_pose.max() >= LOST_VARIANCE:
+        if path.errors.kept_motion.max() >= LOST_VARIANCE:
             return self._lose(state, verdict.reason, statistics, tracks)
         state = replace(state, path=path, status=TrackingState.DEGRADED, reason=verdict.reason)
         return Outcome(state, statistics, tracks, step)
@@ -541,7 +541,7 @@ class Localiser:
         window = result.landmark_map.window
         if guards.has_diverged(state.path.last, window.newest_pose, window.covariance):
             return self._without_map(state)
-        path = trajectory.adjusted(state.path, window.newest_pose, window.covariance, has_yaw_step=result.has_yaw_step)
+        path = trajectory.adjusted(state.path, window, self._model, has_yaw_step=result.has_yaw_step)
         return replace(
             state,
             path=path,
@@ -575,8 +575,7 @@ class Localiser:
             covariance = lost_covariance()
         else:
             position = state.path.last.T_world_left.translation
-            depth_m = 0.0 if state.landmark_map is None else state.landmark_map.landmarks.median_depth
-            of_left = pose_covariance(state.path.errors, position, depth_m, state.calibration, self._model)
+            of_left = pose_terms(state.path.errors, position, state.calibration, self._model).total
             lever = T_ds_rb.translation - T_ds_left.translation
             covariance = symmetric(propagated_covariance(of_left, lever, datum.T_ds_world.rotation))
         return PoseEstimate(

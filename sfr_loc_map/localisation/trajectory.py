@@ -23,41 +23,35 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
-from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
+from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap, SlidingWindow
 from sfr_loc_map.localisation.datum import MAX_AHEAD_NS, MAX_START_AHEAD_NS, Datum, PendingPose
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.history import History, PastPose
-from sfr_loc_map.localisation.motion_model import LastPose, MotionSince
+from sfr_loc_map.localisation.motion_model import LastPose
 from sfr_loc_map.localisation.motion_size import MotionSize, size_of
-from sfr_loc_map.localisation.symmetric_matrices import positive_part, symmetric
-from sfr_loc_map.localisation.uncertainty.covariance import (
-    MIN_VARIANCE,
-    AddedError,
-    StepMotion,
-    blur_of,
-    inflation_of,
-    lens_turn_per_m,
-    pose_noise,
-    step_covariance,
-    systematic_step,
-    unobserved_motion,
-    unobserved_size,
-    updated_variance_factor,
-)
+from sfr_loc_map.localisation.symmetric_matrices import symmetric
+from sfr_loc_map.localisation.uncertainty.inflation import AddedError, inflation_of, unobserved_motion, unobserved_size
 from sfr_loc_map.localisation.uncertainty.path_errors import (
+    NOTHING,
     ZERO,
-    DirectedError,
-    DisparityBias,
     LocatedCovariance,
     Origin,
     PathErrors,
+    sums_after_step,
 )
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+from sfr_loc_map.localisation.uncertainty.step_covariance import (
+    MIN_VARIANCE,
+    StepMotion,
+    pose_noise,
+    step_covariance,
+    systematic_step,
+    updated_variance_factor,
+)
 from sfr_loc_map.message_stamps import NS_PER_S
 
 
@@ -75,7 +69,7 @@ class PublishedPose:
     #: if a window began at this pose.
     unobserved_rb: FloatArray = field(default_factory=lambda: ZERO)
     noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of the pose, in RB.
-    variance_factor: float | None = None  #: Variance factor (`covariance`); None before the first residuals.
+    variance_factor: float | None = None  #: Variance factor (`step_covariance`); None before the first residuals.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +81,6 @@ class PathState:
     errors: PathErrors  #: Components of the covariance of the pose.
     published: PublishedPose  #: The pose published last, at which the next step starts.
     history: History = History()  #: Past poses, to which an external pose can be applied.
-    window_number: int = 0  #: Number of the present window.
     arrived_ns: int | None = None  #: Stamp of the newest pair, refused or not; None before the first pair.
 
 
@@ -104,22 +97,21 @@ class AcceptedPair(NamedTuple):
     inflation: Inflation  #: What the findings of the pair add to the covariance.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
 
+    @property
+    def T_world_left(self) -> Transform:
+        """Pose of the left camera in the world."""
+        return Transform(*self.tracks.pose)
 
-class _NewPose(NamedTuple):
-    """The pose of an accepted pair relative to the last known pose."""
-
-    pair: AcceptedPair
-    T_world_left: Transform
-    since: MotionSince
-    given_keyframes: FloatArray  #: `(6, 6)` covariance of the pose given the keyframes.
-    added: AddedError  #: What findings add to the covariance.
+    @property
+    def given_keyframes(self) -> FloatArray:
+        """Covariance `(6, 6)` of the pose given the keyframes."""
+        return np.asarray(np.linalg.inv(self.tracks.information))
 
 
 def started(start: StartPose, model: RoverModel) -> PathState:
     """Return the path before the first pair."""
     last = LastPose(Transform.identity(), Transform.identity(), None)
-    errors = PathErrors(Origin(LocatedCovariance(np.zeros(3), ZERO)))
-    path = PathState(last, Datum(Transform.identity(), start), errors, PublishedPose())
+    path = PathState(last, Datum(Transform.identity(), start), PathErrors(Origin(NOTHING)), PublishedPose())
     return _placed(path, start, start.stamp_ns, model)
 
 
@@ -146,24 +138,7 @@ def arrived(path: PathState, stamp_ns: int) -> PathState:
 
 def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[PathState, StepEstimate]:
     """Return the path with the pose of an accepted pair, and the step to it."""
-    pose = _new_pose(path, pair, model)
-    errors = _errors_at(path, pose, model)
-    published = _published_at(path, pose, model)
-    step = _step_to_new_pose(path, pose, published, model)
-    last = path.last.tracked(pair.stamp_ns, pose.T_world_left, pose.since, was_known=pair.was_known)
-    # after a kept pair, the pose published last is newer than the last tracked pair
-    was_tracked = pair.was_known and path.published.stamp_ns == path.last.tracked_ns
-    follows_directly = was_tracked and path.last.missing_pairs(pair.stamp_ns) <= 0
-    depth_m = pair.landmark_map.landmarks.median_depth
-    past = _past_pose(last, errors, path.window_number, depth_m, model, follows_directly=follows_directly)
-    path = replace(path, last=last, errors=errors, published=published, history=path.history.with_pose(past))
-    return path, step
-
-
-def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPose:
-    """Return the pose of an accepted pair relative to the last known pose."""
-    now = Transform(*pair.tracks.pose)
-    since = path.last.since_last(pair.stamp_ns, now)
+    since = path.last.since_last(pair.stamp_ns, pair.T_world_left)
     added = inflation_of(
         pair.inflation,
         unobserved=unobserved_size(path.last.speed, since.seconds, model.bounds),
@@ -171,68 +146,76 @@ def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPos
         other_distance=pair.other_distance,
         sources=model.sources,
     )
-    given_keyframes = np.asarray(np.linalg.inv(pair.tracks.information))
-    return _NewPose(pair, now, since, given_keyframes, added)
+    errors = _errors_at(path, pair, added, model)
+    published = _published_at(path, pair, added, model)
+    step = _step_to_new_pose(path, pair, published, model)
+    last = path.last.tracked(pair.stamp_ns, pair.T_world_left, since, was_known=pair.was_known)
+    # after a kept pair, the pose published last is newer than the last tracked pair
+    was_tracked = pair.was_known and path.published.stamp_ns == path.last.tracked_ns
+    follows_directly = was_tracked and path.last.missing_pairs(pair.stamp_ns) <= 0
+    history = path.history.with_pose(_past_pose(last, errors, follows_directly=follows_directly))
+    return replace(path, last=last, errors=errors, published=published, history=history), step
 
 
-def _errors_at(path: PathState, pose: _NewPose, model: RoverModel) -> PathErrors:
-    """Return the accumulated errors at a new pose."""
-    landmark_map = pose.pair.landmark_map
-    calibration = pose.pair.calibration
-    position = pose.T_world_left.translation
-    bending = DirectedError(0.0, lens_turn_per_m(calibration, model) * pose.since.metres)
-    errors = path.errors.with_directed(bending, position)
-    if pose.added.ambiguity is not None:
-        errors = errors.with_directed(pose.added.ambiguity, position)
-    depth_m = landmark_map.landmarks.median_depth
-    per_px = (position - path.last.T_world_left.translation) * depth_m / model.focal_baseline
-    bias = DisparityBias(errors.bias.total + per_px, errors.bias.corrected + per_px * calibration.corrected_px)
-    unobserved_rb = pose.added.unobserved_rb
-    return errors.with_pose(
-        of_keyframe=landmark_map.window.covariance,
-        given_keyframes=pose.given_keyframes,
-        unobserved_to_pose=ZERO if unobserved_rb is None else _covariance_of_left(path, unobserved_rb, model),
-        bias=bias,
-        followed_px=calibration.followed_px,
+def _errors_at(path: PathState, pair: AcceptedPair, added: AddedError, model: RoverModel) -> PathErrors:
+    """Return the errors at the pose of an accepted pair."""
+    position = pair.T_world_left.translation
+    depth_m = pair.landmark_map.landmarks.median_depth
+    inflation = model.sources.adjustment_inflation
+    unobserved_rb = added.unobserved_rb
+    return path.errors.with_pose(
+        position,
+        in_window=inflation * pair.landmark_map.window.covariance,
+        given_keyframes=inflation * pair.given_keyframes,
+        blur=model.blur(depth_m).covariance,
+        unobserved_motion=ZERO if unobserved_rb is None else _covariance_of_left(path, unobserved_rb, model),
+        sums=sums_after_step(
+            path.errors.sums,
+            displacement=position - path.last.T_world_left.translation,
+            depth_m=depth_m,
+            ambiguity=added.ambiguity,
+            calibration=pair.calibration,
+            model=model,
+        ),
     )
 
 
-def _published_at(path: PathState, pose: _NewPose, model: RoverModel) -> PublishedPose:
-    """Return the values of a new pose that the next step requires."""
-    factor = updated_variance_factor(path.published.variance_factor, pose.pair.chi_median, model.sources)
+def _published_at(path: PathState, pair: AcceptedPair, added: AddedError, model: RoverModel) -> PublishedPose:
+    """Return the values of the pose of an accepted pair that the next step requires."""
+    factor = updated_variance_factor(path.published.variance_factor, pair.chi_median, model.sources)
     noise = pose_noise(
-        pose.given_keyframes,
-        R_world_left=pose.T_world_left.rotation,
+        pair.given_keyframes,
+        R_world_left=pair.T_world_left.rotation,
         variance_factor=factor,
-        shear_chi2=pose.pair.shear_chi2,
+        shear_chi2=pair.shear_chi2,
         model=model,
     )
     return PublishedPose(
-        stamp_ns=pose.pair.stamp_ns,
-        T_world_left=pose.T_world_left,
-        undone_by_next_step=pose.added.of_step,
+        stamp_ns=pair.stamp_ns,
+        T_world_left=pair.T_world_left,
+        undone_by_next_step=added.of_step,
         noise=noise,
         variance_factor=factor,
     )
 
 
-def _step_to_new_pose(path: PathState, pose: _NewPose, published: PublishedPose, model: RoverModel) -> StepEstimate:
+def _step_to_new_pose(path: PathState, pair: AcceptedPair, now: PublishedPose, model: RoverModel) -> StepEstimate:
     """Return the step from the last published pose to a new pose; the first step is from the new pose to itself."""
     before = path.published
-    before_ns = pose.pair.stamp_ns if before.stamp_ns is None else before.stamp_ns
-    seconds = (pose.pair.stamp_ns - before_ns) / NS_PER_S
-    step = StepMotion.between(before.T_world_left or pose.T_world_left, pose.T_world_left, model)
-    depth_m = pose.pair.tracks.landmarks.median_depth
-    keyframes = pose.pair.landmark_map.window.last_motion
-    of_images = step_covariance(step, keyframes, pose.given_keyframes, depth_m, published.variance_factor, model)
+    before_ns = pair.stamp_ns if before.stamp_ns is None else before.stamp_ns
+    seconds = (pair.stamp_ns - before_ns) / NS_PER_S
+    step = StepMotion.between(before.T_world_left or pair.T_world_left, pair.T_world_left, model)
+    depth_m = pair.tracks.landmarks.median_depth
+    keyframes = pair.landmark_map.window.last_motion
+    of_images = step_covariance(step, keyframes, pair.given_keyframes, depth_m, now.variance_factor, model)
     return StepEstimate(
         seconds=seconds,
         motion=step.vector,
-        covariance=of_images + before.undone_by_next_step + before.unobserved_rb + pose.added.of_step,
-        systematic=systematic_step(step, depth_m, pose.pair.calibration, model),
-        noise=published.noise,
+        covariance=of_images + before.undone_by_next_step + before.unobserved_rb + now.undone_by_next_step,
+        systematic=systematic_step(step, depth_m, pair.calibration, model),
+        noise=now.noise,
         noise_before=before.noise,
-        speed_change=ZERO if pose.pair.was_known else _unobserved_rb(path, seconds, model),
+        speed_change=ZERO if pair.was_known else _unobserved_rb(path, seconds, model),
     )
 
 
@@ -250,29 +233,17 @@ def restarted(
 
     The next step is measured from the image of this pair. It therefore does not undo errors of the earlier poses.
     """
-    position = path.last.T_world_left.translation
-    depth_m = landmark_map.landmarks.median_depth
     until_now = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
     errors = until_now.restarted(
-        position,
-        first_image=blur_of(depth_m, model).covariance,
-        of_keyframe=landmark_map.window.covariance,
-        inflation=model.sources.adjustment_inflation,
+        path.last.T_world_left.translation,
+        first_image=model.blur(landmark_map.landmarks.median_depth).covariance,
+        in_window=model.sources.adjustment_inflation * landmark_map.window.covariance,
     )
     published, step = _step_to_kept_pose(path, stamp_ns, model)
     published = replace(published, undone_by_next_step=ZERO, unobserved_rb=ZERO)
     last = path.last.restarted(stamp_ns)
-    window_number = path.window_number + 1
-    past = _past_pose(last, errors, window_number, depth_m, model, follows_directly=False)
-    path = replace(
-        path,
-        last=last,
-        errors=errors,
-        published=published,
-        history=path.history.with_pose(past),
-        window_number=window_number,
-    )
-    return path, step
+    history = path.history.with_pose(_past_pose(last, errors, follows_directly=False))
+    return replace(path, last=last, errors=errors, published=published, history=history), step
 
 
 def lost(path: PathState) -> PathState:
@@ -280,43 +251,25 @@ def lost(path: PathState) -> PathState:
     return replace(path, last=path.last.without_prediction())
 
 
-def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_step: bool) -> PathState:
-    """Return the path that continues from the adjusted pose of the last pair.
+def adjusted(path: PathState, window: SlidingWindow, model: RoverModel, *, has_yaw_step: bool) -> PathState:
+    """Return the path that continues from the adjusted pose of the last pair, the newest keyframe of a window.
 
     A change of the yaw correction displaces the pose. The covariance of the next step to a new pose grows by the square
     of this displacement. If the pose is kept first, the step to the kept pose contains the displacement itself, and its
     covariance is that of an unobserved motion.
     """
-    T_world_left = Transform(*pose)
+    T_world_left = Transform(*window.newest_pose)
     published = path.published
     if has_yaw_step:
         moved = size_of(path.last.T_world_left.inverse() @ T_world_left)
         published = replace(published, undone_by_next_step=published.undone_by_next_step + moved.covariance)
-    return replace(
-        path, last=path.last.adjusted(T_world_left), errors=path.errors.adjusted(covariance), published=published
-    )
+    errors = path.errors.adjusted(model.sources.adjustment_inflation * window.covariance)
+    return replace(path, last=path.last.adjusted(T_world_left), errors=errors, published=published)
 
 
-def _past_pose(
-    last: LastPose, errors: PathErrors, window_number: int, depth_m: float, model: RoverModel, *, follows_directly: bool
-) -> PastPose:
-    """Return the last pose, in a map of a median depth, for the history."""
-    position = last.T_world_left.translation
-    inflation = model.sources.adjustment_inflation
-    of_images = errors.given_keyframes * inflation + blur_of(depth_m, model).covariance
-    since_map_was_placed = errors.since_map_was_placed(position, inflation)
-    return PastPose(
-        stamp_ns=last.tracked_ns,
-        T_world_left=last.T_world_left,
-        follows_directly=follows_directly,
-        window_number=window_number,
-        of_keyframe=LocatedCovariance(position, errors.of_keyframe),
-        alone=LocatedCovariance(position, of_images + errors.unobserved_to_pose),
-        since_map_was_placed=LocatedCovariance(position, since_map_was_placed),
-        bias=errors.bias,
-        directed=errors.directed,
-        followed_px=errors.followed_px,
-    )
+def _past_pose(last: LastPose, errors: PathErrors, *, follows_directly: bool) -> PastPose:
+    """Return the last pose for the history."""
+    return PastPose(last.tracked_ns, last.T_world_left, follows_directly, last.T_world_left.translation, errors)
 
 
 def _unobserved_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:
@@ -413,17 +366,8 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     covariance = model.covariance_of_left(
         pose.covariance + unobserved, R_world_frame=T_ds_world.rotation.T, R_world_left=past.T_world_left.rotation
     )
-    position = past.of_keyframe.position
-    covariance = covariance + past.alone.covariance  # the map is moved by the errors of the past pose
-    if past.window_number == path.window_number:
-        start = LocatedCovariance(position, covariance)
-        past_of_keyframe = past.of_keyframe
-    else:  # add drift and unobserved motions between the past pose and the present window
-        before_window = path.errors.before_window
-        added = positive_part(before_window.covariance - past.since_map_was_placed.at(before_window.position))
-        at_window = propagated_covariance(covariance, before_window.position - position)
-        start = LocatedCovariance(before_window.position, at_window + added)
-        past_of_keyframe = None
-    origin = Origin(start, past_of_keyframe, past.bias, past.directed, past.followed_px)
-    errors = path.errors.rebased(origin, position, is_present=past.stamp_ns == path.history.last_ns)
+    position = past.position
+    external = LocatedCovariance(position, covariance + past.errors.alone)
+    origin = Origin(external, past.errors.shared(position), past.errors.sums)
+    errors = path.errors.rebased(origin, is_present=past.stamp_ns == path.history.last_ns)
     return replace(path, datum=replace(path.datum, T_ds_world=T_ds_world), errors=errors)

@@ -23,8 +23,8 @@ from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
 from sfr_loc_map.localisation.trajectory import AcceptedPair, PathState
-from sfr_loc_map.localisation.uncertainty.covariance import pose_covariance
 from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
+from sfr_loc_map.localisation.uncertainty.pose_covariance import pose_terms
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2, Transform.from_quat([0.3, 0.1, 0.2], [0.5, -0.5, 0.5, -0.5]))
@@ -101,6 +101,12 @@ def move(
     return trajectory.accepted(path, pair_at(number, to, inflation, known), model_of(rig))[0]
 
 
+def adjusted(path: PathState, to: np.ndarray) -> PathState:
+    """Return the path after an adjustment moved the newest keyframe to a position."""
+    window = SimpleNamespace(newest_pose=Pose(np.eye(3), to), covariance=NOTHING)
+    return trajectory.adjusted(path, window, model_of(IN_CAMERA), has_yaw_step=False)  # type: ignore[arg-type]
+
+
 def step_to(path: PathState, number: int, to: np.ndarray) -> StepEstimate:
     """Return the step to the pair of a number that is tracked at a position."""
     return trajectory.accepted(path, pair_at(number, to), model_of(IN_CAMERA))[1]
@@ -110,16 +116,16 @@ def of_path(path: PathState, known: OnlineCalibration | None = None) -> np.ndarr
     """Return what the path adds to the covariance of the position."""
     position = path.last.T_world_left.translation
     calibration = known or OnlineCalibration(RIG.camera, 7)
-    covariance = pose_covariance(path.errors, position, DEPTH_M, calibration, model_of(IN_CAMERA))
+    covariance = pose_terms(path.errors, position, calibration, model_of(IN_CAMERA)).total
     images = IMAGE + propagated_covariance(IMAGE, position)
-    return np.asarray((covariance - path.errors.directed_covariance.covariance - images)[:3, :3])
+    return np.asarray((covariance - path.errors.directed.covariance - images)[:3, :3])
 
 
 def test_the_angle_of_repeated_ambiguity_is_at_most_that_of_an_unknown_attitude() -> None:
     path = begun()
     for number in range(1, 100):
         path = move(path, number, number * STEP, inflation=Inflation.AMBIGUITY)
-    directed = path.errors.directed_covariance.covariance
+    directed = path.errors.directed.covariance
     assert np.sqrt(directed[3, 3]) == pytest.approx(MAX_ANGLE_RAD)
 
 
@@ -184,7 +190,7 @@ def test_what_the_images_of_a_pose_may_not_show_lasts_until_the_next_pose() -> N
     added = of_path(inflated) - of_path(clear)
     assert np.linalg.eigvalsh(added)[0] > 0.0
     now_ns = 2 * PERIOD_NS
-    for path in (inflated, trajectory.adjusted(inflated, Pose(np.eye(3), STEP), NOTHING, has_yaw_step=False)):
+    for path in (inflated, adjusted(inflated, STEP)):
         assert path is not None
         kept, of_kept = trajectory.kept(path, now_ns, model)
         clear_kept, of_clear = trajectory.kept(clear, now_ns, model)
@@ -195,14 +201,15 @@ def test_what_the_images_of_a_pose_may_not_show_lasts_until_the_next_pose() -> N
             again = trajectory.restarted(kept, number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
             clear_again = trajectory.restarted(clear, number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
             np.testing.assert_allclose(
-                again.errors.origin.start.covariance[:3, :3] - clear_again.errors.origin.start.covariance[:3, :3], added
+                again.errors.before_window.covariance[:3, :3] - clear_again.errors.before_window.covariance[:3, :3],
+                added,
             )
         np.testing.assert_allclose(of_path(move(kept, 3, STEP)), of_path(move(clear_kept, 3, STEP)), atol=1e-16)
 
 
 def test_the_step_to_a_kept_pose_is_the_motion_of_the_pose_by_an_adjustment() -> None:
     model = model_of(IN_CAMERA)
-    path = trajectory.adjusted(move(begun(), 1, STEP), Pose(np.eye(3), STEP + 0.001), NOTHING, has_yaw_step=False)
+    path = adjusted(move(begun(), 1, STEP), STEP + 0.001)
     assert path is not None
     kept, first = trajectory.kept(path, 2 * PERIOD_NS, model)
     np.testing.assert_allclose(first.motion, [0.001, 0.001, 0.001, 0.0, 0.0, 0.0], atol=1e-15)
@@ -256,12 +263,12 @@ def placed_in_the_window_before(start_variance: float) -> tuple[PathState, PathS
 def test_an_exact_pose_from_outside_of_an_earlier_window_replaces_the_start_and_keeps_the_gap() -> None:
     before, after = placed_in_the_window_before(100.0)
     exact = placed_in_the_window_before(0.0)[1]
-    assert np.trace(before.errors.origin.start.covariance) > 600.0
-    np.testing.assert_allclose(after.errors.origin.start.covariance, exact.errors.origin.start.covariance, atol=1e-9)
-    gap = before.errors.before_window.covariance
+    assert np.trace(of_path(before)) > 300.0
+    np.testing.assert_allclose(of_path(after), of_path(exact), atol=1e-9)
+    gap = before.errors.before_window.covariance[:3, :3]
     assert np.trace(gap) > 1.0  # ten pairs without an image
-    assert np.trace(after.errors.origin.start.covariance) == pytest.approx(np.trace(gap), rel=0.05)
-    assert np.linalg.eigvalsh(after.errors.origin.start.covariance)[0] >= 0.0
+    assert np.trace(of_path(after)) == pytest.approx(np.trace(gap), rel=0.05)
+    assert np.linalg.eigvalsh(of_path(after))[0] >= 0.0
 
 
 @pytest.mark.parametrize("stamps", [(30, 35), (30, 30), (35, 30)])
@@ -285,8 +292,8 @@ def test_the_second_of_two_late_poses_replaces_the_first_and_the_covariance_stay
         inflation = Inflation.AMBIGUITY if number == 60 else Inflation.NONE
         twice = move(twice, number, number * STEP, inflation=inflation)
         once = move(once, number, number * STEP, inflation=inflation)
-        directed = twice.errors.directed_covariance.covariance
-        np.testing.assert_allclose(directed, once.errors.directed_covariance.covariance, rtol=1e-9, atol=1e-15)
+        directed = twice.errors.directed.covariance
+        np.testing.assert_allclose(directed, once.errors.directed.covariance, rtol=1e-9, atol=1e-15)
         assert np.linalg.eigvalsh(directed)[0] > -1e-15
         travelled_m = (number - stamps[1]) * LENGTH
         sigma_rad = SOURCES.lens_px / 80.0 * travelled_m
@@ -300,14 +307,14 @@ def test_a_pose_from_outside_while_a_pose_is_kept_leaves_the_motion_since_its_st
     exact = StartPose(Transform(np.eye(3), STEP), NOTHING, 3 * PERIOD_NS)
     path, is_map_forgotten = trajectory.with_pending_pose(trajectory.given(path, exact, model), 11 * PERIOD_NS, model)
     assert is_map_forgotten
-    at_pair = path.errors.unobserved
+    at_pair = path.errors.kept_motion
     expected = np.square(model.bounds.unseen_speed_m_s * 0.8)
     np.testing.assert_allclose(at_pair[[0, 1], [0, 1]], expected, rtol=1e-6)
-    later = trajectory.kept(path, 12 * PERIOD_NS, model)[0].errors.unobserved
+    later = trajectory.kept(path, 12 * PERIOD_NS, model)[0].errors.kept_motion
     assert np.linalg.eigvalsh(later - at_pair)[0] >= 0.0
     without_stamp = trajectory.given(path, StartPose(Transform(np.eye(3), STEP), NOTHING), model)
     at_next = trajectory.with_pending_pose(without_stamp, 12 * PERIOD_NS, model)[0]
-    np.testing.assert_array_equal(at_next.errors.unobserved, NOTHING)
+    np.testing.assert_array_equal(at_next.errors.kept_motion, NOTHING)
 
 
 @pytest.mark.parametrize("kept_pairs", [range(3, 33), ()])
@@ -349,6 +356,12 @@ def test_a_pose_from_outside_for_a_pair_with_stale_parts_leaves_the_motion_to_th
     assert later[0][0, 0] - later[1][0, 0] >= unobserved
 
 
+def test_a_pose_set_at_the_present_pair_has_no_errors_of_the_image() -> None:
+    path = set_at(move(move(begun(), 1, STEP), 2, 2.0 * STEP), 2, 2)
+    np.testing.assert_array_equal(path.errors.alone, NOTHING)
+    assert np.trace(move(path, 3, 3.0 * STEP).errors.alone) > 0.0
+
+
 @pytest.mark.parametrize("is_new_window", [False, True])
 def test_the_noise_of_two_images_is_added_between_a_pose_from_outside_and_the_present_pose(
     *, is_new_window: bool
@@ -378,7 +391,7 @@ def test_drift_corrections_before_a_pose_from_outside_leave_its_attitude_certain
 
     def attitude(path: PathState, known: OnlineCalibration) -> float:
         position = path.last.T_world_left.translation
-        return float(pose_covariance(path.errors, position, DEPTH_M, known, model)[3, 3])
+        return float(pose_terms(path.errors, position, known, model).total[3, 3])
 
     path = move(move(begun(), 1, STEP, followed), 2, 2.0 * STEP, followed)
     before = attitude(path, followed)

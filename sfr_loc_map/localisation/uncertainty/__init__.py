@@ -1,1 +1,106 @@
-"""Uncertainty of poses and steps: named error sources, their sum along the path, and the covariances."""
+"""Uncertainty of poses and steps: error sources, their sums along the path, and the covariances.
+
+| module | content |
+|---|---|
+| `error_sources` | the parameters of the error sources, with units and values |
+| `path_errors` | the state: errors of the present pose, and how each event changes them |
+| `pose_covariance` | the terms of the covariance of a pose, computed from this state |
+| `step_covariance` | the covariance of the motion between two poses |
+| `inflation` | what an unobserved motion and the findings of the guards add |
+| `rover_model` | constants of a run: extrinsics, camera geometry, bounds of the motion, error sources |
+
+All functions are pure. `trajectory` calls them with each pair and holds the state: `PathErrors` of the pose, and
+`PublishedPose` of the next step.
+
+Names in the formulas: f is the focal length, px, and b the baseline, m. Z is the median depth of the landmarks, m: of
+the map in a pose, of the tracked landmarks in a step. `given_keyframes` is the covariance of a pose given the
+keyframes, the inverse of `Tracks.information`. `yaw_sigma_px`, `target_px` and `remaining_px` are the standard
+deviation of the right camera's yaw, the yaw to be corrected, and its part that is not corrected yet
+(`OnlineCalibration`). Other names are fields of `ErrorSources`, or are explained beside the formula.
+
+**The covariance of a pose** of the left camera in the world is the sum of seven terms (`PoseTerms`):
+
+    pose = external + drift + alone + kept_motion + directed + disparity + attitude
+
+| term | error source | value |
+|---|---|---|
+| `external` | external pose | its covariance; for a past pair also `alone` of this pair |
+| `drift` | keyframes | adjustment_inflation (covariance of the newest keyframe from the bundle adjustment) |
+| | windows | `drift`, `alone` and `kept_motion` of the pose at which a window begins, and `blur` of its image |
+| `alone` | landmarks in the image | adjustment_inflation given_keyframes |
+| | blur and jitter of the image | blur: (blur_px / f)^2 about each axis, (Z blur_px / f)^2 in position |
+| | stale parts of the image | unobserved, if a finding requires this (`Inflation.UNOBSERVED`) |
+| `kept_motion` | motion while a pose is kept | unobserved |
+| `directed` | lens distortion | (sum of hypot(lens_px, lens_ratio RMS residual disparity) / (f b) length)^2, attitude |
+| | ambiguous motions | (sum of ambiguity)^2, if a finding requires this (`Inflation.AMBIGUITY`) |
+| `disparity` | error common to all disparities | common_px^2 bias bias' |
+| | path before the yaw was corrected | uncorrected uncorrected' |
+| `attitude` | yaw, which bends the path | (bent_attitude_ratio / f)^2 (yaw_sigma_px^2 + target_px^2) |
+| | drift of the right camera | (followed_attitude_ratio / f)^2 (sum of absolute corrections, px)^2 |
+
+    common_px^2 = disparity_px^2 + yaw_sigma_px^2 + (unsettled_yaw_ratio remaining_px)^2
+    bias        = sum of Z / (f b) displacement, m/px
+    uncorrected = sum of (target_px - yaw corrected at the step) Z / (f b) displacement, m
+
+An attitude error displaces later positions: covariances with a rotation are propagated from the position where the
+error arose to the present position (`LocatedCovariance`).
+
+| term | estimated from | changes with | counted since |
+|---|---|---|---|
+| `external` | the operator, or the start pose | external pose | |
+| `drift` | bundle adjustment | keyframe, new window | external pose |
+| `alone` | tracks of the pair, findings | accepted pair | the pose itself |
+| `kept_motion` | last speed, time | kept pair | last accepted pose |
+| `directed` | residual disparities (`OnlineCalibration.lens`), findings | step | external pose |
+| `disparity` | yaw of the windows (`OnlineCalibration.yaw`) | step, keyframe | external pose |
+| `attitude` | yaw of the windows | keyframe | start of the run |
+| | drift corrections (`OnlineCalibration.followed_px`) | drift correction | external pose |
+
+An external pose does not end the attitude error of an uncertain yaw, because the yaw also bends the path after it.
+
+**The covariance of a step**, the motion of RB between two poses, is composed of the errors of the step and not computed
+from `pose`, because consecutive poses share most of their errors:
+
+    motion = step + noise + noise_before + systematic^2 + speed_change     (`StepEstimate.motion_covariance`)
+
+| part | error source | function |
+|---|---|---|
+| `step` | images, independent from step to step | `step_covariance` |
+| | findings of the two poses, correction of the yaw, kept pose | `added` (below) |
+| `noise` | white noise of a pose, which cancels between consecutive steps | `pose_noise` |
+| `systematic` | errors common to all steps, which add up with their sign | `systematic_step` |
+| `speed_change` | mean velocity of a motion that was unobserved after tracking was lost | `unobserved_motion` |
+
+`added` (`trajectory._step_to_new_pose`) has three parts: what findings add to the two poses of the step
+(`AddedError.of_step`), the displacement of the previous pose by a correction of the yaw, and the motion while the
+previous pose was kept. An added error of a pose has opposite signs in the steps to and from that pose. Each of the two
+steps contains its covariance, which is conservative (`PublishedPose.undone_by_next_step`). The parts of the previous
+pose are zero if its pair began a window, because the step is measured from its image.
+
+**What findings and events add**:
+
+| finding or event | adds | until |
+|---|---|---|
+| finding with `Inflation.UNOBSERVED` | unobserved, over the time since the last accepted pair | next accepted pair |
+| finding with `Inflation.AMBIGUITY` | the distance of two motions, at least the above; sigmas add up | external pose |
+| kept pair | unobserved, over the time since the last accepted pair | next accepted pair |
+| a window begins | unobserved, over the time since the last known pose; `blur` of the image | external pose |
+| external pose for a past pair | `alone` of this pair | external pose |
+| external pose between pairs that are not consecutive | unobserved, over the time to the nearer pair | external pose |
+| external pose after the last pair | unobserved, over the time to the pair | next accepted pair |
+| lost pair | the covariance of an unknown pose replaces all (`lost_covariance`) | next pair that is not lost |
+
+    unobserved = diag(metres, metres, climb_ratio metres, tilt_ratio radians, tilt_ratio radians, radians)^2
+    metres     = seconds min(max(last speed, motion.unseen_speed_m_s), motion.max_speed_m_s)
+    radians    = seconds min(max(last turn rate, motion.unseen_turn_rad_s), motion.max_turn_rad_s)
+
+**A new error source** requires a parameter in `ErrorSources`, a row in the first table, and:
+
+| the error is | code |
+|---|---|
+| of one pose only | a field of `PathErrors`, set by `with_pose` and part of `alone`; a term of `pose_noise` |
+| a sum along the path | a field of `PathSums`, its increment in `sums_after_step`, and a term of `PoseTerms` |
+| common to all steps | the same, and a term of `systematic_step` |
+| independent from step to step | a term of `step_covariance`, and of `PathErrors.shared` |
+| required by a finding | a flag of `findings.Inflation`, and a part of `AddedError` |
+"""

@@ -1,14 +1,14 @@
 """The named error sources of the localiser.
 
-The formulas that use the error sources are in `covariance`. The values in the table enter the covariances, too. They
-are defined where they are used, because the estimates also depend on them.
+The package docstring of `uncertainty` lists the formulas that use the error sources. The values in the table enter the
+covariances, too. They are defined where they are used, because the estimates also depend on them.
 
 | value | module | enters |
 |---|---|---|
 | `PIXEL_FLOOR`, `RESIDUAL_GAIN`, `EDGE_RESIDUALS` | `frontend.noise` | noise of observations |
 | `FIRST_SIGMA_PX`, `YAW_WALK_PX`, `FOLLOWED_ERROR_RATIO` | `backend.online_calibration` | `yaw_sigma_px` |
-| `START_VARIANCE` | `backend.sliding_window` | first pose of a window, hence `in_window` |
-| `MIN_VARIANCE` | `covariance` | variance added to each step |
+| `START_VARIANCE` | `backend.sliding_window` | first pose of a window, hence `drift` |
+| `MIN_VARIANCE` | `step_covariance` | variance added to each step |
 | `unseen_speed_m_s`, `unseen_turn_rad_s` | `config.MotionBounds` | unobserved motion |
 """
 
@@ -25,8 +25,8 @@ class ErrorSources:
     value is too large, the covariance exceeds the errors and this NEES falls below 1. If a value is too small, this
     NEES exceeds 1.
 
-    The words at the beginning of each description name the formulas of `covariance` that use the field. The twist
-    includes all formulas except that of the pose.
+    The words at the beginning of each description name the formulas that use the field. The twist includes all formulas
+    except that of the pose.
     """
 
     blur_px: float = 0.03

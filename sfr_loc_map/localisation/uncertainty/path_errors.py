@@ -1,4 +1,4 @@
-"""Components of the covariance of the present pose, accumulated along the path (formula `pose` of `covariance`).
+"""Errors of the present pose, accumulated along the path: the state from which its covariance is computed.
 
 Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is that of position and rotation about fixed axes, for the
 left camera in the world.
@@ -11,10 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, length
 from sfr_loc_map.geometry.transform import propagated_covariance
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
 from sfr_loc_map.localisation.symmetric_matrices import positive_part
+from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
 ZERO = np.zeros((6, 6))  #: No uncertainty; read only.
 
@@ -30,11 +32,7 @@ class LocatedCovariance(NamedTuple):
         return propagated_covariance(self.covariance, position - self.position)
 
 
-class DisparityBias(NamedTuple):
-    """Position errors `(3,)` that disparity errors cause, integrated along the path."""
-
-    total: FloatArray  #: Sum over the steps of the position error per pixel of a constant disparity error, m/px.
-    corrected: FloatArray  #: Sum over the steps of this error times the yaw correction at the step, m.
+NOTHING = LocatedCovariance(np.zeros(3), ZERO)  #: No error; read only.
 
 
 class DirectedError(MotionSize):
@@ -54,185 +52,190 @@ class DirectedError(MotionSize):
         return DirectedError(self.metres - earlier.metres, self.radians - earlier.radians)
 
 
-class Origin(NamedTuple):
-    """The pose to which the covariance is relative: start of the run or of the window, or an external pose."""
+class PathSums(NamedTuple):
+    """Sums over all steps of a run. No event resets them: an error since a reference is the difference of two sums."""
 
-    start: LocatedCovariance  #: Covariance of the origin.
-    #: `of_keyframe` of the past pose to which an external pose of this window applies; None if the drift counts from
-    #: the start of the window.
-    past_of_keyframe: LocatedCovariance | None = None
-    bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the origin.
-    directed: DirectedError = DirectedError(0.0, 0.0)  #: Sum of the directed errors up to the origin.
-    followed_px: float = 0.0  #: Sum of the drift corrections up to the origin, px.
+    bias: FloatArray = np.zeros(3)  #: Position error per pixel of a constant disparity error, m/px.
+    corrected: FloatArray = np.zeros(3)  #: Position error per pixel times the yaw correction at the step, m.
+    followed_px: float = 0.0  #: Absolute drift corrections of the right camera, px.
+    directed: DirectedError = DirectedError(0.0, 0.0)  #: Ambiguous motions, and bending of the path by the lens.
+
+    def since(self, earlier: PathSums) -> PathSums:
+        """Return what was added since an earlier pose."""
+        return PathSums(
+            self.bias - earlier.bias,
+            self.corrected - earlier.corrected,
+            self.followed_px - earlier.followed_px,
+            self.directed.since(earlier.directed),
+        )
+
+
+def sums_after_step(
+    before: PathSums,
+    *,
+    displacement: FloatArray,
+    depth_m: float,
+    ambiguity: DirectedError | None,
+    calibration: OnlineCalibration,
+    model: RoverModel,
+) -> PathSums:
+    """Return the sums after a step.
+
+    Args:
+        before: Sums before the step.
+        displacement: `(3,)` displacement of the left camera in the world, m.
+        depth_m: Median depth of the landmarks of the map.
+        ambiguity: Error if another motion is the true one; None if not required.
+        calibration: The calibration after the step.
+        model: Camera geometry and error sources.
+    """
+    m_per_px = displacement * depth_m / model.focal_baseline
+    bending = DirectedError(0.0, model.lens_turn_per_m(calibration) * length(displacement))
+    directed = before.directed.plus(bending)
+    return PathSums(
+        bias=before.bias + m_per_px,
+        corrected=before.corrected + m_per_px * calibration.corrected_px,
+        followed_px=calibration.followed_px,
+        directed=directed if ambiguity is None else directed.plus(ambiguity),
+    )
+
+
+class Origin(NamedTuple):
+    """The external pose to which the covariance is relative: the start of the run, or a pose that was set later."""
+
+    #: Covariance of the external pose. For a past pair it includes `PathErrors.alone` of that pair, because the errors
+    #: of that pair displace the map relative to the external pose.
+    external: LocatedCovariance
+    shared: LocatedCovariance = NOTHING  #: `PathErrors.shared` at the external pose.
+    sums: PathSums = PathSums()  #: Sums up to the external pose.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathErrors:
-    """Components of the covariance of the present pose, accumulated since its origin.
+    """Errors of the present pose.
 
     The table shows how each event changes each component: `=` sets the component, `+` adds to the component, `0` sets
-    the component to zero. The names of the values are those of `covariance.pose_covariance`.
+    the component to zero. Other components stay as they are.
 
     | component | `with_pose` | `kept` | `adjusted` | `restarted` | `placed` | `rebased` |
     |---|---|---|---|---|---|---|
-    | `origin.start` | | | | + inflated drift, both unobserved, first image | = external pose | = external pose |
-    | `origin.past_of_keyframe` | | | | none | none | = past pose of this window, or none |
-    | `before_window` | | | | + inflated `in_window`, both unobserved, first image | 0 | |
-    | `of_keyframe` | = keyframe | | = keyframe | = keyframe | 0 | |
-    | `given_keyframes` | = given keyframes | | 0 | 0 | 0 | 0 if the past pose is the present pose |
-    | `unobserved_to_pose` | = unobserved if the findings require it, or 0 | | | 0 | 0 | like `given_keyframes` |
-    | `unobserved_since_pose` | 0 | = unobserved | | 0 | 0 | |
-    | `bias` | + step | | | | | |
-    | `followed_px` | + drift correction | | | | | |
-    | `directed` | + step (`with_directed`) | | | | | |
-    | `directed_covariance` | + step (`with_directed`) | | | | 0 | = sum since the external pose |
+    | `origin` | | | | | = external pose | = external pose |
+    | `before_window` | | | | + `in_window`, `alone`, `kept_motion`, first image | 0 | |
+    | `in_window` | = keyframe | | = keyframe | = keyframe | 0 | |
+    | `given_keyframes` | = tracks | | 0 | 0 | 0 | 0 at the past pose itself |
+    | `blur` | = image | | | = first image | 0 | 0 at the past pose itself |
+    | `unobserved_motion` | = motion or 0 | | | 0 | 0 | 0 at the past pose itself |
+    | `kept_motion` | 0 | = motion | | 0 | 0 | |
+    | `sums` | + step | | | | | |
+    | `directed` | + step | | | | 0 | = sum since the external pose |
 
-    `with_pose` belongs to an accepted pair, `kept` to a kept pair, `adjusted` to a keyframe that was adjusted in the
-    background, and `restarted` to a pair that begins a window. A lost pair changes no component. `placed` applies an
-    external pose to the last pose, and `rebased` to a past pose, whose errors that no other pose shares
-    (`PastPose.alone`) are then part of `origin.start`. An adjustment does not change `unobserved_to_pose`, because the
-    images of the keyframe may still be partly stale.
+    | event | is |
+    |---|---|
+    | `with_pose` | an accepted pair |
+    | `kept` | a pair whose pose is refused, so that the last pose is published again |
+    | `adjusted` | the end of the adjustment of a keyframe in the background |
+    | `restarted` | a pair that begins a window at the last pose |
+    | `placed` | an external pose that is applied to the last pose; the earlier path is discarded |
+    | `rebased` | an external pose that is applied to a past pose |
+
+    A lost pair changes no component. An adjustment does not change `unobserved_motion`, because the images of the
+    keyframe may still be partly stale.
     """
 
-    origin: Origin  #: The pose to which the covariance is relative.
+    origin: Origin  #: The external pose to which the covariance is relative.
     #: Covariance that earlier windows, and the motions between windows, added since the map was placed, at the start of
-    #: the window. External poses with past stamps do not reset it.
-    before_window: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
-    #: Covariance of the newest keyframe in its window.
-    of_keyframe: FloatArray = field(default_factory=lambda: ZERO)
-    #: Covariance of the present pose given the keyframes, which no other pose shares.
-    given_keyframes: FloatArray = field(default_factory=lambda: ZERO)
-    #: Covariance of the motion to the last accepted pose, which counts as unobserved if its images may be partly stale.
-    unobserved_to_pose: FloatArray = field(default_factory=lambda: ZERO)
-    #: Covariance of the motion since that pose while it is kept.
-    unobserved_since_pose: FloatArray = field(default_factory=lambda: ZERO)
-    bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the present pose.
-    #: Sum of the absolute drift corrections of the right camera up to the present pose, px.
-    followed_px: float = 0.0
-    #: Sum of the directed errors (ambiguous motions, bending by the lens) up to the present pose. The sum is never
-    #: reset, because the past poses in the history contain earlier values of the same sum.
-    directed: DirectedError = DirectedError(0.0, 0.0)
-    #: Covariance of the sum since the origin, at the position where the last error was added.
-    directed_covariance: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
+    #: the present window.
+    before_window: LocatedCovariance = NOTHING
+    #: Covariance of the newest keyframe in its window, from the bundle adjustment, inflated.
+    in_window: FloatArray = field(default_factory=lambda: ZERO)
+    given_keyframes: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance given the keyframes, inflated.
+    blur: FloatArray = field(default_factory=lambda: ZERO)  #: Error of the whole image of the present pose.
+    #: Motion to the present pose, if its findings require that this motion counts as unobserved.
+    unobserved_motion: FloatArray = field(default_factory=lambda: ZERO)
+    kept_motion: FloatArray = field(default_factory=lambda: ZERO)  #: Motion since the present pose while it is kept.
+    sums: PathSums = PathSums()  #: Sums up to the present pose.
+    #: Covariance of the directed errors since the origin, at the position where the last of them was added.
+    directed: LocatedCovariance = NOTHING
 
     @property
-    def bias_since_origin(self) -> DisparityBias:
-        """Path integrals from the origin to the present pose."""
-        before = self.origin.bias
-        return DisparityBias(self.bias.total - before.total, self.bias.corrected - before.corrected)
+    def alone(self) -> FloatArray:
+        """Covariance `(6, 6)` of the errors of the present pose that no other pose shares."""
+        return self.given_keyframes + self.blur + self.unobserved_motion
 
-    @property
-    def followed_since_origin_px(self) -> float:
-        """Sum of the absolute drift corrections from the origin to the present pose, px."""
-        return self.followed_px - self.origin.followed_px
+    def shared(self, position: FloatArray) -> LocatedCovariance:
+        """Return the covariance that the map at a position has accumulated since it was placed.
 
-    @property
-    def in_window(self) -> FloatArray:
-        """Covariance `(6, 6)` of the present pose in its window."""
-        return self.given_keyframes + self.of_keyframe
+        The present pose shares these errors with its keyframe. External poses for past pairs do not reset them, so that
+        the difference between two poses is the covariance that arose between the two.
+        """
+        return LocatedCovariance(position, self.before_window.at(position) + self.in_window)
 
-    @property
-    def unobserved(self) -> FloatArray:
-        """Covariance `(6, 6)` of the unobserved motions to and since the last accepted pose."""
-        return self.unobserved_to_pose + self.unobserved_since_pose
+    def drift(self, position: FloatArray) -> FloatArray:
+        """Return the covariance `(6, 6)` that the map at a position has accumulated since the origin."""
+        return positive_part(self.shared(position).covariance - self.origin.shared.at(position))
 
     def with_pose(
         self,
+        position: FloatArray,
         *,
-        of_keyframe: FloatArray,
+        in_window: FloatArray,
         given_keyframes: FloatArray,
-        unobserved_to_pose: FloatArray,
-        bias: DisparityBias,
-        followed_px: float,
+        blur: FloatArray,
+        unobserved_motion: FloatArray,
+        sums: PathSums,
     ) -> PathErrors:
         """Return the errors of a new pose that was estimated from images."""
+        before = self.origin.sums.directed
+        growth = sums.directed.since(before).covariance - self.sums.directed.since(before).covariance
         return replace(
             self,
-            of_keyframe=of_keyframe,
+            in_window=in_window,
             given_keyframes=given_keyframes,
-            unobserved_to_pose=unobserved_to_pose,
-            unobserved_since_pose=ZERO,
-            bias=bias,
-            followed_px=followed_px,
+            blur=blur,
+            unobserved_motion=unobserved_motion,
+            kept_motion=ZERO,
+            sums=sums,
+            directed=LocatedCovariance(position, self.directed.at(position) + growth),
         )
 
-    def placed(self, start: LocatedCovariance) -> PathErrors:
+    def kept(self, motion: FloatArray) -> PathErrors:
+        """Return the errors of a pose that is kept during an unobserved motion."""
+        return replace(self, kept_motion=motion)
+
+    def adjusted(self, in_window: FloatArray) -> PathErrors:
+        """Return the errors after an adjustment of the newest keyframe, which is the present pose."""
+        return replace(self, in_window=in_window, given_keyframes=ZERO)
+
+    def restarted(self, position: FloatArray, *, first_image: FloatArray, in_window: FloatArray) -> PathErrors:
+        """Return the errors at the start of a new window at a position.
+
+        The first image has an error of its own, which displaces the new window. It is contained in the pose of the
+        first pair, too.
+        """
+        before_window = self.shared(position).covariance + self.alone + self.kept_motion + first_image
+        return replace(
+            self,
+            before_window=LocatedCovariance(position, before_window),
+            in_window=in_window,
+            given_keyframes=ZERO,
+            blur=first_image,
+            unobserved_motion=ZERO,
+            kept_motion=ZERO,
+        )
+
+    def placed(self, external: LocatedCovariance) -> PathErrors:
         """Return the errors after an external pose was applied to the last pose. Only the sums continue."""
-        return PathErrors(
-            origin=Origin(start, bias=self.bias, directed=self.directed, followed_px=self.followed_px),
-            bias=self.bias,
-            followed_px=self.followed_px,
-            directed=self.directed,
-            directed_covariance=LocatedCovariance(start.position, ZERO),
-        )
+        origin = Origin(external, sums=self.sums)
+        return PathErrors(origin, sums=self.sums, directed=LocatedCovariance(external.position, ZERO))
 
-    def rebased(self, origin: Origin, position: FloatArray, *, is_present: bool) -> PathErrors:
+    def rebased(self, origin: Origin, *, is_present: bool) -> PathErrors:
         """Return the errors since an external pose with a past stamp.
 
-        Args:
-            origin: The external pose; the start of the present window if that pose belongs to an earlier window.
-            position: Position of the left camera at the external pose.
-            is_present: Whether the past pose is the present pose, whose own errors are then those of the origin.
+        If the past pose is the present pose (`is_present`), its own errors are part of the origin.
         """
-        since = self.directed.since(origin.directed)
-        errors = replace(self, origin=origin, directed_covariance=LocatedCovariance(position, since.covariance))
+        since = self.sums.directed.since(origin.sums.directed)
+        directed = LocatedCovariance(origin.external.position, since.covariance)
+        errors = replace(self, origin=origin, directed=directed)
         if is_present:
-            return replace(errors, given_keyframes=ZERO, unobserved_to_pose=ZERO)
+            return replace(errors, given_keyframes=ZERO, blur=ZERO, unobserved_motion=ZERO)
         return errors
-
-    def kept(self, unobserved_since_pose: FloatArray) -> PathErrors:
-        """Return the errors of a pose that is kept during an unobserved motion."""
-        return replace(self, unobserved_since_pose=unobserved_since_pose)
-
-    def adjusted(self, of_keyframe: FloatArray) -> PathErrors:
-        """Return the errors after an adjustment of the newest keyframe, with its new covariance in the window."""
-        return replace(self, of_keyframe=of_keyframe, given_keyframes=ZERO)
-
-    def since_origin(self, position: FloatArray, inflation: float) -> FloatArray:
-        """Return the sum of the terms `start` and `adjustment_inflation drift` of the pose covariance at a position."""
-        drift = self.in_window
-        origin = self.origin
-        if origin.past_of_keyframe is not None:
-            drift = positive_part(self.of_keyframe - origin.past_of_keyframe.at(position)) + self.given_keyframes
-        return np.asarray(drift * inflation + origin.start.at(position))
-
-    def since_map_was_placed(self, position: FloatArray, inflation: float) -> FloatArray:
-        """Return the covariance that windows, and the motions between windows, added since the map was placed.
-
-        External poses with past stamps do not reset this covariance, and it does not contain the errors that no other
-        pose shares. The difference of two such covariances is therefore the uncertainty that arose between the poses.
-        """
-        drift = self.of_keyframe * inflation
-        return np.asarray(self.before_window.at(position) + drift)
-
-    def restarted(
-        self, position: FloatArray, *, first_image: FloatArray, of_keyframe: FloatArray, inflation: float
-    ) -> PathErrors:
-        """Return the errors at the start of a new window.
-
-        Args:
-            position: Position of the left camera.
-            first_image: `(6, 6)` that the first image adds.
-            of_keyframe: `(6, 6)` of the first keyframe in the new window.
-            inflation: `ErrorSources.adjustment_inflation`.
-        """
-        start = self.since_origin(position, inflation) + self.unobserved + first_image
-        alone = self.given_keyframes * inflation + self.unobserved + first_image
-        before_window = self.since_map_was_placed(position, inflation) + alone
-        return replace(
-            self,
-            origin=self.origin._replace(start=LocatedCovariance(position, start), past_of_keyframe=None),
-            before_window=LocatedCovariance(position, before_window),
-            of_keyframe=of_keyframe,
-            given_keyframes=ZERO,
-            unobserved_to_pose=ZERO,
-            unobserved_since_pose=ZERO,
-        )
-
-    def with_directed(self, error: DirectedError, position: FloatArray) -> PathErrors:
-        """Return the errors with a further directed error, which arose at a position."""
-        total = self.directed.plus(error)
-        before = self.origin.directed
-        growth = total.since(before).covariance - self.directed.since(before).covariance
-        located = LocatedCovariance(position, self.directed_covariance.at(position) + growth)
-        return replace(self, directed=total, directed_covariance=located)

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import MotionBounds
+from sfr_loc_map.localisation.motion_size import MotionSize
 from sfr_loc_map.localisation.symmetric_matrices import symmetric
 from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
 
@@ -38,6 +42,20 @@ class RoverModel:
             keyframe_rad=keyframe_flow * rig.width / rig.fx,
             bounds=bounds,
         )
+
+    def blur(self, depth_m: float) -> MotionSize:
+        """Return the standard deviations of a pose that an error of the whole image causes, for a median depth."""
+        blur_rad = self.sources.blur_px / self.fx
+        return MotionSize(blur_rad * depth_m, blur_rad)
+
+    def lens_turn_per_m(self, calibration: OnlineCalibration) -> float:
+        """Return the rotation per metre, rad/m, by which residual lens distortion bends the path.
+
+        If landmarks are too near on one side and too far on the other by 1 px of disparity, each step is turned by its
+        length divided by (fx baseline).
+        """
+        lens_px = np.hypot(self.sources.lens_px, self.sources.lens_ratio * calibration.lens.rms_px)
+        return float(lens_px / self.focal_baseline)
 
     def covariance_of_left(
         self, covariance: FloatArray, *, R_world_frame: FloatArray, R_world_left: FloatArray

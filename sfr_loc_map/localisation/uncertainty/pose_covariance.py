@@ -1,0 +1,66 @@
+"""Covariance of a pose, composed of terms that are named by their error source (table in `uncertainty`)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
+from sfr_loc_map.localisation.uncertainty.path_errors import PathErrors, PathSums
+from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+
+
+class PoseTerms(NamedTuple):
+    """Terms of the covariance of a pose, each `(6, 6)`."""
+
+    external: FloatArray  #: External pose to which the covariance is relative.
+    drift: FloatArray  #: Keyframes and windows since the external pose.
+    alone: FloatArray  #: Errors of this pose that no other pose shares: landmarks, blur, stale parts of its image.
+    kept_motion: FloatArray  #: Unobserved motion while the pose is kept.
+    directed: FloatArray  #: Errors that add up in one direction: lens distortion, ambiguous motions.
+    disparity: FloatArray  #: Errors common to all disparities, which scale the path.
+    attitude: FloatArray  #: Bending of the path by the yaw and by the drift of the right camera.
+
+    @property
+    def total(self) -> FloatArray:
+        """Covariance `(6, 6)` of the pose."""
+        return np.asarray(np.sum(self, axis=0))
+
+
+def pose_terms(
+    errors: PathErrors, position: FloatArray, calibration: OnlineCalibration, model: RoverModel
+) -> PoseTerms:
+    """Return the terms of the covariance of the left camera at a position `(3,)`, m, in the world."""
+    since_origin = errors.sums.since(errors.origin.sums)
+    return PoseTerms(
+        external=errors.origin.external.at(position),
+        drift=errors.drift(position),
+        alone=errors.alone,
+        kept_motion=errors.kept_motion,
+        directed=errors.directed.at(position),
+        disparity=_disparity_term(since_origin, calibration, model.sources),
+        attitude=_attitude_term(since_origin, calibration, model),
+    )
+
+
+def _disparity_term(sums: PathSums, calibration: OnlineCalibration, sources: ErrorSources) -> FloatArray:
+    """Return the term `disparity`: a constant disparity error, and the path before the yaw was corrected."""
+    unsettled_px = sources.unsettled_yaw_ratio * calibration.remaining_px
+    common_px2 = sources.disparity_px**2 + calibration.yaw_sigma_px**2 + unsettled_px**2
+    uncorrected = calibration.yaw.target_px * sums.bias - sums.corrected
+    term = np.zeros((6, 6))
+    term[:3, :3] = common_px2 * np.outer(sums.bias, sums.bias) + np.outer(uncorrected, uncorrected)
+    return term
+
+
+def _attitude_term(sums: PathSums, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
+    """Return the term `attitude`: a yaw of the right camera bends the path, and so does an error of its drift."""
+    sources = model.sources
+    bent_px = sources.bent_attitude_ratio * np.hypot(calibration.yaw_sigma_px, calibration.yaw.target_px)
+    attitude_px = np.hypot(bent_px, sources.followed_attitude_ratio * sums.followed_px)
+    term = np.zeros((6, 6))
+    term[3:, 3:] = np.eye(3) * (attitude_px / model.fx) ** 2
+    return term

@@ -1,0 +1,143 @@
+"""Covariance of a step, the motion of RB between two poses, in RB at the previous pose (table in `uncertainty`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.backend.sliding_window import KeyframeMotion
+from sfr_loc_map.localisation.motion_size import MotionSize, size_of
+from sfr_loc_map.localisation.symmetric_matrices import symmetric
+from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
+from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
+
+EXPECTED_CHI_MEDIAN = 0.839  #: Median of chi-square with four degrees of freedom, divided by four.
+MIN_VARIANCE = 1e-12  #: Added to the variances of a step, so that each is positive, m^2 and rad^2.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepMotion:
+    """Motion between the pose published last and the present pose."""
+
+    of_rb: Transform  #: `T_rb_before_now`.
+    vector: FloatArray  #: `(6,)` motion of RB: translation, m, and rotation vector, rad.
+    displacement: FloatArray  #: `(3,)` displacement of the left camera in the world, m.
+    size: MotionSize  #: Size of the motion of the left camera.
+    R_rb_world: FloatArray  #: `(3, 3)` rotates vectors from the world to RB at the previous pose.
+
+    @classmethod
+    def between(cls, before: Transform, now: Transform, model: RoverModel) -> StepMotion:
+        """Return the motion between two poses of the left camera in the world."""
+        T_before_world = before.inverse()
+        of_left = T_before_world @ now
+        of_rb = model.T_rb_left @ T_before_world @ now @ model.T_left_rb
+        return cls(
+            of_rb=of_rb,
+            vector=np.concatenate((of_rb.translation, rotvec_from_matrix(of_rb.rotation))),
+            displacement=now.translation - before.translation,
+            size=size_of(of_left),
+            R_rb_world=model.T_rb_left.rotation @ before.rotation.T,
+        )
+
+
+def updated_variance_factor(before: float | None, chi_median: float, sources: ErrorSources) -> float | None:
+    """Return the variance factor after a pair. `chi_median` is per degree of freedom, and NaN without residuals."""
+    found = chi_median / EXPECTED_CHI_MEDIAN
+    if not np.isfinite(found):
+        return before
+    return found if before is None else before + sources.variance_gain * (found - before)
+
+
+def step_covariance(
+    step: StepMotion,
+    keyframes: KeyframeMotion | None,
+    given_keyframes: FloatArray,
+    depth_m: float,
+    variance_factor: float | None,
+    model: RoverModel,
+) -> FloatArray:
+    """Return the covariance `step` `(6, 6)` without `added`, for the motion of RB, in RB at the previous pose.
+
+        step = step_inflation max(variance_factor, min_variance_factor) step_ratio
+               (adjustment_inflation between_keyframes + common)
+        common = (keyframe_px Z / f)^2 diag(1, 1, 1, 0, 0, 0)
+        step_ratio = max(flow of the step / max(flow of the keyframes, min_interval_ratio usual flow), min_step_ratio)
+
+    Errors from images are independent from step to step. `between_keyframes` is the covariance of the newest keyframe
+    given the previous keyframe (`KeyframeMotion.covariance`), and the flow of the keyframes is that of the motion
+    between the two. In a window of one keyframe, `given_keyframes` and the usual flow (`RoverModel.keyframe_rad`) are
+    used instead. Flow is optical flow, rad. Before the first residuals, the factor before `step_ratio` is 1.
+    `MIN_VARIANCE` is added to each variance.
+
+    Args:
+        step: The motion.
+        keyframes: Motion between the two newest keyframes.
+        given_keyframes: `(6, 6)` covariance of the pose given the keyframes, used if there is no second keyframe.
+        depth_m: Median depth of the landmarks.
+        variance_factor: Ratio of the squared residuals to their stated variance; None before the first residuals.
+        model: Extrinsics, camera geometry and error sources.
+    """
+    sources = model.sources
+    size = step.size.metres / depth_m + step.size.radians
+    if keyframes is None:
+        covariance = given_keyframes
+        interval = model.keyframe_rad
+    else:
+        covariance = keyframes.covariance
+        shortest = sources.min_interval_ratio * model.keyframe_rad
+        interval = max(keyframes.size.metres / depth_m + keyframes.size.radians, shortest)
+    common = np.zeros(6)
+    common[:3] = (sources.keyframe_px * depth_m / model.fx) ** 2
+    ratio = max(size / interval, sources.min_step_ratio)
+    factor = 1.0
+    if variance_factor is not None:
+        factor = sources.step_inflation * max(variance_factor, sources.min_variance_factor)
+    covariance = factor * np.asarray(ratio * (sources.adjustment_inflation * covariance + np.diag(common)))
+    lever = -step.of_rb.rotation @ model.T_rb_left.translation
+    covariance = propagated_covariance(covariance, lever, step.R_rb_world)
+    return symmetric(covariance) + MIN_VARIANCE * np.eye(6)
+
+
+def pose_noise(
+    given_keyframes: FloatArray,
+    *,
+    R_world_left: FloatArray,
+    variance_factor: float | None,
+    shear_chi2: float,
+    model: RoverModel,
+) -> FloatArray:
+    """Return the covariance `noise` `(6, 6)` of the white noise of a pose of RB, in RB.
+
+        noise = white_ratio max(variance_factor, min_variance_factor) max(shear_chi2, 1) given_keyframes
+                + exposure_rad^2 (attitude)
+
+    `shear_chi2` is the squared shear of the rows of the image divided by its variance, per degree of freedom.
+    """
+    sources = model.sources
+    factor = 1.0 if variance_factor is None else max(variance_factor, sources.min_variance_factor)
+    noise = sources.white_ratio * factor * max(shear_chi2, 1.0) * given_keyframes
+    T_rb_left = model.T_rb_left
+    noise = propagated_covariance(noise, -T_rb_left.translation, T_rb_left.rotation @ R_world_left.T)
+    noise[3:, 3:] += sources.exposure_rad**2 * np.eye(3)
+    return symmetric(noise)
+
+
+def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
+    """Return the signed one-sigma effects `systematic` `(6,)` on one step, in RB, of the errors that all steps share.
+
+        systematic = (position, attitude)
+        position = hypot(disparity_px, yaw_sigma_px, remaining_px) Z / (f b) displacement
+        attitude = hypot(lens_px, lens_ratio RMS of the residual disparities) / (f b) length
+
+    The remaining yaw enters a step in full. In the pose it is multiplied by `unsettled_yaw_ratio`, because `pose`
+    also contains `uncorrected`. The depth Z is the median depth of the landmarks, m.
+    """
+    disparity_px = np.sqrt(model.sources.disparity_px**2 + calibration.yaw_sigma_px**2 + calibration.remaining_px**2)
+    scaled = disparity_px * depth_m / model.focal_baseline * step.displacement
+    turned = model.lens_turn_per_m(calibration) * np.copysign(step.size.metres, step.vector[0])
+    return np.concatenate((step.R_rb_world @ scaled, np.full(3, turned)))
