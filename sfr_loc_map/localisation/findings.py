@@ -83,7 +83,7 @@ class Finding(Enum):
     #: An earlier pair had stale rows or a finding about the ground's motion; too few pairs with motion have followed.
     RECOVERING = auto()
     ONE_SIDED = auto()  #: Few inliers are observed in both images; both have texture, and one may be stale.
-    GROUND_IN_DOUBT = auto()  #: Only one motion was found, but the ground is in doubt (`ground.memory.Phase.IN_DOUBT`).
+    GROUND_IN_DOUBT = auto()  #: Only one motion was found, but the ground is in doubt (`ground.identification`).
     AT_REST_IN_DOUBT = auto()  #: The ground is in doubt, but neither the pose nor the image shows a motion.
     AMBIGUOUS = auto()  #: Two motions were found, and either may be the ground's.
 

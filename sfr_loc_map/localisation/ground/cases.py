@@ -13,6 +13,7 @@ from typing import Final
 
 from sfr_loc_map.localisation.findings import Finding, Findings
 from sfr_loc_map.localisation.ground.evidence import Evidence
+from sfr_loc_map.localisation.ground.identification import Fault, Sign
 from sfr_loc_map.localisation.ground.memory import Effect, GroundMemory
 
 
@@ -28,7 +29,7 @@ class Case(Enum):
     TWO_MOTIONS = auto()  #: The one of two motions with the larger weight is clearly the ground's.
     CONTRADICTED = auto()  #: The image changed where the only motion predicts no change. The pose is refused.
     HALF_UNEXPLAINED = auto()  #: About half of the landmarks, or more, do not follow the only motion.
-    UNEXPLAINED = auto()  #: The ground is known, and more landmarks than usual do not follow the only motion.
+    UNEXPLAINED = auto()  #: The ground is identified, and more landmarks than usual do not follow the only motion.
     AT_REST_IN_DOUBT = auto()  #: Like `STILL_IN_DOUBT`, and the image did not move.
     STILL_IN_DOUBT = auto()  #: There is one motion, but too few pairs have agreed since the ground was in doubt.
     ONE_MOTION = auto()  #: There is one motion. Its tracks are used, without those fixed to the camera.
@@ -43,14 +44,14 @@ CASES: Final[tuple[tuple[Case, Callable[[Evidence], bool]], ...]] = (
     (Case.DOUBLE_EXPOSURE, lambda e: not e.is_contradicted and not e.is_half_unexplained and e.is_double_exposure),
     # one of two motions is a standstill: part of the images is that of the previous pair
     (Case.PARTIAL_TRANSFER, lambda e: e.has_other and e.may_be_transfer and e.has_standstill),
-    (Case.AMBIGUOUS, lambda e: e.has_other and not (e.is_known and e.is_decided)),
+    (Case.AMBIGUOUS, lambda e: e.has_other and not (e.is_identified and e.is_decided)),
     (Case.TWO_MOTIONS, lambda e: e.has_other),
     (Case.CONTRADICTED, lambda e: e.is_contradicted),
     # half of the landmarks is unexplained, and the fault has not lasted too long for a partial transfer
     (Case.PARTIAL_TRANSFER, lambda e: e.is_half_unexplained and e.may_be_transfer),
     # after more pairs than a partial transfer lasts, many landmarks may be on an object
     (Case.HALF_UNEXPLAINED, lambda e: e.is_half_unexplained),
-    (Case.UNEXPLAINED, lambda e: e.is_unusual and e.is_known),
+    (Case.UNEXPLAINED, lambda e: e.is_unusual and e.is_identified),
     # an image without motion neither ends the doubt nor hides a motion
     (Case.AT_REST_IN_DOUBT, lambda e: e.stays_in_doubt and not e.main_motion.moves_image),
     (Case.STILL_IN_DOUBT, lambda e: e.stays_in_doubt),
@@ -71,18 +72,18 @@ def case_of(evidence: Evidence) -> Case:
 EFFECTS: Final = {
     Case.OWN_BODY: Effect(),
     Case.UNTRUSTED: Effect(),
-    Case.PARTIAL_TRANSFER: Effect(Finding.PARTIAL_TRANSFER),
+    Case.PARTIAL_TRANSFER: Effect(Finding.PARTIAL_TRANSFER, fault=Fault.TRANSFER),
     # a fault of the images, which does not put the ground's motion in doubt
-    Case.DOUBLE_EXPOSURE: Effect(Finding.DOUBLE_EXPOSURE, starts_recovery=True),
-    Case.AMBIGUOUS: Effect(Finding.AMBIGUOUS, leaves_doubt=True, starts_recovery=True),
+    Case.DOUBLE_EXPOSURE: Effect(Finding.DOUBLE_EXPOSURE, fault=Fault.SUSPECTED),
+    Case.AMBIGUOUS: Effect(Finding.AMBIGUOUS, Sign.DOUBTS, Fault.SUSPECTED),
     Case.TWO_MOTIONS: Effect(),
-    Case.CONTRADICTED: Effect(Finding.CONTRADICTED, leaves_doubt=True, starts_recovery=True, outlasts_refusal=True),
-    Case.HALF_UNEXPLAINED: Effect(Finding.GROUND_IN_DOUBT, leaves_doubt=True, starts_recovery=True),
+    Case.CONTRADICTED: Effect(Finding.CONTRADICTED, Sign.DOUBTS, Fault.SUSPECTED, outlasts_refusal=True),
+    Case.HALF_UNEXPLAINED: Effect(Finding.GROUND_IN_DOUBT, Sign.DOUBTS, Fault.SUSPECTED),
     Case.UNEXPLAINED: Effect(Finding.UNEXPLAINED),
-    Case.AT_REST_IN_DOUBT: Effect(Finding.AT_REST_IN_DOUBT, starts_recovery=True),
+    Case.AT_REST_IN_DOUBT: Effect(Finding.AT_REST_IN_DOUBT, fault=Fault.SUSPECTED),
     # earlier pairs caused the doubt, and this pair may end it
-    Case.STILL_IN_DOUBT: Effect(Finding.GROUND_IN_DOUBT, starts_recovery=True, confirms=True),
-    Case.ONE_MOTION: Effect(confirms=True),
+    Case.STILL_IN_DOUBT: Effect(Finding.GROUND_IN_DOUBT, Sign.AGREES, Fault.SUSPECTED),
+    Case.ONE_MOTION: Effect(sign=Sign.AGREES),
 }
 """Consequences of each case. `GroundMemory.after` applies them to the memory."""
 
@@ -97,6 +98,6 @@ def findings_of(case: Case, memory: GroundMemory, *, is_trusted: bool, is_moving
         is_moving: Whether that pose is trusted and the image moved.
     """
     findings = EFFECTS[case].findings
-    if not findings and is_trusted and memory.still_recovering(is_moving=is_moving) > 0:
+    if not findings and is_trusted and memory.faults.after(Fault.NONE, is_moving=is_moving).recovery_pairs > 0:
         return frozenset({Finding.RECOVERING})
     return findings

@@ -146,13 +146,13 @@ def _landmark_motion(start: Pose, end: Pose, landmarks: LandmarkEstimates, camer
 @jit_fast_ir_inline
 def _quantile(motion_px: FloatArray) -> float:
     """Return the quantile `MOTION_QUANTILE` of the image motions `(M,)` that are not NaN; 0 if there are none."""
-    known_px = np.empty(len(motion_px))
-    known = 0
+    finite_px = np.empty(len(motion_px))
+    count = 0
     for n in range(len(motion_px)):
         if not np.isnan(motion_px[n]):
-            known_px[known] = motion_px[n]
-            known += 1
-    return reorder_to_rank(known_px[:known], int(MOTION_QUANTILE * known)) if known else 0.0
+            finite_px[count] = motion_px[n]
+            count += 1
+    return reorder_to_rank(finite_px[:count], int(MOTION_QUANTILE * count)) if count else 0.0
 
 
 @jit_fast_ir_inline

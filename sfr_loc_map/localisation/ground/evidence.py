@@ -1,7 +1,7 @@
 """Evidence of a pair about the ground's motion: the conditions of the table of cases (`cases.CASES`).
 
-The terms are defined in `selection`. Each condition is a property. Properties that search for a motion or compare
-two motions are evaluated at their first use and cached, because a search takes some milliseconds.
+The terms are defined in the package docstring. Each condition is a property. Properties that search for a motion or
+compare two motions are evaluated at their first use and cached, because a search takes some milliseconds.
 """
 
 from __future__ import annotations
@@ -15,17 +15,18 @@ from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.cell_motion import MOVED_PX, Explained
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL
-from sfr_loc_map.localisation.ground.memory import MAX_TRANSFERS, NEARLY_HALF, GroundMemory, MainMotion, Phase
+from sfr_loc_map.localisation.ground.identification import Phase
+from sfr_loc_map.localisation.ground.memory import NEARLY_HALF, GroundMemory, MainMotion
 from sfr_loc_map.localisation.ground.motion_tools import CONVINCING, ComparedPair, MotionTools
 
-MAX_CONTRADICTING_UNKNOWN = 0.05
-"""Maximum fraction of cells that contradict a motion while the ground is unknown. Chosen by hand, above the 1 % of
-cells that change by noise alone (`cell_change.NOISE_CORRELATION`). If larger, a fixed reflection is tracked for longer.
-If smaller, good poses are refused because of moving shadows."""
-MAX_CONTRADICTING_KNOWN = 0.4
-"""Maximum fraction of cells that contradict the motion of a known ground. Chosen by hand below one half, because an
-object may fill much of the view of a rover at rest. If larger, a pose that most of the image contradicts is accepted.
-If smaller, good poses are refused while a large object is in view."""
+MAX_CONTRADICTING_FIRST = 0.05
+"""Maximum fraction of cells that contradict a motion while the ground is not identified. Chosen by hand, above the 1 %
+of cells that change by noise alone (`cell_change.NOISE_CORRELATION`). If larger, a fixed reflection is tracked for
+longer. If smaller, good poses are refused because of moving shadows."""
+MAX_CONTRADICTING = 0.4
+"""Maximum fraction of cells that contradict the motion of an identified ground. Chosen by hand below one half, because
+an object may fill much of the view of a rover at rest. If larger, a pose that most of the image contradicts is
+accepted. If smaller, good poses are refused while a large object is in view."""
 MIN_STATIONARY_LANDMARKS = 12
 """Minimum number of landmarks in stationary cells for these cells to show the rover. Chosen by hand: twice the
 minimum of a pose (`pose_solver.MIN_LANDMARKS`). If smaller, more pairs cost the time of a search. If larger, a small
@@ -78,14 +79,14 @@ class Evidence:
     # ---- the main motion
 
     @property
-    def is_known(self) -> bool:
-        """Whether the ground's motion is known from earlier pairs."""
-        return self.memory.confidence.phase is Phase.KNOWN
+    def is_identified(self) -> bool:
+        """Whether earlier pairs have identified the ground's motion."""
+        return self.memory.identification.phase is Phase.IDENTIFIED
 
     @property
     def is_contradicted(self) -> bool:
         """Whether many cells changed although the main motion predicts no change."""
-        most = MAX_CONTRADICTING_KNOWN if self.is_known else MAX_CONTRADICTING_UNKNOWN
+        most = MAX_CONTRADICTING if self.is_identified else MAX_CONTRADICTING_FIRST
         return self.explained.contradicting_fraction > most
 
     @property
@@ -100,8 +101,8 @@ class Evidence:
 
     @property
     def is_credible(self) -> bool:
-        """Whether the main motion is trusted, not contradicted, and usual or that of a known ground."""
-        return self.main.is_trusted and not self.is_contradicted and (self.is_known or not self.is_unusual)
+        """Whether the main motion is trusted, not contradicted, and usual or that of an identified ground."""
+        return self.main.is_trusted and not self.is_contradicted and (self.is_identified or not self.is_unusual)
 
     @cached_property
     def main_motion(self) -> MainMotion:
@@ -117,19 +118,21 @@ class Evidence:
     @property
     def stays_in_doubt(self) -> bool:
         """Whether the ground stays in doubt after the pair if the main motion is the only one."""
-        return self.memory.confidence_after_one_motion(self.main_motion).phase is Phase.IN_DOUBT
+        sign = self.memory.sign_of_one_motion(self.main_motion)
+        after = self.memory.identification.after(sign, self.main_motion.unexplained_cells)
+        return after.phase is Phase.IN_DOUBT
 
     # ---- partial transfers
 
     @property
     def may_be_transfer(self) -> bool:
-        """Whether the pair may be partially transferred. Many such pairs in a row have another cause."""
-        return self.memory.transfers < MAX_TRANSFERS
+        """Whether the pair may be partially transferred."""
+        return self.memory.faults.may_be_transfer
 
     @property
     def repeats_transfer(self) -> bool:
         """Whether the previous pair was partially transferred, and this pair may be, too."""
-        return self.memory.transfers > 0 and self.may_be_transfer
+        return self.memory.faults.transfers > 0 and self.may_be_transfer
 
     @cached_property
     def is_double_exposure(self) -> bool:
@@ -168,7 +171,7 @@ class Evidence:
         if self.main.is_trusted and apart_px < MIN_DIFFERENCE_PX:
             return None
         fraction = self.tools.explained(self.pair, found).contradicting_fraction
-        return found if fraction < MAX_CONTRADICTING_UNKNOWN else None
+        return found if fraction < MAX_CONTRADICTING_FIRST else None
 
     @property
     def shows_own_body(self) -> bool:
@@ -189,7 +192,7 @@ class Evidence:
             return None
         if self.is_contradicted:
             fraction = self.tools.explained(self.pair, found).contradicting_fraction
-            return None if fraction > MAX_CONTRADICTING_UNKNOWN else found
+            return None if fraction > MAX_CONTRADICTING_FIRST else found
         if found.inlier_count > CONVINCING * len(found.inliers):
             return found
         least_px = max(MIN_DIFFERENCE_PX, MIN_DIFFERENCE_RATIO * self.explained.motion_px)

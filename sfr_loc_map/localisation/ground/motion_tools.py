@@ -1,6 +1,6 @@
 """Tools that search for rigid motions in a pair, and what they are given.
 
-The terms are defined in `selection`. The conditions that use the results are in `evidence`.
+The terms are defined in the package docstring. The conditions that use the results are in `evidence`.
 """
 
 from __future__ import annotations

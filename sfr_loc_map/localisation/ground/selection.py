@@ -1,26 +1,9 @@
 """Selection of the ground's motion among the rigid motions in an image.
 
-The ground is identified by its motion, not by its position in the image. Another rigid motion is searched for among the
-landmarks that the pose does not explain. The motion of the ground is the one that more landmarks follow and that
-continues the previous motion. Landmarks of the other motion (own body, dirt on the lens, moving objects) are no longer
-tracked, and their image cells are excluded for several pairs. If the evidence does not distinguish the two
-motions, the pose is ambiguous.
-
-| term | meaning |
-|---|---|
-| partial transfer | image whose rows belong to two exposures (`stale_images`) |
-| double exposure | image in which two exposures are blended (`double_exposure`) |
-| moving pair | pair with a trusted pose, whose image moved |
-| stationary cell | textured cell whose content did not move since the earlier image (`cell_change`) |
-| fixed cell | stationary cell for which a pose predicts image motion, and therefore fixed to the camera |
-| dynamic cell | cell of landmarks that move differently from the ground |
-| own body | what stationary cells show if the landmarks outside these cells agree on a motion |
-| main motion | motion of the given tracks, which may be any motion, trusted or not |
-| unexplained landmark | outlier of a motion, in view and outside fixed cells |
-| other motion | rigid motion of the landmarks that the main motion does not explain |
-| contradicted motion | motion that predicts a standstill in cells that changed |
-| unusual motion | motion with more unexplained landmarks than usual on this ground |
-| in doubt | state of the ground after a contradiction, after two motions competed, or if half was unexplained |
+Another rigid motion is searched for among the landmarks that the pose does not explain. The motion of the ground is the
+one that more landmarks follow and that continues the previous motion. Landmarks of the other motion (own body, dirt on
+the lens, moving objects) are no longer tracked, and their image cells are excluded for several pairs. If the evidence
+does not distinguish the two motions, the pose is ambiguous. The package docstring defines the terms and the phases.
 
 `GroundSelector.begin_change` compares the left image with an earlier image, cell by cell, while landmarks are tracked.
 `GroundSelector.select` works in four steps:
@@ -33,14 +16,14 @@ motions, the pose is ambiguous.
 
 In the following examples the rover moves in each pair.
 
-An object with a quarter of the landmarks enters the view while the ground is known:
+An object with a quarter of the landmarks enters the view while the ground is identified:
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
-| 1 | two motions | `TWO_MOTIONS` | none | cells of the object are excluded for seven pairs; the ground stays known |
+| 1 | two motions | `TWO_MOTIONS` | none | cells of the object are excluded for seven pairs; still identified |
 | 2 | one motion; no landmark is left on the object | `ONE_MOTION` | none | unchanged |
 
-The same object enters the view before the ground is known:
+The same object enters the view before the ground is identified:
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
@@ -48,9 +31,9 @@ The same object enters the view before the ground is known:
 | 2 to 10 | one motion, also where the object was | `STILL_IN_DOUBT` | `GROUND_IN_DOUBT` | one to nine pairs agreed |
 | 11 | one motion | `ONE_MOTION` | `RECOVERING` | learning; recovery takes two more pairs |
 | 12 | one motion | `ONE_MOTION` | `RECOVERING` | one pair agreed; recovery takes one more pair |
-| 13 | one motion | `ONE_MOTION` | none | two pairs agreed; the next one makes the ground known |
+| 13 | one motion | `ONE_MOTION` | none | two pairs agreed; the next one identifies the ground |
 
-The lower half of one image repeats the previous image, with new noise, while the ground is known:
+The lower half of one image repeats the previous image, with new noise, while the ground is identified:
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
@@ -75,6 +58,7 @@ from sfr_loc_map.localisation.ground.cell_change import LEVEL, Change, change_of
 from sfr_loc_map.localisation.ground.cell_motion import MOVED_PX
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL
 from sfr_loc_map.localisation.ground.evidence import CLEAR_RATIO, Evidence
+from sfr_loc_map.localisation.ground.identification import Fault
 from sfr_loc_map.localisation.ground.memory import MIN_EXCESS, EarlierImage, GroundMemory
 from sfr_loc_map.localisation.ground.motion_tools import ComparedPair, MotionTools
 from sfr_loc_map.localisation.motion_model import Prediction
@@ -130,7 +114,10 @@ class Ground(NamedTuple):
         return cls(tracks, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), memory, learnt, memory.earlier)
 
     def memory_after(self, verdict: Verdict) -> GroundMemory:
-        """Return the memory after the pair. After a refused pair, the previous image is that at the last known pose."""
+        """Return the memory after the pair.
+
+        After a refused pair, the previous image is that at the last accepted pose.
+        """
         if not verdict.refuses:
             return replace(self.learnt, earlier=self.next_earlier) if verdict.can_be_reference else self.learnt
         return replace(self.learnt, previous=self.before.previous) if self.outlasts_refusal else self.before
@@ -182,7 +169,7 @@ class GroundSelector:
             image=frame.left[MIXTURE_LEVEL].image,
             is_moving=selection.is_moving,
         )
-        next_earlier = earlier if effect.is_transfer else self._earlier_after(pair, selection, earlier)
+        next_earlier = earlier if effect.fault is Fault.TRANSFER else self._earlier_after(pair, selection, earlier)
         return Ground(
             tracks=selection.tracks,
             findings=findings,

@@ -31,16 +31,16 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.findings import Finding, decide
 from sfr_loc_map.localisation.ground.cases import CASES, EFFECTS, Case, findings_of
 from sfr_loc_map.localisation.ground.evidence import OLD_WEIGHT, Evidence
-from sfr_loc_map.localisation.ground.memory import (
+from sfr_loc_map.localisation.ground.identification import (
     AGREEING_PAIRS,
     LONG_DOUBT_PAIRS,
     MAX_TRANSFERS,
-    Confidence,
-    EarlierImage,
-    GroundMemory,
-    MainMotion,
+    Identification,
+    ImageFaults,
     Phase,
+    Sign,
 )
+from sfr_loc_map.localisation.ground.memory import EarlierImage, GroundMemory, MainMotion
 from sfr_loc_map.localisation.ground.selection import Ground
 from sfr_loc_map.localisation.localiser import Localiser
 
@@ -101,21 +101,21 @@ def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
         assert Evidence(None, None, None, None, memory).may_be_transfer  # type: ignore[arg-type]
         memory = after(memory, EFFECTS[Case.PARTIAL_TRANSFER], EXPLAINED)
     assert not Evidence(None, None, None, None, memory).may_be_transfer  # type: ignore[arg-type]
-    assert after(memory, EFFECTS[Case.TWO_MOTIONS], EXPLAINED).transfers == 0
+    assert after(memory, EFFECTS[Case.TWO_MOTIONS], EXPLAINED).faults.transfers == 0
 
 
 def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> None:
     before = replace(GroundMemory.none((32, 32)), previous=np.zeros((16, 16), np.float32))
-    after = replace(before, previous=np.ones((16, 16), np.float32), transfers=2)
+    after = replace(before, previous=np.ones((16, 16), np.float32), faults=ImageFaults(transfers=2))
     ground = Ground.unselected(None, before)._replace(learnt=after)  # type: ignore[arg-type]
     refused = decide({Finding.CONTRADICTED})
     assert ground.memory_after(refused) is before
     learnt = ground._replace(outlasts_refusal=True).memory_after(refused)
     assert learnt.previous is before.previous
-    assert learnt.transfers == 2
+    assert learnt.faults.transfers == 2
 
 
-def test_a_second_motion_before_the_ground_is_known_degrades_twelve_pairs() -> None:
+def test_a_second_motion_before_the_ground_is_identified_degrades_twelve_pairs() -> None:
     """The example in the docstring of `selection`: ten pairs of doubt and recovery follow, then clean pairs."""
     memory = GroundMemory.none((32, 32))
     image = np.zeros((16, 16), np.float32)
@@ -127,36 +127,41 @@ def test_a_second_motion_before_the_ground_is_known_degrades_twelve_pairs() -> N
         memory = memory.after(
             EFFECTS[case], EXPLAINED, excluded=memory.excluded, earlier=earlier, image=image, is_moving=True
         )
-        is_in_doubt = memory.confidence_after_one_motion(EXPLAINED).phase is Phase.IN_DOUBT
-        case = Case.STILL_IN_DOUBT if is_in_doubt else Case.ONE_MOTION
+        evidence = Evidence(None, None, None, None, memory)  # type: ignore[arg-type]
+        evidence.__dict__["main_motion"] = EXPLAINED
+        case = Case.STILL_IN_DOUBT if evidence.stays_in_doubt else Case.ONE_MOTION
     assert found == [
         (Case.AMBIGUOUS, frozenset({Finding.AMBIGUOUS})),
         *[(Case.STILL_IN_DOUBT, frozenset({Finding.GROUND_IN_DOUBT}))] * 9,
         *[(Case.ONE_MOTION, frozenset({Finding.RECOVERING}))] * 2,
         *[(Case.ONE_MOTION, frozenset())] * 2,
     ]
-    assert memory.confidence.phase is Phase.KNOWN
+    assert memory.identification.phase is Phase.IDENTIFIED
 
 
-def after_agreements(confidence: Confidence, pairs: int) -> Phase:
+NO_CELLS = np.zeros((2, 3), np.bool_)
+
+
+def after_agreements(identification: Identification, pairs: int) -> Phase:
     """Return the phase after some pairs that one motion explains."""
     for _ in range(pairs):
-        confidence = confidence.after_agreement()
-    return confidence.phase
+        identification = identification.after(Sign.AGREES, NO_CELLS)
+    return identification.phase
 
 
-def test_doubt_lasts_longer_for_a_ground_that_was_not_known() -> None:
-    cells = np.ones((2, 3), np.bool_)
-    learning = Confidence()
+def test_doubt_lasts_longer_for_a_ground_that_was_not_identified() -> None:
+    learning = Identification()
     assert after_agreements(learning, AGREEING_PAIRS - 1) is Phase.LEARNING
-    assert after_agreements(learning, AGREEING_PAIRS) is Phase.KNOWN
-    known = Confidence(Phase.KNOWN)
-    for before, pairs in ((known, AGREEING_PAIRS), (learning, LONG_DOUBT_PAIRS)):
-        doubt = before.after_doubt(cells)
+    assert after_agreements(learning, AGREEING_PAIRS) is Phase.IDENTIFIED
+    identified = Identification(Phase.IDENTIFIED)
+    for before, pairs in ((identified, AGREEING_PAIRS), (learning, LONG_DOUBT_PAIRS)):
+        doubt = before.after(Sign.DOUBTS, ~NO_CELLS)
         assert after_agreements(doubt, pairs - 1) is Phase.IN_DOUBT
         assert after_agreements(doubt, pairs) is Phase.LEARNING
-        assert doubt.after_interruption() is doubt
-    assert known.after_interruption().phase is Phase.LEARNING
+        assert doubt.after(Sign.AGREES_PARTLY, NO_CELLS) is doubt
+        assert doubt.in_new_window() is doubt
+    assert identified.after(Sign.AGREES_PARTLY, NO_CELLS) is identified
+    assert identified.in_new_window().phase is Phase.LEARNING
 
 
 def test_another_motion_of_old_landmarks_alone_has_the_weight_of_old_landmarks() -> None:
@@ -278,8 +283,8 @@ def test_a_standstill_in_doubt_adds_nothing_to_the_covariance() -> None:
         StereoPair(last.stamp_ns + k * 10**8, noisy(last.left, 1, rng), noisy(last.right, 1, rng)) for k in range(1, 40)
     ]
     run(stop[:12], by)
-    doubt = Confidence(Phase.IN_DOUBT, pairs_left=LONG_DOUBT_PAIRS)
-    by._state = replace(by._state, ground_memory=replace(by._state.ground_memory, confidence=doubt))
+    doubt = Identification(Phase.IN_DOUBT, pairs_left=LONG_DOUBT_PAIRS)
+    by._state = replace(by._state, ground_memory=replace(by._state.ground_memory, identification=doubt))
     stopped = run(stop[12:], by)
     assert {item.state for item in stopped} == {TrackingState.DEGRADED}
     assert np.trace(stopped[-1].covariance) < 1.1 * np.trace(stopped[0].covariance)
