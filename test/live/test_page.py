@@ -209,6 +209,7 @@ def test_panels_states_commands_and_hostile_names() -> None:
             server.show_end()
             ended_at = f"/ended \\d{{4}}-\\d\\d-\\d\\d \\d\\d:\\d\\d:\\d\\d/.test({text('connection')})"
             await browser.wait_for(f"{ended_at} && {text('verdict')}.includes('ended') && !{text('age')}")
+            await browser.value("document.getElementById('cameras').scrollIntoView()")
             await browser.wait_for(f"!{text('images')}.includes('onerror')")  # no image is missing after the end
             server.show_end(RunEnd(aborted="monitor_node was killed by SIGKILL"))
             await browser.wait_for(f"{text('verdict')}.includes('aborted')")
