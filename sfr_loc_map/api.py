@@ -16,6 +16,8 @@ import numpy as np
 
 from sfr_loc_map import api_types
 from sfr_loc_map.api_types import PathLike
+from sfr_loc_map.calls.call_record import tracking_warning
+from sfr_loc_map.calls.call_stats import CallStats, stats_of
 from sfr_loc_map.config import build
 from sfr_loc_map.config_file import read_config
 from sfr_loc_map.errors import ConfigError, naming
@@ -36,8 +38,6 @@ from sfr_loc_map.metrics.diagnosis.pose_convention import PoseConvention
 from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.runs import offline
-from sfr_loc_map.runs.call_stats import CallStats, stats_of
-from sfr_loc_map.runs.calls import tracking_warning
 from sfr_loc_map.scoring.conversion import converted_run
 from sfr_loc_map.scoring.inputs import CloudToScore, Correction, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_map_truth, load_run, with_fusion_flag

@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.atomic import write_text
+from sfr_loc_map.calls.call_files import save_stats
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError
 from sfr_loc_map.geometry import cloud, trajectory
@@ -34,8 +36,6 @@ from sfr_loc_map.metrics.stored.score_json import load_score, to_json
 from sfr_loc_map.metrics.table.details import columns_of
 from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.metrics.table.rows import COLUMNS
-from sfr_loc_map.runs.call_files import save_stats
-from sfr_loc_map.runs.calls import CallRecord
 
 if TYPE_CHECKING:
     import pandas

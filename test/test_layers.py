@@ -21,44 +21,51 @@ LAYERS = {
     "simulation": ("geometry io", "Stereo pairs of a Mars-like scene with exact truth"),
     "report": ("geometry mapping metrics", "Views of scores and other results; a view computes no verdict"),
     "ros": ("geometry io localisation mapping", "What every program with a ROS node requires"),
+    "calls": (
+        "geometry io localisation mapping metrics",
+        "The record of each call of a localiser or mapper, and its forms",
+    ),
     "methods": ("geometry io localisation mapping metrics", "Localisers and mappers under test, in their processes"),
     "runs": (
-        "geometry io kernels localisation mapping methods metrics",
-        "A localiser or mapper over a complete source, the record of each call, and their files",
+        "calls geometry io kernels localisation mapping methods metrics",
+        "A localiser or mapper over a complete source, and its files",
     ),
     "source_setup": ("geometry io localisation mapping metrics report", "The content of a source, and its `sfr.yaml`"),
-    "scoring": ("geometry io mapping metrics runs", "A score with its provenance from files, memory or topics"),
+    "scoring": ("calls geometry io mapping metrics", "A score with its provenance from files, memory or topics"),
     "doctor": ("geometry io source_setup", "The issues of a recording or graph from an observation"),
     "evidence": (
-        "faults geometry io kernels localisation mapping metrics runs",
+        "calls faults geometry io kernels localisation mapping metrics runs",
         "The consistency of runs that should agree, without a ground truth",
     ),
     "nodes": (
-        "geometry io kernels localisation mapping metrics ros runs scoring",
+        "calls geometry io kernels localisation mapping metrics ros scoring",
         "The three nodes, from a message to a result, and their processes",
     ),
     "graph": ("doctor geometry io ros", "Programs that observe or record a running graph"),
     "live": (
-        "geometry io localisation mapping metrics nodes report ros runs",
+        "calls geometry io localisation mapping metrics nodes report ros",
         "Views of a run in progress, and their connection to the nodes",
     ),
     "replay": (
-        "geometry io live localisation mapping methods metrics nodes ros runs scoring",
+        "calls geometry io live localisation mapping methods metrics nodes ros runs scoring",
         "A source that is played to the nodes, and the score of their results",
     ),
     "bench": ("faults geometry io localisation mapping methods metrics runs", "Benchmarks, one drive after the other"),
     "suite": (
-        "evidence faults geometry io localisation mapping methods metrics report runs scoring simulation",
+        "calls evidence faults geometry io localisation mapping methods metrics report runs scoring simulation",
         "Many runs on Dask, and their pooled results",
     ),
     "cli": (
-        "bench doctor evidence faults geometry graph io live localisation mapping methods metrics nodes replay report "
-        "ros runs scoring simulation source_setup suite",
+        "bench calls doctor evidence faults geometry graph io live localisation mapping methods metrics nodes "
+        "replay report ros runs scoring simulation source_setup suite",
         "The subcommands of `sfr`",
     ),
     "__main__": ("cli", "`python -m sfr_loc_map`"),
-    "api_types": ("geometry io localisation metrics report runs", "The types of the Python interface"),
-    "api": ("api_types geometry io localisation mapping methods metrics runs scoring", "The functions of Python users"),
+    "api_types": ("calls geometry io localisation metrics report", "The types of the Python interface"),
+    "api": (
+        "api_types calls geometry io localisation mapping methods metrics runs scoring",
+        "The functions of Python users",
+    ),
 }
 """Folders, and modules beside them, from the bottom: what of these each imports, exactly, and its subject.
 

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib import pyplot as plt
 
+from sfr_loc_map.calls.call_stats import estimates_of, stats_of
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.io.registry import open_source
@@ -29,7 +30,6 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.errors.consistency import relative_covariance, relative_errors, sums_of_steps
 from sfr_loc_map.metrics.frames.association import associate
-from sfr_loc_map.runs.call_stats import estimates_of, stats_of
 from sfr_loc_map.runs.offline import localise, start_pose, trajectory_of
 
 SCENARIOS = ("rocky", "rolling", "crater_rim", "flat", "low_sun", "sample")

@@ -195,7 +195,12 @@ CLAUSES = (
         "Timing performance, localisation",
         "Wall-clock seconds on the target from the call of the API to its return, measured by the mechanism of its "
         "kit.",
-        ("metrics/calls/call_meter.py", "metrics/calls/call_score.py", "runs/calls.py", "metrics/table/records.py"),
+        (
+            "metrics/calls/call_meter.py",
+            "metrics/calls/call_score.py",
+            "calls/call_record.py",
+            "metrics/table/records.py",
+        ),
         "table of times per call, with the name of the clock; calls on a target in a separate table",
         "A time of the host is never reported as a time of the target. Times that were measured on a target are "
         "imported (the folder of a harness, `--target-timing`), assigned to the estimates by their stamps, and keep "
@@ -252,7 +257,7 @@ CLAUSES = (
         "4.3.1",
         "Timing performance, mapping",
         "As 4.2.1.",
-        ("metrics/calls/call_meter.py", "metrics/calls/call_score.py", "runs/calls.py"),
+        ("metrics/calls/call_meter.py", "metrics/calls/call_score.py", "calls/call_record.py"),
         "table of times per call: mapping_call; mapping and fusion are its stages",
         "The call takes up to three pairs and returns one cloud (1.3). Its time is the time for the set.",
         "one call per set of pairs",

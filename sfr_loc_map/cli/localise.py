@@ -64,10 +64,10 @@ def localise(
     memory_limit: MemoryLimitOption = 4000,
 ) -> None:
     """Estimate the trajectory of a drive with the code of the localisation node, or with another method."""
+    from sfr_loc_map.calls.call_files import save_stats, stats_beside
+    from sfr_loc_map.calls.call_record import states_text, tracking_warning
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
-    from sfr_loc_map.runs.call_files import save_stats, stats_beside
-    from sfr_loc_map.runs.calls import states_text, tracking_warning
     from sfr_loc_map.runs.offline import start_pose, unstamped_start_warning
     from sfr_loc_map.runs.track_video import track_video
 

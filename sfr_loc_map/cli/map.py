@@ -68,9 +68,9 @@ def map_cloud(
     memory_limit: MemoryLimitOption = 4000,
 ) -> None:
     """Map up to three stereo pairs with the code of the mapping node, or with another method."""
+    from sfr_loc_map.calls.call_files import save_stats, stats_beside
     from sfr_loc_map.io.clouds.cloud_file import SUFFIXES
     from sfr_loc_map.io.sequence import panorama_of
-    from sfr_loc_map.runs.call_files import save_stats, stats_beside
     from sfr_loc_map.runs.map_files import MapOutputs, check_dems, save_map
     from sfr_loc_map.runs.offline import run_mapper
 

@@ -12,10 +12,10 @@ from sfr_loc_map.errors import ConfigError, FailedVerdictError, NotJudgedError
 from sfr_loc_map.metrics.config import Condition, VerdictState
 
 if TYPE_CHECKING:
+    from sfr_loc_map.calls.call_record import CallRecord
     from sfr_loc_map.geometry.trajectory import Trajectory
     from sfr_loc_map.metrics.score.score import Score
     from sfr_loc_map.metrics.table.records import MethodRecord
-    from sfr_loc_map.runs.calls import CallRecord
 
 
 NO_LIMITS = "the score was not judged by limits"
@@ -131,7 +131,7 @@ def not_judged(reasons: Sequence[str], *, lenient: bool) -> None:
 
 def conclude_findings(method: MethodRecord, records: Sequence[CallRecord]) -> None:
     """Report the findings on a method; raise FailedVerdictError if there are any. All outputs have been written."""
-    from sfr_loc_map.runs.calls import findings_of
+    from sfr_loc_map.calls.call_record import findings_of
 
     found = findings_of([record.finding for record in records], [record.stamp_ns for record in records])
     for finding in found:

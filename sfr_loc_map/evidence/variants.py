@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from sfr_loc_map.calls.call_stats import estimates_of, stats_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage, IntArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
@@ -19,7 +20,6 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose, TrackingStatistics
 from sfr_loc_map.metrics.frames.association import Estimates
-from sfr_loc_map.runs.call_stats import estimates_of, stats_of
 from sfr_loc_map.runs.offline import localise, trajectory_of
 
 Progress = Callable[[], None]

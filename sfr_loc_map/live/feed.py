@@ -21,6 +21,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
+from sfr_loc_map.calls.call_record import decode_call
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing
@@ -41,7 +42,6 @@ from sfr_loc_map.ros import messages
 from sfr_loc_map.ros.peer import Peer
 from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.ros.transport import TransportGaps
-from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.suite_names import SUITE_NODES, Task
 from sfr_loc_map.topics import (
     CAMERAS,

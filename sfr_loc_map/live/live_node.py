@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass, field
 from itertools import islice
 from typing import Any
 
+from sfr_loc_map.calls.call_record import CallRecord, outcome_text
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.freshness import NODE_FRESHNESS
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.message_types import DROPPED, HealthKey, Level, StatusKind
-from sfr_loc_map.runs.calls import CallRecord, outcome_text
 from sfr_loc_map.suite_names import Task
 
 MAX_VALUES = 100  #: Maximum number of kept values of a node's health.

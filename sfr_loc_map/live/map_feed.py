@@ -10,6 +10,7 @@ import numpy as np
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import PointCloud2
 
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -20,7 +21,6 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.ros import messages
-from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import ELEVATION, TRUE_POINTS
 
 LAYERS = ("height", *messages.ELEVATION_FIELDS[3:])  #: Layers of an elevation message, after x and y.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.freshness import LiveTopic
 from sfr_loc_map.live.live_node import LOCALISATION_NODE, state_of_pose
@@ -15,7 +16,6 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import COMPILING, HealthKey, Level, StatusKind
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.report.limit_bars import LimitBar
-from sfr_loc_map.runs.calls import CallRecord
 
 MAX_EVENTS = 400  #: Maximum number of events.
 MAX_TEXT = 200  #: Maximum length of a text.

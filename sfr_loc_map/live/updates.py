@@ -14,12 +14,12 @@ from typing import ClassVar, Protocol
 import msgspec
 import numpy as np
 
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.frames.association import UPPER, lost_by_covariance
-from sfr_loc_map.runs.calls import CallRecord
 
 MAX_TEXT = 200  #: Maximum length of a command's texts.
 

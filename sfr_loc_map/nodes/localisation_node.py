@@ -19,6 +19,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
+from sfr_loc_map.calls.call_record import call_of_estimate
 from sfr_loc_map.config import param
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
@@ -41,7 +42,6 @@ from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
 from sfr_loc_map.ros import messages
 from sfr_loc_map.ros.qos import profile
-from sfr_loc_map.runs.calls import call_of_estimate
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import (
     DEBUG_IMAGE,

@@ -17,6 +17,7 @@ from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
+from sfr_loc_map.calls.call_record import CallRecord, call_of_fusion, call_of_stages
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -37,7 +38,6 @@ from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
 from sfr_loc_map.ros import messages
 from sfr_loc_map.ros.qos import profile
 from sfr_loc_map.run_order import AGREEING
-from sfr_loc_map.runs.calls import CallRecord, call_of_fusion, call_of_stages
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import CLOUD, DISPARITY, ELEVATION, HAZARD, NAV_POSE
 

@@ -21,6 +21,7 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import String
 
 from sfr_loc_map import __version__
+from sfr_loc_map.calls.call_record import decode_call
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
 from sfr_loc_map.graph_endpoints import Reliability
@@ -51,7 +52,6 @@ from sfr_loc_map.ros.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.ros.qos import LATCHED, RELIABILITIES, profile
 from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.run_order import AnyOrder, CommonRuns
-from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import SIDES, Side, Task

@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from std_msgs.msg import String
 
+from sfr_loc_map.calls.call_record import CallRecord, encode_call
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -23,7 +24,6 @@ from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.ros.transport import latencies
 from sfr_loc_map.run_order import AGREEING
-from sfr_loc_map.runs.calls import CallRecord, encode_call
 from sfr_loc_map.suite_names import Task
 
 CALL_DEPTH = 1000  #: Number of calls kept for a slow subscriber.

@@ -14,6 +14,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from sfr_loc_map.calls.call_record import decode_call
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.message_types import StatusKind
@@ -22,7 +23,6 @@ from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.replay_peer import ANSWER_TIMEOUT_S, ReplayPeer
 from sfr_loc_map.ros.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.ros.peer import POLL_S
-from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import CLOUD, DIAGNOSTICS, ESTIMATE, call_topic
 

@@ -21,6 +21,7 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.errors import ConfigError, GeometryError, InputError, MetricsError, NodeError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -46,7 +47,6 @@ from sfr_loc_map.replay.result import ExternalResult
 from sfr_loc_map.ros import environment, messages
 from sfr_loc_map.ros.publishers import UNKNOWN_NODE
 from sfr_loc_map.ros.qos import LATCHED
-from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import RECTIFIED
 

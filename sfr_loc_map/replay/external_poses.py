@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from sfr_loc_map.calls.call_record import CallRecord
+from sfr_loc_map.calls.call_stats import estimates_of, stats_of
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.io.sequence import LocSequence, Source
 from sfr_loc_map.localisation.estimate import TrackingState
@@ -14,8 +16,6 @@ from sfr_loc_map.metrics.diagnosis.pose_convention import converted_estimates
 from sfr_loc_map.metrics.frames.association import Estimates, symmetric
 from sfr_loc_map.metrics.table.records import ConventionRecord
 from sfr_loc_map.replay.result import ReplayResult
-from sfr_loc_map.runs.call_stats import estimates_of, stats_of
-from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.scoring.conversion import corrected
 from sfr_loc_map.scoring.inputs import Correction, DriveToScore
 from sfr_loc_map.suite_names import Task

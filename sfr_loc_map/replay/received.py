@@ -6,13 +6,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sfr_loc_map.calls.call_record import CallRecord, first_reported
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.frames.association import UPPER, symmetric
 from sfr_loc_map.replay.result import ExternalResult, ReplayResult
-from sfr_loc_map.runs.calls import CallRecord, first_reported
 from sfr_loc_map.suite_names import Task
 
 StampedPose = tuple[int, tuple[float, ...], tuple[float, ...]]

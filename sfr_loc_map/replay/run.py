@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from sfr_loc_map.calls.call_record import states_text, tracking_warning
 from sfr_loc_map.config import changed
 from sfr_loc_map.errors import NodeError, SfrError, naming
 from sfr_loc_map.io.sequence import Source
@@ -17,7 +18,6 @@ from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.replay.score import score_replay
 from sfr_loc_map.replay.session import replay
-from sfr_loc_map.runs.calls import states_text, tracking_warning
 from sfr_loc_map.scoring.inputs import Correction
 from sfr_loc_map.suite_names import Task
 

@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from sfr_loc_map.calls.call_stats import stats_of
 from sfr_loc_map.hashes import hash_arrays
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source
@@ -19,7 +20,6 @@ from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.replay.files import ReplayFiles
 from sfr_loc_map.replay.result import ReplayResult
-from sfr_loc_map.runs.call_stats import stats_of
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import estimates_of_calls, with_read_files
 from sfr_loc_map.scoring.score_run import score_run

@@ -1,5 +1,3 @@
-from .call_stats import CallStats as CallStats
-from .calls import CallRecord as CallRecord
 from .offline import DriveRun as DriveRun
 from .offline import MapRun as MapRun
 from .offline import run_localiser as run_localiser

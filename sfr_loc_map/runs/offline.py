@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate, call_of_fusion, call_of_stages
 from sfr_loc_map.config import changed
 from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -43,7 +44,6 @@ from sfr_loc_map.methods.registry import Method, MethodLimits, record_of_ours
 from sfr_loc_map.metrics.calls.call_meter import CallMeter
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.table.records import MethodRecord
-from sfr_loc_map.runs.calls import CallRecord, call_of_estimate, call_of_fusion, call_of_stages
 from sfr_loc_map.runs.track_video import FrameObserver
 from sfr_loc_map.signals import stopping
 from sfr_loc_map.suite_names import Task

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from sfr_loc_map.calls.call_record import CallRecord, decode_call
+from sfr_loc_map.calls.call_stats import estimates_of, stats_of
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_odometry
 from sfr_loc_map.message_types import ODOMETRY, STRING, TF
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates
-from sfr_loc_map.runs.call_stats import estimates_of, stats_of
-from sfr_loc_map.runs.calls import CallRecord, decode_call
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE, TRUE_POSES, call_topic
 

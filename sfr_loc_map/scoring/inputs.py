@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from sfr_loc_map.calls.call_files import stats_beside
+from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -16,8 +18,6 @@ from sfr_loc_map.metrics.diagnosis.pose_convention import PoseConvention, conver
 from sfr_loc_map.metrics.errors.cloud_error import PairTruth
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.table.records import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, TargetRecord
-from sfr_loc_map.runs.call_files import stats_beside
-from sfr_loc_map.runs.call_stats import CallStats
 
 TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
 """Files in a folder of target results: description of the target, and possible estimates."""

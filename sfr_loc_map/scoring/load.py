@@ -13,6 +13,8 @@ import msgspec
 import numpy as np
 
 from sfr_loc_map import io  # readers of sources are loaded when called, because files of trajectories require no images
+from sfr_loc_map.calls.call_files import load_call_stats
+from sfr_loc_map.calls.call_stats import CallStats, estimates_of, united
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
@@ -29,8 +31,6 @@ from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.metrics.errors.cloud_error import PairTruth, truths_of
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TargetRecord
-from sfr_loc_map.runs.call_files import load_call_stats
-from sfr_loc_map.runs.call_stats import CallStats, estimates_of, united
 from sfr_loc_map.scoring.inputs import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE

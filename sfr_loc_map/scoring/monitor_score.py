@@ -16,6 +16,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from sfr_loc_map.calls.call_record import CallRecord, is_covariance_reported
+from sfr_loc_map.calls.call_stats import CallStats, estimates_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -35,8 +37,6 @@ from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
 from sfr_loc_map.metrics.frames.association import COVARIANCE_SIZE, UPPER, Estimates
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.runs.call_stats import CallStats, estimates_of
-from sfr_loc_map.runs.calls import CallRecord, is_covariance_reported
 from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch
 from sfr_loc_map.scoring.inputs import DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.live_maps import LiveMaps

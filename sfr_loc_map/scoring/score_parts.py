@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from msgspec.structs import replace as struct_replace
 
+from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.calls.call_score import (
@@ -36,7 +37,6 @@ from sfr_loc_map.metrics.table.records import Association, TargetRun
 from sfr_loc_map.metrics.table.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
-from sfr_loc_map.runs.call_stats import CallStats
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
 from sfr_loc_map.suite_names import Task

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.io.truth.config import TrackedBodyConfig
 from sfr_loc_map.live.media import grid_of_cloud, with_layer
@@ -31,7 +32,6 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
-from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import SIDES

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.node_scenes import sent
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.bag import messages as bag_messages
@@ -16,7 +17,6 @@ from sfr_loc_map.mapping.terrain.cells import CellGrid
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
 from sfr_loc_map.ros.messages import byte_array, cloud_msg, elevation_from_msg, elevation_msg, hazard_msg
-from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.suite_names import Task
 
 STAMP_NS = 1_700_000_000_000_000_000

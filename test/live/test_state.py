@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from helpers.live_run import NODES, call, fill, frame, health, scored
 from helpers.made_scores import HOSTILE, dig, half, json_of, whole_score
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
 from sfr_loc_map.live.updates import Call, GraphNodes, ImageStamp, PoseSample, PublishedScore, Status, Track, Update
@@ -20,7 +21,6 @@ from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.stored.contradiction import stored_contradiction
 from sfr_loc_map.metrics.stored.score_json import from_dict, to_json
 from sfr_loc_map.report.score_tables import score_tables
-from sfr_loc_map.runs.calls import CallRecord
 
 
 def test_state_is_the_report_with_additions_and_the_strings_of_its_tables() -> None:

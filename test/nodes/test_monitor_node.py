@@ -25,6 +25,7 @@ from helpers.made_suites import SFR
 from helpers.manager import Capture, LocalNode, Manager
 from helpers.node_scenes import params, raw, send_infos
 from helpers.score_rows import row, rows_about
+from sfr_loc_map.calls.call_record import CallRecord, encode_call
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.transform import Transform
@@ -34,7 +35,6 @@ from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.score.score import SCHEMA
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.ros.messages import header_msg, pose_msg, transform_msg
-from sfr_loc_map.runs.calls import CallRecord, encode_call
 from sfr_loc_map.suite_names import Task
 
 NO_TURN = np.array([0.0, 0.0, 0.0, 1.0])

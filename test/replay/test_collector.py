@@ -8,6 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from std_srvs.srv import Trigger
 
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.message_types import Level, StatusKind
@@ -17,7 +18,6 @@ from sfr_loc_map.replay import collector as module
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.replay_peer import ReplayPeer
-from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import DIAGNOSTICS
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.replay.received import ReceivedResults
-from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.suite_names import Task
 
 

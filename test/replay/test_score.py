@@ -14,6 +14,8 @@ import pytest
 from helpers import ROOT
 from helpers.made_scene import write_folder
 from helpers.score_rows import number
+from sfr_loc_map.calls.call_files import load_call_stats
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -41,8 +43,6 @@ from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.result import ExternalResult, ReplayResult
 from sfr_loc_map.replay.score import score_replay
 from sfr_loc_map.report.summary import banner_of
-from sfr_loc_map.runs.call_files import load_call_stats
-from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.runs.offline import MapRun, map_pairs
 from sfr_loc_map.scoring.inputs import Correction, ScoreInputs
 from sfr_loc_map.scoring.monitor_score import MonitorScore

@@ -8,6 +8,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from helpers import made_scores
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.errors.cloud_error import score_map
 from sfr_loc_map.metrics.stored.score_json import to_json
@@ -15,7 +16,6 @@ from sfr_loc_map.replay import session
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.ros.qos import LATCHED
-from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import Task

@@ -13,6 +13,8 @@ import pytest
 
 from helpers.made_scene import LOC_RIG, NAV_RIG, nav_pair, true_cloud
 from helpers.made_suites import JOB
+from sfr_loc_map.calls.call_record import CallRecord
+from sfr_loc_map.calls.call_stats import stats_of
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
@@ -32,8 +34,6 @@ from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.test_report import render_test_report
-from sfr_loc_map.runs.call_stats import stats_of
-from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore

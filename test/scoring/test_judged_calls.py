@@ -15,10 +15,10 @@ from helpers.cli_result import Sfr
 from helpers.judge import POSES, Judge
 from helpers.made_scene import write_folder
 from helpers.scored_drives import COUNT, POSITION, SHORT, limits, straight, write_calls
+from sfr_loc_map.calls.call_files import save_stats
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
-from sfr_loc_map.runs.call_files import save_stats
-from sfr_loc_map.runs.calls import CallRecord
 
 
 @pytest.mark.clause("4.2.2")

@@ -15,6 +15,8 @@ from scipy.spatial.transform import Rotation
 from helpers.made_scene import NAV_RIG, nav_pair, true_cloud
 from helpers.message_bags import write_messages
 from helpers.random_drives import as_score
+from sfr_loc_map.calls.call_record import CallRecord, encode_call
+from sfr_loc_map.calls.call_stats import estimates_of, stats_of
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -40,8 +42,6 @@ from sfr_loc_map.metrics.table.results import TrajectoryResult
 from sfr_loc_map.nodes.score_file import ScoreFile
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.report.deviations import deviations_of
-from sfr_loc_map.runs.call_stats import estimates_of, stats_of
-from sfr_loc_map.runs.calls import CallRecord, encode_call
 from sfr_loc_map.scoring.bag_estimates import bag_estimates
 from sfr_loc_map.scoring.live_maps import LiveMaps
 from sfr_loc_map.scoring.live_score import LiveRun

@@ -16,6 +16,9 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import NAV_RIG, nav_pair, write_folder
 from helpers.message_bags import write_messages
 from helpers.scored_drives import PERIOD_NS, straight
+from sfr_loc_map.calls.call_files import load_call_stats, save_stats
+from sfr_loc_map.calls.call_record import CallRecord, encode_call
+from sfr_loc_map.calls.call_stats import estimates_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
@@ -24,9 +27,6 @@ from sfr_loc_map.io.bag.messages import odometry
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.message_types import STRING
-from sfr_loc_map.runs.call_files import load_call_stats, save_stats
-from sfr_loc_map.runs.call_stats import estimates_of
-from sfr_loc_map.runs.calls import CallRecord, encode_call
 from sfr_loc_map.scoring.load import estimates_of_calls, load_estimates
 from sfr_loc_map.scoring.score_run import hash_of_truth
 

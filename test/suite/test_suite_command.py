@@ -20,12 +20,12 @@ from helpers.cli_result import Result, Sfr, run_sfr
 from helpers.made_suites import SFR, made_suite, results, stamps_of
 from helpers.processes import wait_until
 from helpers.score_rows import row
+from sfr_loc_map.calls.call_files import save_stats, stats_beside
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
-from sfr_loc_map.runs.call_files import save_stats, stats_beside
-from sfr_loc_map.runs.calls import CallRecord
 
 DRIVES = 3
 LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 1.0}]}

@@ -1,6 +1,6 @@
 """Reports of a node on /diagnostics, for people and rqt: health, each call, and unusable input.
 
-Programs read the calls on `<node>/call` (`runs.calls`).
+Programs read the calls on `<node>/call` (`calls.call_record`).
 
 Levels. OK: the node works normally. WARN: the node works, but data are lost, late or suspect. ERROR: the node cannot do
 its work (tracking lost, unusable input, a failed transition). STALE: the node is active but has not received input for
@@ -24,11 +24,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.config import param
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.message_types import HealthKey, Level, StatusKind
 from sfr_loc_map.ros.messages import header_msg
-from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import DIAGNOSTICS
 
 Value = str | bool | int | float

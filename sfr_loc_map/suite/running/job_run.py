@@ -15,6 +15,7 @@ import numba
 import yaml
 from msgspec.structs import replace as struct_replace
 
+from sfr_loc_map.calls.call_files import load_call_stats, save_stats
 from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, InputError
@@ -34,7 +35,6 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_json, to_plain
 from sfr_loc_map.metrics.table.catalogue import KINDS
 from sfr_loc_map.metrics.table.records import Provenance
-from sfr_loc_map.runs.call_files import load_call_stats, save_stats
 from sfr_loc_map.runs.offline import UnderTest, run_localiser, run_mapper, start_pose
 from sfr_loc_map.scoring.inputs import CloudToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run

@@ -7,6 +7,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 
 from helpers.node_scenes import sent
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.metrics.calls.call_meter import METHOD
 from sfr_loc_map.nodes.lifecycle.diagnostics import (
     HealthConfig,
@@ -16,7 +17,6 @@ from sfr_loc_map.nodes.lifecycle.diagnostics import (
     level_of,
     values_of,
 )
-from sfr_loc_map.runs.calls import CallRecord
 
 
 def test_a_call_is_reported_in_readable_values(ros: None) -> None:

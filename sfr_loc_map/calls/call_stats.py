@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.calls.call_record import CallRecord, findings_of, first_reported
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
@@ -16,7 +17,6 @@ from sfr_loc_map.metrics.calls.call_score import Calls, concatenated, stacked, s
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.metrics.table.records import FindingRecord, MethodRecord, ProcessUsage
-from sfr_loc_map.runs.calls import CallRecord, findings_of, first_reported
 from sfr_loc_map.suite_names import Task
 
 SEVERITIES = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}  #: Severity of states; 0 for others.

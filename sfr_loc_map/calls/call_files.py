@@ -21,6 +21,8 @@ import msgspec
 import numpy as np
 
 from sfr_loc_map.atomic import atomic_path
+from sfr_loc_map.calls.call_record import CallRecord, findings_of
+from sfr_loc_map.calls.call_stats import USAGE_NAMES, CallStats, known_or_none, known_times, positions_of, processes_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -33,8 +35,6 @@ from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.errors.consistency import WITHOUT_NOISE
 from sfr_loc_map.metrics.frames.association import UPPER
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
-from sfr_loc_map.runs.call_stats import USAGE_NAMES, CallStats, known_or_none, known_times, positions_of, processes_of
-from sfr_loc_map.runs.calls import CallRecord, findings_of
 
 STATS_SUFFIX = ".stats.csv"  #: Suffix of a file of calls, which replaces the suffix of the result.
 CALL_NAMES = ("stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes")

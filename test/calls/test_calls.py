@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sfr_loc_map.calls.call_files import load_call_stats, save_stats
+from sfr_loc_map.calls.call_record import CallRecord, decode_call, encode_call
+from sfr_loc_map.calls.call_stats import stats_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.calls.call_score import score_calls
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
-from sfr_loc_map.runs.call_files import load_call_stats, save_stats
-from sfr_loc_map.runs.call_stats import stats_of
-from sfr_loc_map.runs.calls import CallRecord, decode_call, encode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import Task
 
