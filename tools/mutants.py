@@ -75,6 +75,7 @@ OTHER_FRAMES = "metrics/errors/other_frames.py"
 INCOMPLETE, FORMULAS_BESIDE = "metrics/judging/incomplete.py", "metrics/formulas_beside.py"
 FORMULAS, SCORE = "metrics/formulas.py", "metrics/errors/trajectory_errors.py"
 SHORTFALLS = "metrics/completeness/shortfall_kinds.py"
+EXPECTED_ITEMS = "metrics/completeness/expected_items.py"
 DRIVES, JOB = "suite/running/drive_copies.py", "suite/running/job.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
@@ -218,7 +219,7 @@ MUTATIONS = (
         "truth.positions[before] + share[:, None] * move",
         "truth.positions[before] + move",
     ),
-    Mutation("metrics/completeness/drive.py", "GAP_PERIODS = 5", "GAP_PERIODS = 7"),
+    Mutation(EXPECTED_ITEMS, "GAP_PERIODS = 5", "GAP_PERIODS = 7"),
     Mutation(SHORTFALLS, 'or true path", 0.01, 0.01', 'or true path", 0.01, 0.013'),
     Mutation("metrics/frames/association.py", "IMAGE_PERIOD_SHARE = 0.4", "IMAGE_PERIOD_SHARE = 0.15"),
     Mutation("metrics/frames/truth_error.py", "[2.0 * of_position] * 3", "[1.0 * of_position] * 3"),
@@ -260,37 +261,27 @@ MUTATIONS = (
     Mutation("metrics/judging/limits_file.py", "minimum_independent=float(independent))", ")"),
     Mutation("metrics/score/limits.py", "name: limited.of_target() for", "name: limited for"),
     # completeness of a drive, a map, calls, a live run
-    Mutation("metrics/completeness/drive.py", "self.has_estimate & self.has_truth", "self.has_estimate"),
+    Mutation(EXPECTED_ITEMS, "self.has_estimate & self.has_truth", "self.has_estimate"),
     Mutation("metrics/completeness/drive.py", "DOUBLED_SHARE = 0.1 ", "DOUBLED_SHARE = 0.6 "),
-    Mutation("metrics/completeness/drive.py", "stamps_ns.max() - in_flight_ns", "stamps_ns.max() - 2 * in_flight_ns"),
-    Mutation(
-        "metrics/completeness/expected_items.py", "max(expected_pairs - mapped, 0), expected_pairs", "0, expected_pairs"
-    ),
-    Mutation("metrics/completeness/expected_items.py", "max(known, default=None)", "min(known, default=None)"),
-    Mutation("metrics/completeness/expected_items.py", "not_finite, points + not_finite)", "not_finite, points)"),
-    Mutation("metrics/completeness/expected_items.py", "np.isfinite(measured)", "~np.isinf(measured)"),
-    Mutation("metrics/completeness/expected_items.py", "counts[~is_of_drive].sum()", "(~is_of_drive).sum()"),
+    Mutation(EXPECTED_ITEMS, "stamps_ns.max() - in_flight_ns", "stamps_ns.max() - 2 * in_flight_ns"),
+    Mutation(EXPECTED_ITEMS, "max(expected_pairs - mapped, 0), expected_pairs", "0, expected_pairs"),
+    Mutation(EXPECTED_ITEMS, "max(known, default=None)", "min(known, default=None)"),
+    Mutation(EXPECTED_ITEMS, "not_finite, points + not_finite)", "not_finite, points)"),
+    Mutation(EXPECTED_ITEMS, "np.isfinite(measured)", "~np.isinf(measured)"),
+    Mutation(EXPECTED_ITEMS, "counts[~is_of_drive].sum()", "(~is_of_drive).sum()"),
     Mutation("scoring/score_parts.py", "UNEVEN_PERIODS, UNEVEN_SHARE = 2.5,", "UNEVEN_PERIODS, UNEVEN_SHARE = 1.5,"),
     Mutation("scoring/score_parts.py", "periods_ns[is_long].sum()", "periods_ns[is_long].min(initial=0)"),
-    Mutation("metrics/completeness/expected_items.py", "(counts - 1).sum()", "(counts - 2).sum()"),
-    Mutation(
-        "metrics/completeness/expected_items.py",
-        "repeated_stamps + len(pairs) - len(np.unique(pairs))",
-        "repeated_stamps",
-    ),
+    Mutation(EXPECTED_ITEMS, "(counts - 1).sum()", "(counts - 2).sum()"),
+    Mutation(EXPECTED_ITEMS, "repeated_stamps + len(pairs) - len(np.unique(pairs))", "repeated_stamps"),
     Mutation("metrics/completeness/drive.py", 'single_run_stamps(truth, "ground truth")', "pass"),
     Mutation("metrics/frames/association.py", "np.lexsort((difference[near], image[near]))", "np.argsort(image[near])"),
     Mutation("metrics/frames/association.py", "return rows[chosen] if len(chosen) else rows", "return rows[chosen]"),
     Mutation(
         "metrics/frames/association.py", "near = np.flatnonzero(difference <= near_ns)", "near = np.arange(len(image))"
     ),
-    Mutation(
-        "metrics/completeness/expected_items.py",
-        "share_of(many - judged, many)",
-        "share_of(max(many - len(given), 0), many)",
-    ),
-    Mutation("metrics/completeness/expected_items.py", "judged, many = min(judged, 1), 1", "judged, many = 1, 1"),
-    Mutation("metrics/completeness/expected_items.py", "received, received + dropped)", "received, received)"),
+    Mutation(EXPECTED_ITEMS, "share_of(many - judged, many)", "share_of(max(many - len(given), 0), many)"),
+    Mutation(EXPECTED_ITEMS, "judged, many = min(judged, 1), 1", "judged, many = 1, 1"),
+    Mutation(EXPECTED_ITEMS, "received, received + dropped)", "received, received)"),
     # calls
     Mutation("metrics/calls/call_score.py", "known <= period_s", "known < period_s"),
     Mutation("metrics/calls/call_score.py", "float(np.mean(known)) / period_s", "float(np.median(known)) / period_s"),
@@ -384,11 +375,11 @@ MUTATIONS = (
     Mutation("scoring/score_run.py", "fitted_unit(run.convention) or ", ""),
     Mutation("metrics/diagnosis/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
     Mutation(
-        "metrics/completeness/drive.py",
+        EXPECTED_ITEMS,
         "estimates_ns[~is_covered]",
         "estimates_ns[(estimates_ns < true_ns[0]) | (estimates_ns > true_ns[-1])]",
     ),
-    Mutation("metrics/completeness/drive.py", "estimates_ns[~is_covered]", "estimates_ns[:0]"),
+    Mutation(EXPECTED_ITEMS, "estimates_ns[~is_covered]", "estimates_ns[:0]"),
     # a path without images, a range without pixels, a stationary rover
     Mutation(
         "metrics/completeness/drive.py", "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"

@@ -8,14 +8,13 @@ from typing import Any
 from msgspec.structs import replace
 
 from sfr_loc_map.io.truth.config import NO_LEVER, NO_TURN
-from sfr_loc_map.metrics.completeness.expected_items import share_rows
-from sfr_loc_map.metrics.completeness.shortfall_kinds import IN_GAPS, JUDGED
+from sfr_loc_map.metrics.completeness.expected_items import rows_of_known_images
+from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.judging.judge import with_verdicts
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_dict
 from sfr_loc_map.metrics.table.row_part import Scope
-from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.report.limit_bars import limit_bars
 from sfr_loc_map.report.plotted_data import error_sizes
 from sfr_loc_map.report.score_tables import score_tables
@@ -58,10 +57,8 @@ class ShownScore:
         association = self.score.association
         if not images or association is None or association.images is not None:
             return self
-        share = (images - posed) / images
-        judged_drive = self.score.number(JUDGED, part=Scope.DRIVE) or 0.0
-        known = figure_row(JUDGED, part=Scope.DRIVE, n=images, value=judged_drive * (1.0 - share))
-        replaced = [known, *share_rows("missing", images - posed, images), figure_row(IN_GAPS, value=share)]
+        judged_share = self.score.number(JUDGED, part=Scope.DRIVE) or 0.0
+        replaced = list(rows_of_known_images(judged_share, posed, images))
         keys = {(row.figure, row.part) for row in replaced}
         others = [row for row in self.score.figures if (row.figure, row.part) not in keys]
         figures = (*others, *replaced)

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, concatenated, has_memory
-from sfr_loc_map.metrics.completeness.drive import settled
-from sfr_loc_map.metrics.completeness.expected_items import live_completeness
+from sfr_loc_map.metrics.completeness.expected_items import live_completeness, settled
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score

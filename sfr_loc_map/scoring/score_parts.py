@@ -18,16 +18,18 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.calls.call_score import (
     KINDS_OF,
-    completeness_of_answers,
     completeness_rows,
     concatenated,
     score_calls,
     score_target,
     with_external,
 )
-from sfr_loc_map.metrics.completeness.drive import SPARSER
-from sfr_loc_map.metrics.completeness.expected_items import expected_row, share_rows
-from sfr_loc_map.metrics.completeness.shortfall_kinds import IN_GAPS
+from sfr_loc_map.metrics.completeness.expected_items import (
+    SPARSER,
+    answers_completeness,
+    rows_without_cloud,
+    rows_without_poses,
+)
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
@@ -35,8 +37,8 @@ from sfr_loc_map.metrics.frames.aligned_error import aligned_errors
 from sfr_loc_map.metrics.score.caveats import truth_caveats
 from sfr_loc_map.metrics.table.records import Association, TargetRun
 from sfr_loc_map.metrics.table.results import CallsResult, MapResult, TrajectoryResult
-from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
+from sfr_loc_map.metrics.table.row_part import Place
+from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
 from sfr_loc_map.suite_names import Task
@@ -94,10 +96,7 @@ def with_aligned_errors(result: TrajectoryResult, drive: DriveToScore, config: A
 
 def result_without_poses(images: int) -> TrajectoryResult:
     """Return the result of a drive without an estimate for any image; `images` is their number."""
-    if not images:
-        return TrajectoryResult()
-    rows = (expected_row(RowPart(Scope.DRIVE), 0, images), *share_rows("missing", images, images))
-    return TrajectoryResult(figures=(*rows, figure_row(IN_GAPS, value=1.0)))
+    return TrajectoryResult(figures=tuple(rows_without_poses(images))) if images else TrajectoryResult()
 
 
 def _uneven_estimates(drive: DriveToScore, association: Association) -> Iterator[str]:
@@ -147,10 +146,7 @@ def map_result(made: CloudToScore, config: MapScoreConfig, expected_pairs: int |
 
 def result_without_cloud(pairs: int) -> MapResult:
     """Return the result of mapping `pairs` pairs without a cloud."""
-    if not pairs:
-        return MapResult()
-    rows = share_rows("pairs_without_cloud", pairs, pairs)
-    return MapResult(figures=(expected_row(RowPart(Scope.MAP), 0, pairs), *rows))
+    return MapResult(figures=tuple(rows_without_cloud(pairs))) if pairs else MapResult()
 
 
 def _pixel_warnings(cloud: PointCloud, truths: Sequence[PairTruth]) -> Iterator[str]:
@@ -182,7 +178,7 @@ def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detail
         return replace(scored, figures=(*scored.figures, *expected))
     scored = with_external(scored, node)
     others = [row for row in expected if row.call not in KINDS_OF[Task(node.task)]]
-    return replace(scored, figures=(*scored.figures, *others, *completeness_of_answers(node)))
+    return replace(scored, figures=(*scored.figures, *others, *answers_completeness(node)))
 
 
 def with_target(

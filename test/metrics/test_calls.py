@@ -11,14 +11,13 @@ from sfr_loc_map.metrics.calls.call_score import (
     AFTER_FIRST,
     FIRST,
     Calls,
-    completeness_of_answers,
     completeness_rows,
     score_calls,
     score_target,
     stage_of,
     with_external,
 )
-from sfr_loc_map.metrics.completeness.expected_items import calls_completeness
+from sfr_loc_map.metrics.completeness.expected_items import answers_completeness, calls_completeness
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.score.score import Score
@@ -192,7 +191,7 @@ def test_no_kind_of_mapping_call_that_an_external_node_states_is_one_that_was_me
         assert score.figure("peak", part=kind) is None
         assert score.number("peak", part=f"stated {kind}") == 1e6
     assert not any(row.clause for row in score.figures)
-    rows = Score(figures=tuple(completeness_of_answers(node)))
+    rows = Score(figures=tuple(answers_completeness(node)))
     found = [rows.rows(name)[0].value for name in ("judged", "calls_missing", "calls_other", "calls_doubled")]
     assert found == [0.75, 0.25, 0.2, 0.2]
 

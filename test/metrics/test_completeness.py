@@ -12,8 +12,13 @@ from helpers.random_drives import as_score
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.completeness.copies import spline_positions
-from sfr_loc_map.metrics.completeness.drive import settled, single_run_stamps, true_path
-from sfr_loc_map.metrics.completeness.expected_items import calls_completeness, live_completeness, map_completeness
+from sfr_loc_map.metrics.completeness.drive import single_run_stamps, true_path
+from sfr_loc_map.metrics.completeness.expected_items import (
+    calls_completeness,
+    live_completeness,
+    map_completeness,
+    settled,
+)
 from sfr_loc_map.metrics.config import AssociationConfig, CallKind, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates, associate

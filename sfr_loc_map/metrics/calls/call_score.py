@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE
-from sfr_loc_map.metrics.completeness.expected_items import calls_completeness, expected_row, share_of
+from sfr_loc_map.metrics.completeness.expected_items import calls_completeness
 from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.table.catalogue import Subject, clause_of
 from sfr_loc_map.metrics.table.details import CallHistogram, CallPlots, CallSeries, column
@@ -310,15 +310,3 @@ def with_external(scored: CallsResult, node: ExternalScore) -> CallsResult:
         method = f"{kind}: {node.process.method}{f'; others: {records.memory_method or UNKNOWN}' if others else ''}"
     records = replace_row(records, clocks=clocks, memory_method=method)
     return replace(scored, figures=(*measured, *figures), records=records)
-
-
-def completeness_of_answers(node: ExternalScore) -> Iterator[Figure]:
-    """Yield the completeness of the calls of an external node, from its answers and the published pairs."""
-    kind, answers = CallKind(node.task), node.answers
-    received = answers.answered + answers.late + answers.doubled + answers.other_stamp
-    yield expected_row(RowPart(Scope.CALLS, kind), answers.answered, answers.pairs)
-    yield figure_row("calls_missing", part=kind, n=answers.pairs, value=share_of(answers.missing, answers.pairs))
-    yield figure_row("calls_other", part=kind, n=received, value=share_of(answers.other_stamp, received))
-    yield figure_row("calls_doubled", part=kind, n=received, value=share_of(answers.doubled, received))
-    if node.process is not None:
-        yield expected_row(RowPart(Scope.MEMORY, kind), 1, 1)  # memory of all its processes over the complete run

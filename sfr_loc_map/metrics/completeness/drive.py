@@ -1,10 +1,9 @@
-"""Completeness of a drive: the expected stamps, those with an estimate and a ground truth, and the gaps.
+"""The rows of completeness of a drive: its expected stamps, and the gaps between its estimates.
 
-The source defines the expected stamps, never the item under test. They are the stamps of the images. If the images are
-unknown, they are the stamps of the ground truth, and of the estimates that have none. `drive_completeness` determines
+`drive_completeness` determines
 
-1. the expected stamps (`expected_without_images`),
-2. which of them have an estimate and a ground truth (`coverage_of`),
+1. the expected stamps (`expected_items.expected_stamps`),
+2. which of them have an estimate and a ground truth (`expected_items.coverage_of`),
 3. the gaps, which are runs of expected stamps without an estimate (`gaps_of`), and
 4. the rows of the table of figures.
 
@@ -27,17 +26,22 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.completeness.expected_items import expected_row, share_of, share_rows
+from sfr_loc_map.metrics.completeness.expected_items import (
+    GAP_PERIODS,
+    coverage_of,
+    coverage_rows,
+    expected_stamps,
+    max_gap_of,
+    settled,
+    share_of,
+)
 from sfr_loc_map.metrics.completeness.shortfall_kinds import HIDDEN_CONDITIONS, IN_GAPS
-from sfr_loc_map.metrics.config import AssociationMode, Condition, ConditionKind
-from sfr_loc_map.metrics.frames.association import has_own, nearness_ns, unique_rows
+from sfr_loc_map.metrics.config import Condition, ConditionKind
+from sfr_loc_map.metrics.frames.association import unique_rows
 from sfr_loc_map.metrics.table.records import Association
-from sfr_loc_map.metrics.table.row_part import RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 DISTANCE, TIME = "distance", "time"  #: Parts of the rows of the longest gap.
-GAP_PERIODS = 5  #: A gap is a time of more than this number of median periods between neighbouring poses.
-SPARSER = 1.5  #: The truth is sparser than the images if the ratio of their median periods exceeds this.
 DOUBLED_SHARE = 0.1  #: A file contains two runs if the fraction of repeated stamps with another position exceeds this.
 
 
@@ -52,39 +56,6 @@ class TruePath(NamedTuple):
         begin_ns = self.stamps_ns[0]
         since_ns = (self.stamps_ns - begin_ns).astype(np.float64)  # differences of stamps are exact in float64
         return np.asarray(np.interp((stamps_ns - begin_ns).astype(np.float64), since_ns, self.travelled_m))
-
-
-class Coverage(NamedTuple):
-    """The ascending expected stamps of a drive, and which of them have an estimate and a ground truth."""
-
-    expected_ns: IntArray  #: `(E,)`
-    has_estimate: Mask  #: `(E,)`
-    has_truth: Mask  #: `(E,)` with a ground truth with which the estimate, if there is one, is compared.
-
-    @property
-    def expected(self) -> int:
-        """The number of expected stamps."""
-        return len(self.expected_ns)
-
-    @property
-    def judged(self) -> int:
-        """The number of expected stamps with an estimate and a ground truth."""
-        return int(np.count_nonzero(self.has_estimate & self.has_truth))
-
-    @property
-    def missing(self) -> int:
-        """The number of expected stamps without an estimate."""
-        return int(np.count_nonzero(~self.has_estimate))
-
-    @property
-    def without_truth(self) -> int:
-        """The number of expected stamps without a ground truth."""
-        return int(np.count_nonzero(~self.has_truth))
-
-    @property
-    def missing_share(self) -> float:
-        """The fraction of the expected stamps that have no estimate; 1 if no stamp is expected."""
-        return self.missing / self.expected if self.expected else 1.0
 
 
 class Gaps(NamedTuple):
@@ -138,12 +109,9 @@ def drive_completeness(
     estimates_ns = single_run_stamps(estimate, "estimate")
     single_run_stamps(truth, "ground truth")
     path = true_path(truth, estimates_ns, in_flight_ns)
+    expected_ns = expected_stamps(image_stamps_ns, estimates_ns, path.stamps_ns, association, in_flight_ns)
     if image_stamps_ns is not None and len(image_stamps_ns):
-        expected_ns = settled(np.unique(image_stamps_ns), estimates_ns, in_flight_ns)
         association = msgspec.structs.replace(association, images=len(expected_ns))
-    else:
-        due_ns = settled(estimates_ns, estimates_ns[:0], in_flight_ns)
-        expected_ns = expected_without_images(due_ns, path.stamps_ns, association)
     coverage = coverage_of(expected_ns, estimates_ns, frames_ns, path.stamps_ns, association)
     gaps = evident = gaps_of(expected_ns, ~coverage.has_estimate)
     evidently_missing = coverage.missing_share
@@ -161,25 +129,13 @@ def drive_completeness(
     return association, rows
 
 
-def coverage_rows(coverage: Coverage, association: Association, estimates: int) -> Iterator[Figure]:
-    """Yield the rows that count expected stamps, frames and estimates. `estimates` are different stamps."""
-    expected = coverage.expected
-    yield expected_row(RowPart(Scope.DRIVE), coverage.judged, expected)
-    yield from share_rows("missing", coverage.missing, expected)
-    yield from share_rows("images_without_truth", coverage.without_truth, expected)
-    yield from share_rows("lost", association.lost, association.matched)
-    yield from share_rows("degraded", association.degraded, association.matched)
-    yield from share_rows("unmatched", estimates - association.matched, estimates)
-    yield from share_rows("doubled", association.estimate_duplicates, association.estimate_poses)
-
-
 def longest_gap_rows(longest: LongestGap) -> Iterator[Figure]:
     """Yield the longest distance and the longest time without an estimate."""
     yield figure_row("longest_gap", part=DISTANCE, value=longest.distance_m)
     yield figure_row("longest_gap", part=TIME, unit="s", value=longest.time_s)
 
 
-# ---- expected stamps
+# ---- the two inputs: poses of one run, and the true path
 
 
 def single_run_stamps(poses: Trajectory, what: str) -> IntArray:
@@ -197,104 +153,12 @@ def single_run_stamps(poses: Trajectory, what: str) -> IntArray:
     return unique
 
 
-def settled(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> IntArray:
-    """Return the ascending stamps whose results are due.
-
-    Results are due up to the stamp of the last result, and for stamps that are older than `in_flight_ns`.
-    """
-    if not in_flight_ns or not len(stamps_ns):
-        return stamps_ns
-    due_ns = stamps_ns.max() - in_flight_ns
-    if len(results_ns):
-        due_ns = max(due_ns, results_ns.max())
-    return np.asarray(stamps_ns[stamps_ns <= due_ns])
-
-
 def true_path(truth: Trajectory, estimates_ns: IntArray, in_flight_ns: int) -> TruePath:
     """Return the path of the true poses whose results are due."""
     rows = unique_rows(truth.stamps_ns)
     stamps_ns = settled(truth.stamps_ns[rows], estimates_ns, in_flight_ns)
     steps_m = np.linalg.norm(np.diff(truth.positions[rows[: len(stamps_ns)]], axis=0), axis=1)
     return TruePath(stamps_ns, np.append(0.0, np.cumsum(steps_m)))
-
-
-def expected_without_images(estimates_ns: IntArray, true_ns: IntArray, association: Association) -> IntArray:
-    """Return the stamps of true poses, and of the estimates before, after and in gaps of the truth; inputs ascend.
-
-    If the images are unknown, these estimates count as images without a truth.
-    """
-    if len(true_ns) < 2:
-        return true_ns
-    near_ns = nearness_ns(estimates_ns, tolerance_of(association))
-    is_covered = is_spanned(estimates_ns, true_ns, near_ns, association)
-    return np.union1d(true_ns, estimates_ns[~is_covered])
-
-
-def tolerance_of(association: Association) -> int:
-    """Return the largest difference between stamps that are considered equal, ns."""
-    return round(association.tolerance_s * NS_PER_S)
-
-
-def max_gap_of(association: Association) -> int:
-    """Return the longest gap of the truth that is interpolated, ns."""
-    return round(association.max_gap_s * NS_PER_S)
-
-
-# ---- coverage
-
-
-def coverage_of(
-    expected_ns: IntArray, estimates_ns: IntArray, frames_ns: IntArray, true_ns: IntArray, association: Association
-) -> Coverage:
-    """Return which expected stamps have an estimate and a ground truth; all stamps ascend."""
-    near_ns = nearness_ns(expected_ns, tolerance_of(association))
-    has_estimate = has_own(expected_ns, estimates_ns, near_ns)
-    has_frame = has_own(expected_ns, frames_ns, near_ns)
-    has_truth = is_spanned(expected_ns, true_ns, near_ns, association)
-    has_truth &= has_frame | ~has_estimate | ~needs_frame(expected_ns, true_ns, near_ns, association.mode)
-    return Coverage(expected_ns, has_estimate, has_truth)
-
-
-def needs_frame(expected_ns: IntArray, true_ns: IntArray, near_ns: int, mode: AssociationMode | str) -> Mask:
-    """Return which expected stamps are judged only if their estimate is a frame; both stamps are ascending.
-
-    A frame is an estimate paired with a true pose (docs/metrics.md). No figure contains the error of an estimate that
-    is not a frame. With an interpolated truth, every estimate is expected to be a frame. With a matched truth, every
-    estimate at a true pose is expected to be a frame: every estimate unless the truth is sparser than the images. The
-    ends of the truth are excluded, because a file may have rounded the stamp of an estimate outwards.
-    """
-    if not len(true_ns):
-        return np.zeros(len(expected_ns), np.bool_)
-    is_inside = (expected_ns - near_ns >= true_ns[0]) & (expected_ns + near_ns <= true_ns[-1])
-    is_sparse = min(len(true_ns), len(expected_ns)) > 1 and np.median(np.diff(true_ns)) >= SPARSER * np.median(
-        np.diff(expected_ns)
-    )
-    if mode == AssociationMode.MATCH and is_sparse:
-        is_inside &= has_own(expected_ns, true_ns, near_ns)
-    return np.asarray(is_inside)
-
-
-def is_spanned(expected_ns: IntArray, true_ns: IntArray, near_ns: int, association: Association) -> Mask:
-    """Return which expected stamps the ground truth covers; both stamps are ascending.
-
-    An interpolated truth covers the stamps within `near_ns` of its ends, because files round stamps, but no estimate
-    farther away is a frame. A matched truth may be sparser than the images. Each of its poses therefore covers one of
-    its median periods before and after it. A gap that is longer than both the longest interpolated gap and five median
-    periods is not covered.
-    """
-    if not len(true_ns):
-        return np.zeros(len(expected_ns), np.bool_)
-    usual_ns = float(np.median(np.diff(true_ns))) if len(true_ns) > 1 else 0.0
-    is_matched = association.mode == AssociationMode.MATCH
-    reach_ns = max(tolerance_of(association), round(usual_ns)) if is_matched else near_ns
-    longest_ns = max(max_gap_of(association), GAP_PERIODS * usual_ns)
-    before = np.searchsorted(true_ns, expected_ns, "right") - 1
-    after = np.searchsorted(true_ns, expected_ns, "left")
-    since = expected_ns - true_ns[np.maximum(before, 0)]
-    until = true_ns[np.minimum(after, len(true_ns) - 1)] - expected_ns
-    is_inside = (before >= 0) & (after < len(true_ns)) & (since + until <= longest_ns)
-    is_beside = ((before >= 0) & (since <= reach_ns)) | ((after < len(true_ns)) & (until <= reach_ns))
-    return np.asarray(is_inside | is_beside)
 
 
 def path_without_images(images_ns: IntArray, path: TruePath, max_gap_ns: int) -> float | None:

@@ -5,9 +5,8 @@ limits. `judging.incomplete` finds the shortfalls of a score: for each line, one
 largest complete value. Limits on completeness and the deviations of a test report follow from this table.
 
 To add a shortfall, add its line to `SHORTFALLS`, its figure to `catalogue` and its text to `TEXTS`, and compute the row
-of the figure. The rows of a drive are computed in `drive`, `copies`, `errors.other_frames` and `errors.standing`, those
-of maps, calls and live runs in `expected_items`, those of an external node in `calls.call_score`, and those of a
-missing part in `scoring.score_parts`. A shortfall that depends on more than its figure also has a function in
+of the figure. The rows are computed in `expected_items`, and for a drive also in `drive`, `copies`,
+`errors.other_frames` and `errors.standing`. A shortfall that depends on more than its figure also has a function in
 `judging.incomplete`.
 
 To add a scope, add it to `row_part.Scope`, compute its row `judged`, and state in `judging.limit_scope` which limits

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct
 
 from sfr_loc_map import __version__
-from sfr_loc_map.metrics.completeness.expected_items import expected_row
+from sfr_loc_map.metrics.completeness.expected_items import suite_completeness
 from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limit_scope import limits_about, tasks_of
@@ -21,7 +21,6 @@ from sfr_loc_map.metrics.judging.proof import SEQUENTIAL
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
-from sfr_loc_map.metrics.table.row_part import RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.suite.running.job import GroupKey, Job
 from sfr_loc_map.suite.running.job_outcome import JobFailure, JobState, WorkerRecord
@@ -165,7 +164,7 @@ class Summary:
         """
         needed = self.jobs - self.waiting if self.is_decided else self.jobs
         planned = needed + len(self.refusals)
-        return expected_row(RowPart(Scope.SUITE), len(self.results), planned or None)
+        return suite_completeness(len(self.results), planned or None)
 
     def to_dict(self) -> dict[str, object]:
         """Return the summary as JSON values; each result has its names, figures, verdicts and the file of its score."""
