@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.report.tables import Cell, Column, Table
 
 TERMS: Mapping[str, str] = {
@@ -23,7 +24,7 @@ TERMS: Mapping[str, str] = {
     "n": "number of sub-trajectories, map points or calls of the figure",
     "independent": "number of sub-trajectories divided by the mean number of overlapping sub-trajectories",
     "rmse": "root mean square of the norms of the errors",
-    "p50, p95, p99": "quantiles: 50, 95 or 99 % of the norms of the errors are at most this large",
+    ", ".join(QUANTILES): "quantiles: this percentage of the norms of the errors is at most this large",
     "not enough data": "the figure is undefined, or computed from fewer values than the limits require",
     "DS": "the fixed world frame of the drive: x east, y north, z up",
     "LM": "the local map frame of the map coordinates: fixed to the ground, z up",

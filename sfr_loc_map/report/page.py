@@ -20,7 +20,7 @@ from sfr_loc_map.report.glossary import glossary
 from sfr_loc_map.report.plots import PALETTES, TEMPLATE, Plot
 from sfr_loc_map.report.plotted_data import path_of
 from sfr_loc_map.report.score_plots import score_plots
-from sfr_loc_map.report.score_tables import FIRST_TABLES, score_tables
+from sfr_loc_map.report.score_tables import page_tables
 from sfr_loc_map.report.summary import (
     Banner,
     LookFirst,
@@ -73,16 +73,16 @@ def write_page(score: Score, path: Path) -> None:
 def render_page(score: Score, *, plots: bool = True) -> str:
     """Return the page as HTML. Without plots the page has only tables and no script, ready for print."""
     name, path = data_set_name(score), path_of(score)
-    first, others = parted([*score_tables(score), glossary()], FIRST_TABLES)
+    above, below = page_tables(score)
     page = Page(
         title=f"{name}: {TITLE[0].lower()}{TITLE[1:]}" if name else TITLE,
         facts=run_facts(score),
         banner=banner_of(score),
         look_first=look_first(score),
         warnings=restrictions_of(score),
-        first_tables=first,
+        first_tables=above,
         sections=score_plots(score) if plots else (),
-        tables=others,
+        tables=[*below, glossary()],
         provenance=list(provenance_texts(score).items()),
         every=1 if path is None else path.every,
     )

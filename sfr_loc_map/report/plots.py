@@ -22,6 +22,7 @@ Trace = dict[str, Any]
 Values = Sequence[float | None]
 TRAVELLED = "distance travelled (truth), m"
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
+TITLE_DISTANCE_PX = 8  #: Minimum distance of the title of an axis from its tick labels.
 AXES_IN_SPACE = ("xaxis", "yaxis", "zaxis")
 COLORS = ("@one", "@two", "@three", "@four", "@five")
 PALETTES = {
@@ -122,7 +123,7 @@ def plain(text: str) -> str:
 
 def axis(title: str, **more: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever plotly takes
     """Return an axis whose title names its unit."""
-    return {"title": {"text": title}, "automargin": True, **more}
+    return {"title": {"text": title, "standoff": TITLE_DISTANCE_PX}, "automargin": True, **more}
 
 
 def log_axis(title: str, low: float, high: float, steps: Sequence[int] = (1, 2, 5)) -> dict[str, Any]:

@@ -13,9 +13,10 @@ import numpy as np
 
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.catalogue import KINDS
 from sfr_loc_map.metrics.table.details import MapDetails, PathRows, SubTrajectoryRows
 from sfr_loc_map.metrics.table.row_part import range_of
-from sfr_loc_map.metrics.table.rows import Figure
+from sfr_loc_map.metrics.table.rows import NUMBERS, Figure
 from sfr_loc_map.report.verdict_view import limited_statistic_title
 
 Errors = list[float | None]
@@ -94,6 +95,19 @@ def limits_on(score: Score, figure: str, condition: str | None = None, part: str
         and not item.is_of_target
     ]
     return list(dict.fromkeys(found))
+
+
+def drawn_statistics(score: Score, row: Figure | None) -> dict[str, float]:
+    """Return the statistics of a row that plots of its errors draw as lines, by name; undefined ones are omitted.
+
+    These are the statistics that every view shows, and those with a limit. A sigma is not a level of errors.
+    """
+    if row is None:
+        return {}
+    shown = KINDS[row.figure].shown if row.figure in KINDS else ()
+    limited = {item.statistic for item in score.verdicts if score.row_of(item) is row}
+    wanted = limited.union(shown) - {"sigma", "value"}
+    return {name: value for name in NUMBERS if name in wanted and (value := row.statistic(name)) is not None}
 
 
 def error_sizes(rows: SubTrajectoryRows) -> Errors:

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.catalogue import TOTAL, statistic_title
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.plots import error_scale, largest
-from sfr_loc_map.report.plotted_data import PlottedLimit, error_sizes, limits_on, map_of, plotted_conditions
+from sfr_loc_map.report.plotted_data import (
+    PlottedLimit,
+    drawn_statistics,
+    error_sizes,
+    limits_on,
+    map_of,
+    plotted_conditions,
+)
 from sfr_loc_map.report.tables import number
 
 
@@ -33,8 +41,10 @@ class LineStyle(NamedTuple):
 
 
 DRAWING = Drawing(width=640.0, height=220.0, left=64.0, right=12.0, top=12.0, bottom=46.0)
-DOTTED, SOLID, DASHED = LineStyle("Dotted", "2 3"), LineStyle("Solid", "none"), LineStyle("Dashed", "8 4")
-"""Styles of a mean, of mean + 3 sigma, and of a limit."""
+STYLES = {"mean": LineStyle("Dotted", "2 3"), TOTAL: LineStyle("Solid", "none")}
+"""Styles of the statistics of errors."""
+OTHER_STYLE = LineStyle("Dash-dotted", "8 3 2 3")  #: Style of other statistics.
+LIMIT_STYLE = LineStyle("Dashed", "8 4")
 TICKS = 5  #: Maximum number of ticks of an axis.
 POINTS = 1000  #: Maximum number of marks of map points.
 
@@ -85,6 +95,7 @@ class Series:
     x: Sequence[float | None]
     sizes: Sequence[float | None]  #: Sizes of the errors, before scaling.
     row: Figure | None
+    statistics: Mapping[str, float]  #: Drawn statistics of the row, by name.
     limits: list[PlottedLimit]
     factor: float  #: Factor from the unit of the errors to the unit of the drawing.
     unit: str  #: Unit of the drawing.
@@ -103,18 +114,21 @@ def _of_drive(score: Score) -> Iterator[Series]:
         travelled = "distance travelled at the end, m"
         sizes = error_sizes(plotted.rows)
         factor, unit = error_scale(largest(sizes))
+        position = score.figure("position", condition=condition)
         yield Series(
             title=f"Position error {at_the_end}",
             x_title=travelled,
             y_title="position error",
             x=plotted.at_end_m,
             sizes=sizes,
-            row=score.figure("position", condition=condition),
+            row=position,
+            statistics=drawn_statistics(score, position),
             limits=limits_on(score, "position", condition),
             factor=factor,
             unit=unit,
             mean="norm of the mean",
         )
+        attitude = score.figure("attitude", condition=condition)
         if any(value is not None for value in plotted.rows.attitude_deg):
             yield Series(
                 title=f"Attitude error {at_the_end}",
@@ -122,7 +136,8 @@ def _of_drive(score: Score) -> Iterator[Series]:
                 y_title="attitude error",
                 x=plotted.at_end_m,
                 sizes=plotted.rows.attitude_deg,
-                row=score.figure("attitude", condition=condition),
+                row=attitude,
+                statistics=drawn_statistics(score, attitude),
                 limits=limits_on(score, "attitude", condition),
                 factor=1.0,
                 unit="deg",
@@ -144,6 +159,7 @@ def _of_map(score: Score) -> Iterator[Series]:
         x=ranges,
         sizes=sizes,
         row=row,
+        statistics=drawn_statistics(score, row),
         limits=limits_on(score, "point_error"),
         factor=factor,
         unit=unit,
@@ -157,16 +173,16 @@ class _Line(NamedTuple):
 
 
 def _statistics_of(series: Series) -> Iterator[_Line]:
-    """Yield the lines at the mean and at mean + 3 sigma, the latter with its interval."""
-    row, factor, unit = series.row, series.factor, series.unit
-    if row is not None and row.mean is not None:
-        yield _Line(row.mean * factor, f"{series.mean} {number(row.mean * factor)} {unit}", DOTTED)
-    if row is not None and row.mean_plus_3sigma is not None:
-        text = f"mean + 3 sigma {number(row.mean_plus_3sigma * factor)} {unit}"
-        if row.interval is not None:
-            low, high = (number(bound * factor) for bound in row.interval)
+    """Yield the lines at the statistics of the errors; mean + 3 sigma has its interval."""
+    factor, unit = series.factor, series.unit
+    interval = None if series.row is None else series.row.interval
+    for statistic, value in series.statistics.items():
+        title = series.mean if statistic == "mean" else statistic_title(statistic)
+        text = f"{title} {number(value * factor)} {unit}"
+        if statistic == TOTAL and interval is not None:
+            low, high = (number(bound * factor) for bound in interval)
             text += f" (95 % interval {low} to {high} {unit})"
-        yield _Line(row.mean_plus_3sigma * factor, text, SOLID)
+        yield _Line(value * factor, text, STYLES.get(statistic, OTHER_STYLE))
 
 
 def _drawn(series: Series) -> PrintedPlot:
@@ -179,7 +195,7 @@ def _drawn(series: Series) -> PrintedPlot:
     y_most, y_step = _end_of(max([y for _, y in pairs] + [line.value for line in lines], default=0.0))
     for limit in series.limits:
         level = limit.value * factor
-        lines.append(_Line(level, f"{limit.title} {number(level)} {unit}", DASHED))
+        lines.append(_Line(level, f"{limit.title} {number(level)} {unit}", LIMIT_STYLE))
     return PrintedPlot(
         title=series.title,
         x_title=series.x_title,

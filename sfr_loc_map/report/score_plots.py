@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import Subject, statistic_title
+from sfr_loc_map.metrics.table.catalogue import TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.table.details import ErrorImage, PathRows, PointRows, SubTrajectoryRows, Triangulation
 from sfr_loc_map.metrics.table.row_part import DIRECTIONS, distance_of
 from sfr_loc_map.metrics.table.rows import Figure
@@ -41,6 +42,7 @@ from sfr_loc_map.report.plots import (
 from sfr_loc_map.report.plotted_data import (
     PlottedCondition,
     PlottedLimit,
+    drawn_statistics,
     error_sizes,
     errors_by_range,
     limits_on,
@@ -52,6 +54,8 @@ from sfr_loc_map.report.plotted_data import (
 from sfr_loc_map.report.tables import MIB
 
 AT_THE_END = "distance travelled at the end, m"
+MEAN_OF_VECTORS = "norm of the mean"  #: Title of the mean of error vectors.
+DASHES = {"mean": "dash", TOTAL: "solid"}  #: Dashes of the statistics of errors; others are dotted.
 TRACE_BACK = (
     "sub-trajectory over %{customdata[0]}<br>frames %{customdata[1]} to %{customdata[2]}<br>"
     "stamps %{customdata[3]} to %{customdata[4]} ns"
@@ -93,7 +97,7 @@ def _drive_plots(score: Score) -> list[Plot]:
     return [
         *plots,
         _position(score, conditions),
-        *growth([("mean + 3 sigma", score)]),
+        *(replace(plot, width="full") for plot in growth([("mean + 3 sigma", score)])),
         _directions(score, conditions[0]),
         _angles(score, conditions[0]),
     ]
@@ -103,15 +107,18 @@ def _limit_lines(
     limits: Sequence[PlottedLimit],
     ends: Values,
     factor: float = 1.0,
-    over: str = "",
+    of: str = "",
     hidden_above: float = math.inf,
     **more: Any,  # noqa: ANN401
 ) -> list[Trace]:
-    """Return a line for each limit in the unit of the plot; a limit beyond `hidden_above` is only in the legend."""
+    """Return a line for each limit in the unit of the plot; `of` names the limited errors in the legend.
+
+    A limit beyond `hidden_above` is only in the legend.
+    """
     traces = []
     for limit in limits:
         far = {"visible": "legendonly"} if abs(limit.value * factor) > hidden_above else {}
-        title = f"{limit.title}, {over}" if over else limit.title
+        title = f"{limit.title}, {of}" if of else limit.title
         level = scaled([limit.value] * 2, factor)
         traces.append(line(title, (ends, level), "@bad", dash="longdash", **(more | far)))
     return traces
@@ -241,12 +248,10 @@ def _of_condition(score: Score, plotted: PlottedCondition, k: int, factor: float
     ends = plotted.extent_m
     name = f"error over {over}, n = {_count_of(row)}"
     data = [_marked(plotted, name, errors, unit, color=color, symbol=symbol, **group)]
-    for title, value, dash in (
-        ("norm of the mean", None if row is None else row.mean, "dash"),
-        ("mean + 3 sigma", None if row is None else row.mean_plus_3sigma, "solid"),
-    ):
-        if value is not None:
-            data.append(line(f"{title}, {over}", (ends, scaled([value] * 2, factor)), color, dash=dash, **group))
+    for statistic, value in drawn_statistics(score, row).items():
+        title = MEAN_OF_VECTORS if statistic == "mean" else statistic_title(statistic)
+        level = scaled([value] * 2, factor)
+        data.append(line(f"{title}, {over}", (ends, level), color, dash=DASHES.get(statistic, "dot"), **group))
     limits = limits_on(score, "position", condition)
     data += _limit_lines(limits, ends, factor, over, **(group if k else {}))
     if row is not None and row.interval is not None:
@@ -345,7 +350,7 @@ def _stacked(
         for sign in (1.0, -1.0) if panel.is_signed else (1.0,):
             shown = axes | {"showlegend": sign > 0.0, "legendgroup": f"limits of {panel.title}"}
             limits = [limit._replace(value=sign * limit.value) for limit in panel.limits]
-            data += _limit_lines(limits, ends, over=plotted.over, hidden_above=hidden_above, **shown)
+            data += _limit_lines(limits, ends, of=panel.title, hidden_above=hidden_above, **shown)
         layout[f"yaxis{suffix}"] = axis(f"{panel.title},<br>{unit}", zeroline=True)
     layout["xaxis"] = axis(AT_THE_END)
     return data, layout

@@ -153,6 +153,7 @@ VIEWS = (
 """The tables of figures, in the order of a page. Other rows are in a final table."""
 FIRST_TABLES = ("verdicts", "headline", "covered", "readings")
 """Tables above the plots of a page."""
+ALL_COVERED = "all-covered"  #: Name of the complete table of completeness below the plots.
 SUMMARY = (
     *("headline", "aligned", "map", "time", "memory", "target-time", "target-memory", "external", "method"),
     *("readings", "covered", "verdicts"),
@@ -183,13 +184,39 @@ def score_tables(score: Score) -> list[Table]:
 
 
 def summary_tables(score: Score) -> list[Table]:
-    """Return the tables for the terminal. Completeness is shown without zeros and without the note of the verdict."""
+    """Return the tables for the terminal; completeness is shown without zeros."""
     named = {table.name: table for table in score_tables(score)}
-    if (covered := named.get(COVERED.name)) is not None:
-        shown = zip(rows_of(COVERED, score), covered.rows, strict=True)
-        rows = tuple(cells for (_, row), cells in shown if row.value != 0.0)
-        named[COVERED.name] = replace(covered, rows=rows, note="")
+    if COVERED.name in named:
+        named[COVERED.name] = completeness_without_zeros(score)
     return [named[name] for name in SUMMARY if name in named]
+
+
+def page_tables(score: Score) -> tuple[list[Table], list[Table]]:
+    """Return the tables above and below the plots of a page.
+
+    Completeness is shown above without zeros, and below completely.
+    """
+    above, below = [], []
+    for table in score_tables(score):
+        if table.name == COVERED.name:
+            above.append(completeness_without_zeros(score))
+            below.append(replace(table, name=ALL_COVERED, title=f"{table.title}: all figures"))
+        elif table.name in FIRST_TABLES:
+            above.append(table)
+        else:
+            below.append(table)
+    return above, below
+
+
+def completeness_without_zeros(score: Score) -> Table:
+    """Return the figures of completeness that are not 0, with the number of the others as the note.
+
+    What is incomplete is stated by the verdict, so the note does not repeat it.
+    """
+    every = rows_of(COVERED, score)
+    shown = [(index, row) for index, row in every if row.value != 0.0]
+    zeros = len(every) - len(shown)
+    return figure_table(COVERED.name, COVERED.title, shown, f"{zeros} other figures are 0." if zeros else "")
 
 
 def table_of(score: Score, name: str) -> Table:
@@ -208,11 +235,12 @@ def rows_of(view: View, score: Score) -> list[IndexedRow]:
 
 
 def view_table(view: View, score: Score) -> Table:
-    """Return the table of a view: the statistics of its rows, and the limited statistics."""
+    """Return the table of a view: the statistics of its rows, and those of its rows that have a limit."""
     rows, note = rows_of(view, score), view.note(score)
     if view.statistics is None:
         return figure_table(view.name, view.title, rows, note)
-    wanted = {item.statistic for item in score.verdicts}
+    indices = {index for index, _ in rows}
+    wanted = {item.statistic for item in score.verdicts if item.row in indices}
     for _, row in rows:
         wanted.update(view.statistics(row))
     statistics = [name for name in NUMBERS if name in wanted]

@@ -35,6 +35,8 @@ from sfr_loc_map.report.comparison import comparison_tables
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.methods_page import methods_tables
 from sfr_loc_map.report.page import render_page
+from sfr_loc_map.report.printed_plot import printed_plots
+from sfr_loc_map.report.score_plots import score_plots
 from sfr_loc_map.report.score_tables import score_markdown, score_tables, summary_tables, undefined_of
 from sfr_loc_map.report.table_formats import to_csv, to_rich
 from sfr_loc_map.report.tables import Table
@@ -157,6 +159,11 @@ def check_every_view(statistic: str) -> None:
     assert f"{place},{number!r}" in to_csv(score_tables(score))
     assert f'name="value" value="{number}"' in junit({"score": score})
     assert f'data-key="{place}"' in render_test_report([score])
+    drawn = next(plot for _, plots in score_plots(score) for plot in plots if plot.name == "position")
+    level = next(trace["y"][0] for trace in drawn.data if trace["name"] == f"{statistic}, 5 m")
+    assert level == pytest.approx(1e3 * number, rel=1e-5)
+    printed = printed_plots(score)[0]
+    assert f"{statistic} {shown} mm" in [*(line.text for line in printed.levels), printed.beyond]
     compared = comparison_tables(compare_scores(scores, ["a", "b"]))
     assert any(cells[0].text.startswith("position") and statistic in cells[0].text for cells in compared[1].rows)
     methods = methods_tables(scores, ["a", "b"])[0]

@@ -6,12 +6,14 @@ from msgspec.structs import replace
 from helpers.made_scores import calls, dig, json_of, place_of, whole_score, without
 from sfr_loc_map.metrics.calls.call_score import score_target
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.judging.judge import judged_by
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import Subject
 from sfr_loc_map.metrics.table.records import Association
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
-from sfr_loc_map.report.score_tables import score_markdown, score_tables, summary_tables
+from sfr_loc_map.report.score_tables import page_tables, score_markdown, score_tables, summary_tables
 from sfr_loc_map.report.table_formats import to_csv
 from sfr_loc_map.report.tables import Table
 
@@ -141,6 +143,24 @@ def test_the_terminal_shows_completeness_without_zeros_but_with_what_is_unknown(
     (covered,) = (item for item in summary_tables(score) if item.name == "covered")
     assert [row[0].text for row in covered.rows] == ["missing", "degraded"]
     assert len(table(score, "covered").rows) == 3, "every other view has each row"
+
+
+def test_a_page_shows_completeness_above_the_plots_without_zeros_and_below_completely() -> None:
+    rows = (figure_row("missing", n=300, value=0.5), figure_row("lost", n=300, value=0.0))
+    above, below = page_tables(Score(figures=rows))
+    assert [[row[0].text for row in item.rows] for item in above if item.name == "covered"] == [["missing"]]
+    assert [[row[0].text for row in item.rows] for item in below] == [["missing", "lost"]]
+    names = [item.name for item in (*above, *below)]
+    assert len({*names}) == len(names), "names are anchors of the page"
+
+
+def test_a_table_has_no_statistic_that_is_limited_only_for_other_figures() -> None:
+    point_error = figure_row("point_error", n=9, mean=0.1, sigma=0.1, mean_plus_3sigma=0.4, p95=0.2)
+    position = figure_row("position", "distance=5", "pose", n=9, mean=0.1, sigma=0.1, mean_plus_3sigma=0.4, p95=0.2)
+    limits = parse_limits({"map": {"point_error_p95_m": 0.25}}, "test")
+    score = judged_by(replace(small(), figures=(position, point_error)), limits)
+    assert "p95" in [column.title for column in table(score, "headline").columns]
+    assert "p95" not in [column.title for column in table(score, "readings").columns]
 
 
 def test_host_times_and_those_of_a_target_stand_apart_under_their_names() -> None:

@@ -8,10 +8,10 @@ are computed. To show one more statistic of a figure, add its name to the line. 
 histories, limits, the topics of the monitor and the check of stored scores then include the figure or statistic. Scores
 that were stored without a new statistic remain readable.
 
-Three things have to be changed separately: the topics that `config/sros2_policy.xml` allows by name, the plots, which
-draw mean, mean + 3 sigma, p50 and p95, and the quantiles over the drives of a suite, which is judged by its worst
-drive. A statistic that is added to `compared` adds a test to comparisons and histories, so the Holm correction of
-all other tests changes.
+Plots of the errors of sub-trajectories draw each statistic that is shown or limited. Three things have to be changed
+separately: the topics that `config/sros2_policy.xml` allows by name, the other plots, which draw mean, mean + 3 sigma,
+p50 and p95, and the quantiles over the drives of a suite, which is judged by its worst drive. A statistic that is added
+to `compared` adds a test to comparisons of suites and to histories, so the Holm correction of all other tests changes.
 """
 
 from __future__ import annotations
