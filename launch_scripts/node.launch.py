@@ -4,7 +4,7 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 
 from sfr_loc_map.nodes.launch.launch_parts import common_arguments, one_node
-from sfr_loc_map.nodes.launch.processes import NODES
+from sfr_loc_map.nodes.launch.run_nodes import NODES
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -60,7 +60,7 @@ def live(
         refuse_given(context, of_page, "applies to the page, which is not served with --terminal: omit it")
     require_ros("live")
     propose("sfr replay SRC --live --out DIR", why="a run that is scored while the page shows it")
-    from sfr_loc_map.nodes.launch.run_arguments import remaps_of
+    from sfr_loc_map.nodes.launch.ros_arguments import remaps_of
 
     if not terminal:
         require_live()

@@ -52,13 +52,13 @@ def run(
     require_ros("run")
     propose("sfr doctor", why="checks the inputs of the running nodes")
     from sfr_loc_map.live.live_process import shown_on
-    from sfr_loc_map.nodes.launch.processes import node_names, run_nodes
-    from sfr_loc_map.nodes.launch.run_arguments import node_arguments, split_ros_arguments, topic_rules
+    from sfr_loc_map.nodes.launch.ros_arguments import ros_arguments, split_ros_arguments, topic_rules
+    from sfr_loc_map.nodes.launch.run_nodes import node_names, run_nodes
 
     words, more = split_ros_arguments(names or ())
     nodes = node_names(words)
     with TemporaryDirectory(prefix="sfr-run-") as scratch:
-        arguments = node_arguments(
+        arguments = ros_arguments(
             more,
             config,
             Path(scratch) / "parameters.yaml",

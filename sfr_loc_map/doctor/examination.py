@@ -11,7 +11,6 @@ from sfr_loc_map.doctor.observation import EXPECTED, Observation, ObservedTopic,
 from sfr_loc_map.doctor.swapped_images import StampedImage, are_swapped
 from sfr_loc_map.errors import InputError, split_advice
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.graph_endpoints import COMPARABLE_NS, MUCH_LOST, Publisher, Reliability, loss_fix, silence_of
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
 from sfr_loc_map.issues import Cause, Issue
@@ -20,6 +19,7 @@ from sfr_loc_map.message_types import COMPRESSED, IMAGE
 from sfr_loc_map.stamp_pairing import below_half_period, nearest_stamps
 from sfr_loc_map.suite_names import SIDES
 from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
+from sfr_loc_map.transport_issues import COMPARABLE_NS, MUCH_LOST, Publisher, Reliability, loss_fix, silence_of
 
 VIDEO = {
     "foxglove_msgs/msg/CompressedVideo",

@@ -14,7 +14,6 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.graph_endpoints import Publisher, Reliability
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.files import is_bag
@@ -26,6 +25,7 @@ from sfr_loc_map.io.truth.messages import TRUTH_TYPES
 from sfr_loc_map.message_types import COMPRESSED, FIX, POINT
 from sfr_loc_map.suite_names import SIDES, Task
 from sfr_loc_map.topics import COMPRESSED_END, RAW, RECTIFIED, TOPICS, TRUE_POSES, Role, names
+from sfr_loc_map.transport_issues import Publisher, Reliability
 
 RIGS = tuple(task.rig for task in Task)
 RIG_OF_NODE = {task.node: task.rig for task in Task}

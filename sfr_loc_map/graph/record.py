@@ -14,7 +14,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.graph_endpoints import silence_of
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.writer import BagRecorder
 from sfr_loc_map.ros import environment
@@ -24,6 +23,7 @@ from sfr_loc_map.ros.publishers import publishers_of
 from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.signals import hold, stopping
 from sfr_loc_map.topics import names, rectified_beside
+from sfr_loc_map.transport_issues import silence_of
 
 DEPTH = 200
 DISCOVERY_S = 0.25

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from sfr_loc_map.errors import NodeError, SfrError, split_advice
 from sfr_loc_map.live.run_end import EndFile, RunEnd
 from sfr_loc_map.message_text import one_line
-from sfr_loc_map.nodes.launch.processes import WATCH_S, end_processes, node_process
+from sfr_loc_map.ros.processes import WATCH_S, end_processes, node_process
 from sfr_loc_map.signals import stopping
 
 

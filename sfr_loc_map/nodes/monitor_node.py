@@ -24,7 +24,6 @@ from sfr_loc_map import __version__
 from sfr_loc_map.calls.call_record import decode_call
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
-from sfr_loc_map.graph_endpoints import Reliability
 from sfr_loc_map.inputs import MAX_TEXT_BYTES
 from sfr_loc_map.io.calibration.rectification import rig_of_rectified_infos
 from sfr_loc_map.io.clouds.point_image import points_image
@@ -56,6 +55,7 @@ from sfr_loc_map.scoring.live_score import LiveRun
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import SIDES, Side, Task
 from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TRUE_POINTS, call_topic, configuration_topic
+from sfr_loc_map.transport_issues import Reliability
 
 ESTIMATES, TRUTH = "estimate", "truth"
 SOURCES = (ESTIMATES, TRUTH, NAV_POSE, Task.LOCALISATION, *MappingState)

@@ -2,7 +2,7 @@
 
 `run` replays, saves and scores; the steps of a replay are in `session`:
 
-1. `started_participants` starts each node as a process (`node_arguments` writes its parameters), and an external node
+1. `started_participants` starts each node as a process with its parameters (`arguments_by_node`), and an external node
    if there is one (`external`). `replay_peer` is the ROS node of the replay, to which player and collector belong.
 2. `play_and_collect` publishes the messages of the source when they are due (`player`). After each complete pair, the
    `collector` notes the pair and, in lock step, waits for its results. At the end of the source, the collector waits

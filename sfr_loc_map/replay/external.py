@@ -37,7 +37,6 @@ from sfr_loc_map.metrics.diagnosis.pose_convention import (
 )
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates, symmetric
 from sfr_loc_map.metrics.table.records import ConventionRecord, ExternalScore, MethodKind, MethodRecord
-from sfr_loc_map.nodes.launch.processes import ChildProcess
 from sfr_loc_map.replay.answer_book import AnswerBook
 from sfr_loc_map.replay.options import ExternalOptions
 from sfr_loc_map.replay.process_watch import ProcessWatch, processes_watched
@@ -45,6 +44,7 @@ from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.result import ExternalResult
 from sfr_loc_map.ros import environment, messages
+from sfr_loc_map.ros.processes import ChildProcess
 from sfr_loc_map.ros.publishers import UNKNOWN_NODE
 from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.suite_names import Task

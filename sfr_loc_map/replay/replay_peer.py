@@ -10,9 +10,9 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.live.live_process import LiveProcess
-from sfr_loc_map.nodes.launch.processes import Supervisor
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.peer import Peer
+from sfr_loc_map.ros.processes import Supervisor
 from sfr_loc_map.ros.services import call_service
 from sfr_loc_map.suite_names import MONITOR_NODE, PLAYER_NODE, Task
 from sfr_loc_map.topics import ESTIMATE, REPORT, RESULTS, TRUE_POSES, call_topic

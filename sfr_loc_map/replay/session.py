@@ -25,15 +25,15 @@ from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import decoded
 from sfr_loc_map.metrics.table.catalogue import Subject
-from sfr_loc_map.nodes.launch.processes import ChildProcess, Supervisor, user_command
+from sfr_loc_map.replay.arguments_by_node import arguments_by_node, pairs_per_map
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.external import external_node
-from sfr_loc_map.replay.node_arguments import node_arguments, pairs_per_map
 from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.player import Player
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.ros import environment
+from sfr_loc_map.ros.processes import ChildProcess, Supervisor, user_command
 from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.ros.static_transforms import publish_extrinsics
 from sfr_loc_map.runs.offline import check_count
@@ -175,7 +175,7 @@ def _started_processes(source: Source, options: ReplayOptions) -> Iterator[tuple
             os.environ["ROS_LOG_DIR"] = str(folder / "log")
             stack.callback(os.environ.pop, "ROS_LOG_DIR", None)
         supervisor = stack.enter_context(Supervisor(folder))
-        for node_name, arguments in node_arguments(source, options, folder).items():
+        for node_name, arguments in arguments_by_node(source, options, folder).items():
             supervisor.start(node_name, arguments)
         command = None
         if options.external is not None and options.external.command:

@@ -1,1 +1,1 @@
-"""Basic parts of every program with a ROS node: environment, messages, quality of service, services, transport."""
+"""Parts of every program with a ROS node: environment, processes, messages, quality of service, services, transport."""

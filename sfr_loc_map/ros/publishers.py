@@ -7,7 +7,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from sfr_loc_map.graph_endpoints import Publisher, Reliability
+from sfr_loc_map.transport_issues import Publisher, Reliability
 
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  #: Name that ROS reports for a node that is not discovered yet.
 

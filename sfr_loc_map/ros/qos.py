@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from sfr_loc_map.graph_endpoints import Reliability
+from sfr_loc_map.transport_issues import Reliability
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Profile of a topic that keeps its last message for late subscribers."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sfr_loc_map.graph_endpoints import COMPARABLE_NS
+from sfr_loc_map.transport_issues import COMPARABLE_NS
 
 CLOCK_NOISE_NS = 1_000_000  # tolerance for negative latencies, because clocks are read and rounded differently
 

@@ -18,9 +18,9 @@ from helpers.made_scene import LOC_RIG, write_bag
 from helpers.processes import Process, wait_until
 from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.observation import Observation, ObservedTopic, SourceKind
-from sfr_loc_map.graph_endpoints import Publisher, Reliability
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.message_types import CAMERA_INFO, IMAGE
+from sfr_loc_map.transport_issues import Publisher, Reliability
 
 Edit = broken.Edit
 RIGHT_INFO = "/loc/right/camera_info"

@@ -11,7 +11,7 @@ from helpers.made_scene import compressed_bag
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.nodes.launch.run_arguments import run_arguments, topic_rules
+from sfr_loc_map.nodes.launch.ros_arguments import arguments_of_config, topic_rules
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig
@@ -36,7 +36,7 @@ limits: limits.yaml
 def test_the_nodes_declare_all_that_a_configuration_comes_to(tmp_path: Path) -> None:
     config, written = tmp_path / "sfr.yaml", tmp_path / "parameters.yaml"
     config.write_text(TEXT)
-    arguments = run_arguments(config, written)
+    arguments = arguments_of_config(config, written)
     remaps = dict(word.split(":=") for word in arguments if ":=" in word)
     assert remaps == {
         "loc/left/image_raw": "/cam/left/image_raw",
@@ -61,7 +61,7 @@ def test_what_nodes_cannot_do_is_said(tmp_path: Path) -> None:
     config = tmp_path / "sfr.yaml"
     config.write_text("calibration: {stereo_layout: side_by_side}\n")
     with pytest.raises(ConfigError, match="apply only to recordings"):
-        run_arguments(config, tmp_path / "parameters.yaml")
+        arguments_of_config(config, tmp_path / "parameters.yaml")
 
 
 def test_compressed_topics_of_a_recording_reach_the_nodes(tmp_path: Path) -> None:
@@ -75,7 +75,7 @@ def test_compressed_topics_of_a_recording_reach_the_nodes(tmp_path: Path) -> Non
     old = yaml.safe_dump({"topics": {name.removesuffix("/compressed"): topic for name, topic in wanted.items()}})
     for text in (proposal.text(), old):
         (tmp_path / "sfr.yaml").write_text(text)
-        arguments = run_arguments(tmp_path / "sfr.yaml", tmp_path / "parameters.yaml")
+        arguments = arguments_of_config(tmp_path / "sfr.yaml", tmp_path / "parameters.yaml")
         remaps = dict(word.split(":=") for word in arguments if ":=" in word)
         assert wanted.items() <= remaps.items()
         nodes = yaml.safe_load((tmp_path / "parameters.yaml").read_text())

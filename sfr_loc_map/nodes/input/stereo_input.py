@@ -14,7 +14,6 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.graph_endpoints import MUCH_LOST, loss_fix
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw_infos, rig_of_rectified_infos
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
@@ -31,6 +30,7 @@ from sfr_loc_map.run_order import RunOrder
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.suite_names import SIDES, Side
 from sfr_loc_map.topics import COMPRESSED_END
+from sfr_loc_map.transport_issues import MUCH_LOST, loss_fix
 
 LOSS_WINDOW = 40  #: Minimum number of images over which the fraction lost in transport is computed.
 RECENT = 200  #: Number of stamps kept of each side, to explain why its images make no pair.

@@ -12,7 +12,6 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.graph_endpoints import Reliability, silence_of
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.frames import FrameSeries, PoseRow, chain_above, chain_poses, pose_row
 from sfr_loc_map.io.truth.messages import TRUTH_TYPES, UNKNOWN, TrueRow, TruthReader
@@ -22,6 +21,7 @@ from sfr_loc_map.ros.publishers import publishers_of
 from sfr_loc_map.ros.qos import TF_STATIC_QOS
 from sfr_loc_map.run_order import RunOrder
 from sfr_loc_map.topics import TF, TF_STATIC, TRUE_POSES
+from sfr_loc_map.transport_issues import Reliability, silence_of
 
 MAX_WAITING = 1000  #: Maximum number of transforms per frame that wait for other frames; the oldest are dropped.
 

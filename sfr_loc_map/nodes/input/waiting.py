@@ -8,9 +8,9 @@ from typing import Any
 
 from rclpy.node import Node
 
-from sfr_loc_map.graph_endpoints import Reliability, silence_of
 from sfr_loc_map.issues import Cause, Issue
 from sfr_loc_map.ros.publishers import publishers_of
+from sfr_loc_map.transport_issues import Reliability, silence_of
 
 MORE = "sfr doctor examines the graph"
 ORDER = (Cause.WRONG_TYPE, Cause.QOS, Cause.TRANSPORT, Cause.NO_PUBLISHER, Cause.SILENT)

@@ -1,1 +1,1 @@
-"""Start nodes: their arguments, their processes, and the common parts of the launch files."""
+"""Start nodes: `run_nodes` as processes of `sfr run`, with `ros_arguments`; `launch_parts` in the launch files."""

@@ -12,7 +12,7 @@ from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.nodes.launch.processes import NODES
+from sfr_loc_map.nodes.launch.run_nodes import NODES
 from sfr_loc_map.ros.environment import PROFILE, PROFILE_VARIABLES
 
 PACKAGE = "sfr_loc_map"

@@ -16,9 +16,9 @@ from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, qos_policy_na
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.graph_endpoints import Publisher
 from sfr_loc_map.ros.publishers import publishers_of
 from sfr_loc_map.ros.qos import LATCHED, profile
+from sfr_loc_map.transport_issues import Publisher
 
 
 class Endpoints:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from sfr_loc_map.graph_endpoints import Publisher, Reliability, silence_of
 from sfr_loc_map.issues import Cause
 from sfr_loc_map.message_types import COMPRESSED, IMAGE
+from sfr_loc_map.transport_issues import Publisher, Reliability, silence_of
 
 BEST_EFFORT, RELIABLE = Reliability.BEST_EFFORT, Reliability.RELIABLE
 CASES = {

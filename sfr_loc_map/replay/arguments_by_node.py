@@ -11,14 +11,14 @@ from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.truth.config import TrackedBodyConfig
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.nodes.launch.run_arguments import write_parameters
+from sfr_loc_map.nodes.launch.ros_arguments import write_parameters
 from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.suite_names import MONITOR_NODE, Task
 from sfr_loc_map.topics import RESULTS
 
 
-def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict[str, list[str]]:
+def arguments_by_node(source: Source, options: ReplayOptions, folder: Path) -> dict[str, list[str]]:
     """Write the parameter files of the nodes into a folder; return the command line of each node by its name.
 
     The monitor runs in each replay, with or without a page, because a replay tests the three nodes together. The score

@@ -1,4 +1,4 @@
-"""Write the parameter files of nodes, and derive the arguments of the nodes from an `sfr.yaml`."""
+"""The ROS arguments of nodes: from the options of `sfr run`, and from an `sfr.yaml`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROS_ARGS = "--ros-args"
 NODE_OF_RULE = re.compile(r"\w+:(?!=|//)")  #: Node to which a remapping rule is limited: `NODE:` in `NODE:FROM:=TO`.
 
 
-def node_arguments(
+def ros_arguments(
     more: Sequence[str],
     config: Path | None,
     written: Path,
@@ -33,11 +33,11 @@ def node_arguments(
     namespace: str = "",
     log_level: str = "info",
 ) -> list[str]:
-    """Return the ROS arguments of the nodes, `--ros-args` first; `more` are further ones.
+    """Return the ROS arguments of the nodes of `sfr run`, `--ros-args` first; `more` are further ones.
 
-    The parameters of an `sfr.yaml` are written to the file `written` (`run_arguments`). Later arguments override them.
+    The parameters of an `sfr.yaml` are written to the file `written`. Later arguments override them.
     """
-    arguments = [ROS_ARGS, *(run_arguments(config, written) if config is not None else ())]
+    arguments = [ROS_ARGS, *(arguments_of_config(config, written) if config is not None else ())]
     arguments += ["--log-level", log_level]
     for path in parameter_files:
         if not path.is_file():
@@ -57,7 +57,7 @@ def split_ros_arguments(words: Sequence[str]) -> tuple[list[str], list[str]]:
     return given[:cut], given[cut + 1 :]
 
 
-def run_arguments(config: Path, written: Path) -> list[str]:
+def arguments_of_config(config: Path, written: Path) -> list[str]:
     """Return the arguments of the nodes for an `sfr.yaml`, and write their parameters to a file.
 
     Settings that apply only to recordings raise a ConfigError, because a node receives topics as drivers publish them.

@@ -8,8 +8,8 @@ import pytest
 
 from helpers.processes import wait_until
 from sfr_loc_map.errors import ConfigError, NodeError
-from sfr_loc_map.nodes.launch import processes
-from sfr_loc_map.nodes.launch.processes import Supervisor, node_process, user_command
+from sfr_loc_map.ros import processes
+from sfr_loc_map.ros.processes import Supervisor, node_process, user_command
 
 
 def test_a_hung_node_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

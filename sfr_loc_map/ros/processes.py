@@ -1,4 +1,4 @@
-"""Start, watch and end child processes: nodes of this package, and a command of the user."""
+"""Start, watch and end child processes: programs of this package with a ROS node, and a command of the user."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 
@@ -16,18 +16,13 @@ import psutil
 
 from sfr_loc_map.child_process import adopt_descendants, child_environment, end_with_parent
 from sfr_loc_map.errors import ConfigError, NodeError
-from sfr_loc_map.ros import environment
 from sfr_loc_map.signals import END_SIGNALS, hold
-from sfr_loc_map.suite_names import SUITE_NODES
 
-NODES = tuple(node.removesuffix("_node") for node in SUITE_NODES)  #: Names by which a user starts nodes.
-EVERYTHING = "all"
 ESCALATION = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 """Signals that end processes, each with the time until the next signal, s."""
 START = "sfr_loc_map.nodes.start"  #: Module that runs a node and handles signals before the imports.
 CANNOT_START = 2  #: Exit code of a node with invalid arguments or settings.
-WATCH_S = 0.2
-RESTART_PAUSE_S = 1.0  #: Pause after a restart, so that a node that crashes repeatedly does not load the host.
+WATCH_S = 0.2  #: Period of the check whether a process still runs.
 
 
 class ChildProcess:
@@ -196,37 +191,3 @@ def end_processes(processes: Sequence[ChildProcess]) -> None:
         for process in running:
             with suppress(subprocess.TimeoutExpired):
                 process.popen.wait(max(deadline - time.monotonic(), 0.01))
-
-
-def node_names(chosen: Sequence[str]) -> list[str]:
-    """Return the full names of chosen nodes (of `NODES`, or `all`) without duplicates; all if none is chosen."""
-    for name in chosen:
-        if name not in (*NODES, EVERYTHING):
-            raise ConfigError(
-                f"'{name}' is not a node: give {EVERYTHING}, {', '.join(NODES)}; arguments for ROS follow --ros-args"
-            )
-    everything = not chosen or EVERYTHING in chosen
-    return [f"{name}_node" for name in NODES if everything or name in chosen]
-
-
-def run_nodes(nodes: Sequence[str], arguments: Sequence[str], say: Callable[[str], None], *, respawn: bool) -> None:
-    """Run nodes with the same arguments, each in its own process, until a signal arrives.
-
-    With `respawn`, crashed nodes are restarted and reported by `say`. Without `respawn`, or if a node ends without a
-    crash, a NodeError ends all nodes.
-    """
-    environment.prepare()
-    try:
-        with Supervisor() as supervisor:
-            for node in nodes:
-                supervisor.start(node, arguments)
-            while True:
-                time.sleep(WATCH_S)
-                if not respawn:
-                    supervisor.check()
-                    continue
-                for ending in supervisor.restart_crashed():
-                    say(f"{ending}: restarted")
-                    time.sleep(RESTART_PAUSE_S)
-    except KeyboardInterrupt:
-        return
