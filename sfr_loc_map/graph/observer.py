@@ -33,12 +33,11 @@ from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.messages import message_type, tf_message_type
-from sfr_loc_map.ros.peer import POLL_S, Peer
+from sfr_loc_map.ros.peer import Peer, Unchanged
 from sfr_loc_map.ros.publishers import node_of, publishers_of, reliability_of
 from sfr_loc_map.ros.qos import LATCHED, TF_STATIC_QOS
 from sfr_loc_map.ros.services import call_service
 from sfr_loc_map.ros.static_transforms import add_static_transforms
-from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.suite_names import PLAYER_NODE, SUITE_NODES, Task
 from sfr_loc_map.topics import CLOCK, IMAGES, TF_STATIC, call_topic, rectified_beside
 
@@ -62,7 +61,7 @@ class GraphObserver(Peer):
         self._name_in_graph = {name.strip("/"): found for found, name in self._name_in_suite.items()}
         self._stamps: dict[str, list[int]] = {}
         self._messages = defaultdict[str, list[Any]](list)
-        self._gaps = defaultdict[str, TransportGaps](TransportGaps)
+        self._lost: dict[str, int] = {}  # lost messages by topic, after the observation
         self._frames = FrameTree()
         self._worked: set[str] = set()
 
@@ -89,7 +88,9 @@ class GraphObserver(Peer):
             )
 
         self.spin(FIRST_MESSAGE_S, all_received)
+        self.count_losses()
         self.spin(seconds)
+        self._lost = self.count_losses()
         nodes = tuple(self._ask(name, space) for name, space in self._suite_nodes() if space == "/" + self._namespace)
         in_tf = self._frames.find(RB_FRAME, LOCSB_FRAME) is not None
         is_played = PLAYER_NODE in self.ros_node.get_node_names()
@@ -138,7 +139,7 @@ class GraphObserver(Peer):
         """Subscribe to a topic of the expected type with best effort, which is compatible with all publishers."""
         if set(types) - set(EXPECTED[name]):
             return
-        stamps, messages, gaps = self._stamps.setdefault(name, []), self._messages[name], self._gaps[name]
+        stamps, messages, gaps = self._stamps.setdefault(name, []), self._messages[name], self.count_messages(full_name)
 
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any stamped message
             gaps.add(info)
@@ -160,7 +161,7 @@ class GraphObserver(Peer):
             if info.node_name in SUITE_NODES
         }
         publishers, messages = publishers_of(self.ros_node, full_name), tuple(self._messages[name])
-        stamps_ns, lost = np.array(self._stamps.get(name, []), np.int64), self._gaps[name].lost
+        stamps_ns, lost = np.array(self._stamps.get(name, []), np.int64), self._lost.get(full_name, 0)
         return ObservedTopic(full_name, tuple(types), publishers, stamps_ns, messages, requests, lost)
 
     def _ask(self, name: str, space: str) -> ObservedNode:
@@ -194,14 +195,12 @@ class GraphObserver(Peer):
 
     def _wait_for_discovery(self) -> None:
         """Wait until the graph does not change. Discovery takes about a second, under load several seconds."""
-        begin = changed = time.monotonic()
-        before: Any = None
-        while (now := time.monotonic()) - begin < DISCOVERY_S:
+        unchanged = Unchanged()
+
+        def is_discovered() -> bool:
             topics = self.ros_node.get_topic_names_and_types()
-            graph = (topics, sorted(self.ros_node.get_node_names()))
-            if graph != before:
-                before, changed = graph, now
+            quiet_s = unchanged.seconds((topics, sorted(self.ros_node.get_node_names())))
             images = [name for name, _ in topics if self._name_in_suite.get(name, name).endswith(LEFT_IMAGES)]
-            if now - changed > QUIET_S and any(map(self.ros_node.count_publishers, images)):
-                return
-            self.spin(POLL_S)
+            return quiet_s > QUIET_S and any(map(self.ros_node.count_publishers, images))
+
+        self.spin(DISCOVERY_S, is_discovered)

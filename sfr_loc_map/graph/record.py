@@ -43,7 +43,7 @@ class RecordOptions:
 
 
 def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> dict[str, TransportGaps]:
-    """Record topics into a bag at a new path; return the message counts by topic.
+    """Record topics into a bag at a new path; return the counter of the messages of each topic.
 
     `say` is called with a line for each topic. Losses are counted on topics with a single publisher.
     If no message was received, no bag is written.
@@ -52,6 +52,7 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
         begin = flushed = time.monotonic()
         while not ended():
             recorder.discover(bag)
+            recorder.count_losses()
             now = time.monotonic()
             recorder.spin(DISCOVERY_S, ended)
             if now - flushed > FLUSH_S:
@@ -60,6 +61,7 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
             if options.duration_s is not None and now - begin > options.duration_s:
                 break
         hold()
+        recorder.count_losses()
         silences = recorder.silences()
     if not bag.count:
         shutil.rmtree(path)
@@ -117,11 +119,11 @@ class _Recorder(Peer):
             definition, digest = TYPESTORE.generate_msgdef(msgtype, ros_version=2)[0], TYPESTORE.hash_rihs01(msgtype)
         topic = bag.add_topic(name, msgtype, definition, digest, [_offered_qos(info) for info in infos])
         self._types[name] = (msgtype,)
-        recorded, numbered = self.counts.setdefault(name, TransportGaps()), len(infos) == 1
+        self.counts[name] = gaps = self.count_messages(name)
 
         def received(raw: bytes, info: dict[str, Any]) -> None:
             bag.write(topic, time.time_ns(), raw)
-            recorded.add(info if numbered else {})
+            gaps.add(info)
 
         quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         if all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos):

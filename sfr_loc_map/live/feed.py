@@ -41,7 +41,6 @@ from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
 from sfr_loc_map.ros import messages
 from sfr_loc_map.ros.peer import Peer
 from sfr_loc_map.ros.qos import LATCHED
-from sfr_loc_map.ros.transport import TransportGaps
 from sfr_loc_map.suite_names import SUITE_NODES, Task
 from sfr_loc_map.topics import (
     CAMERAS,
@@ -80,7 +79,6 @@ class RosFeed(Peer):
         super().__init__(page_node_name(os.getpid()), f"/{namespace.strip('/')}", remaps=remaps)
         self._state = state
         self._space = namespace.strip("/")
-        self._gaps: dict[str, TransportGaps] = {}
         self._subscriptions: dict[updates.MediaKind, list[Subscription]] = {}
         self._image_topics: dict[str, str] = {}  # subscribed topic of each image name
         self._depths: dict[str, SampleDepth] = {}
@@ -184,8 +182,7 @@ class RosFeed(Peer):
         self, kind: type[Any], topic: str, callback: Callable[[bytes, float], None], qos: QoSProfile
     ) -> Subscription:
         """Subscribe with a callback that receives serialised messages and their publication times, s."""
-        gaps = self._gaps.setdefault(topic, TransportGaps())
-        gaps.begin_subscription()
+        gaps = self.count_messages(topic)
 
         def received(raw: bytes, info: dict[str, Any]) -> None:
             gaps.add(info)
@@ -282,5 +279,4 @@ class RosFeed(Peer):
         self._truth.follow([str(info.topic_type) for info in published])
         names = self.ros_node.get_node_names_and_namespaces()
         nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)
-        lost = {topic: gaps.lost for topic, gaps in self._gaps.items()}
-        self._state.put(updates.GraphNodes(nodes, time.time(), lost))
+        self._state.put(updates.GraphNodes(nodes, time.time(), self.count_losses()))

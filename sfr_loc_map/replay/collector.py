@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from functools import partial
 
@@ -22,7 +21,7 @@ from sfr_loc_map.replay.external import ExternalNode
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.replay_peer import ANSWER_TIMEOUT_S, ReplayPeer
 from sfr_loc_map.ros.messages import cloud_from_msg, covariance_of, odometry_row
-from sfr_loc_map.ros.peer import POLL_S
+from sfr_loc_map.ros.peer import Unchanged
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import CLOUD, DIAGNOSTICS, ESTIMATE, call_topic
 
@@ -147,12 +146,13 @@ class ResultCollector:
 
     def _wait_while_results_arrive(self, is_complete: Callable[[], bool]) -> None:
         """Wait until a condition holds, or until no result has arrived for `QUIET_S`."""
-        count, last_change_s = self.results.count, time.monotonic()
-        while not is_complete() and time.monotonic() - last_change_s < QUIET_S:
-            self._peer.spin(POLL_S)
+        unchanged = Unchanged()
+
+        def is_over() -> bool:
             self._check_nodes()
-            if self.results.count != count:
-                count, last_change_s = self.results.count, time.monotonic()
+            return is_complete() or unchanged.seconds(self.results.count) >= QUIET_S
+
+        self._peer.spin(math.inf, is_over)
 
     def _on_odometry(self, message: Odometry) -> None:
         self.results.add_pose(odometry_row(message), covariance_of(message))

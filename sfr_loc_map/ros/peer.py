@@ -15,9 +15,26 @@ from rclpy.subscription import Subscription
 from rclpy.utilities import try_shutdown
 
 from sfr_loc_map.ros import environment
+from sfr_loc_map.ros.transport import TransportGaps
 
-POLL_S = 0.05
+POLL_S = 0.05  #: Period at which conditions are checked.
 NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
+
+
+class Unchanged:
+    """Measures for how long a value has not changed."""
+
+    def __init__(self) -> None:
+        """Start with an unknown value."""
+        self._value: object = None
+        self._since_s = time.monotonic()
+
+    def seconds(self, value: object) -> float:
+        """Return the time for which the value has been the same at each call, s."""
+        now_s = time.monotonic()
+        if value != self._value:
+            self._value, self._since_s = value, now_s
+        return now_s - self._since_s
 
 
 class Peer:
@@ -36,6 +53,7 @@ class Peer:
         )
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.ros_node)
+        self._gaps: dict[str, TransportGaps] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -50,6 +68,21 @@ class Peer:
         while not until() and (left := end - time.monotonic()) > 0:
             self.executor.spin_once(timeout_sec=min(left, POLL_S))
         return until()
+
+    def count_messages(self, topic: str) -> TransportGaps:
+        """Return the counter of the messages of a topic, to which a new subscription adds its message infos."""
+        gaps = self._gaps.setdefault(topic, TransportGaps())
+        gaps.begin_subscription()
+        return gaps
+
+    def count_losses(self) -> dict[str, int]:
+        """Return the number of lost messages of each counted topic; not of topics with several publishers.
+
+        This method is called repeatedly, because a publisher may appear or leave at any time.
+        """
+        for topic, gaps in self._gaps.items():
+            gaps.set_several(self.ros_node.count_publishers(self.ros_node.resolve_topic_name(topic)) > 1)
+        return {topic: gaps.lost for topic, gaps in self._gaps.items()}
 
     def subscribe(
         self,
