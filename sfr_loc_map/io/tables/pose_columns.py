@@ -15,6 +15,7 @@ POSITION = ("x", "y", "z")
 QUATERNION = ("qx", "qy", "qz", "qw")
 SCALAR_FIRST = ("qw", "qx", "qy", "qz")
 MATRIX = tuple(f"m{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3, 4))
+LAST_ROW = ("m41", "m42", "m43", "m44")  #: Row of a 4 x 4 matrix, which is 0, 0, 0, 1.
 DOWN = "down"  #: A height that is positive downwards; z is its negative.
 METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
 COVARIANCES = {

@@ -13,13 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.plausibility import plausible_attitudes, plausible_positions, plausible_rotations
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.io.tables.column_names import unknown_header, without_names
 from sfr_loc_map.io.tables.number_text import number_or_nan
 from sfr_loc_map.io.tables.pose_columns import (
     FRAME,
+    LAST_ROW,
     MATRIX,
     NANOSECONDS,
     POSITION,
@@ -46,6 +47,8 @@ class Layout:
 
 _POSE = (*POSITION, *QUATERNION)
 _POSE_SCALAR_FIRST = (*POSITION, *SCALAR_FIRST)
+_BY_COLUMNS = tuple(f"m{row}{column}" for column in (1, 2, 3, 4) for row in (1, 2, 3))
+_BY_COLUMNS_4 = tuple(f"m{row}{column}" for column in (1, 2, 3, 4) for row in (1, 2, 3, 4))
 LAYOUTS = (
     Layout("TUM (t x y z qx qy qz qw)", (STAMP, *_POSE), " "),
     Layout("TUM with commas (t,x,y,z,qx,qy,qz,qw)", (STAMP, *_POSE), ",", (8,)),
@@ -54,9 +57,11 @@ LAYOUTS = (
     Layout("sec nsec x y z qx qy qz qw", (SECONDS, NANOSECONDS, *_POSE), "", (9,)),
     Layout("KITTI (3 x 4 matrix)", MATRIX, "", (12,)),
     Layout("KITTI-360 (frame and 3 x 4 matrix)", (FRAME, *MATRIX), "", (13,)),
-    Layout("KITTI-360 (frame and 4 x 4 matrix)", (FRAME, *MATRIX), "", (17,)),
+    Layout("KITTI-360 (frame and 4 x 4 matrix)", (FRAME, *MATRIX, *LAST_ROW), "", (17,)),
     Layout("MulRan (t and 3 x 4 matrix)", (STAMP, *MATRIX), "", (13,)),
-    Layout("t and 4 x 4 matrix", (STAMP, *MATRIX), "", (17,)),
+    Layout("t and 4 x 4 matrix", (STAMP, *MATRIX, *LAST_ROW), "", (17,)),
+    Layout("t and 3 x 4 matrix, column by column", (STAMP, *_BY_COLUMNS), "", (13,)),
+    Layout("t and 4 x 4 matrix, column by column", (STAMP, *_BY_COLUMNS_4), "", (17,)),
     Layout("t x y z", (STAMP, *POSITION), "", (4,)),
 )
 """All supported layouts without a header; docs/formats.md contains the same table."""
@@ -66,6 +71,7 @@ HALF_FIT = 0.5  #: Minimum fraction if no layout reaches `FIT`, so that error me
 LEVEL = 0.5  #: Smallest vertical component of the upward axis of a level vehicle: a tilt of 60 deg.
 FORWARD = 0.5  #: Smallest mean component along the path of the forward axis of a vehicle that drives forward.
 CHORDS = 50  #: Number of parts of a path; their chords are longer than the position noise.
+HEADING_FIT = 0.1  #: Largest deviation of headings from the path, as a fraction of the deviation of a straight line.
 _SCALAR_FIRST_TEXT = re.compile(r"\bq?_?w\W+q?_?x\W+q?_?y\W+q?_?z\b|\bwxyz\b", re.IGNORECASE)
 _SCALAR_LAST_TEXT = re.compile(r"\bq?_?x\W+q?_?y\W+q?_?z\W+q?_?w\b|\bxyzw\b", re.IGNORECASE)
 
@@ -83,6 +89,7 @@ def columns_of_layout(head: TableHead) -> PoseColumns:
     layout = _only_layout(head, table)
     _check_stated_order(head, layout)
     _check_scalar_is_last(head, layout, table)
+    _check_height_is_no_heading(head, layout, table)
     index_of = {key: index for index, key in enumerate(layout.keys)}
     ignored = tuple(f"#{number + 1}" for number in range(len(layout.keys), width))
     units = {STAMP: layout.unit} if layout.unit and STAMP in index_of else {}
@@ -154,8 +161,10 @@ def _fitting_rows(keys: Sequence[str], rows: FloatArray) -> Mask:
     if "qw" in index_of:
         fitting &= plausible_attitudes(rows[:, [index_of[key] for key in QUATERNION]])
     if MATRIX[0] in index_of:
-        first = index_of[MATRIX[0]]
-        fitting &= plausible_rotations(rows[:, first : first + 12].reshape(-1, 3, 4)[:, :, :3])
+        matrices = rows[:, [index_of[key] for key in MATRIX]].reshape(-1, 3, 4)
+        fitting &= plausible_rotations(matrices[:, :, :3])
+    if LAST_ROW[0] in index_of:
+        fitting &= (rows[:, [index_of[key] for key in LAST_ROW]] == (0.0, 0.0, 0.0, 1.0)).all(axis=1)
     if NANOSECONDS in index_of:
         fraction = rows[:, index_of[NANOSECONDS]]
         fitting &= (fraction >= 0.0) & (fraction < NS_PER_S) & _is_integer(fraction) & _is_integer(rows[:, 0])
@@ -230,14 +239,49 @@ def _check_scalar_is_last(head: TableHead, layout: Layout, table: FloatArray) ->
     )
 
 
+def _check_height_is_no_heading(head: TableHead, layout: Layout, table: FloatArray) -> None:
+    """Raise InputError if the last column of `t x y z` is the heading of a planar pose, in radians or degrees.
+
+    A heading points along the path. A height does not, except for a straight path.
+    """
+    if layout.keys != (STAMP, *POSITION):
+        return
+    rows = table[np.isfinite(table[:, : len(layout.keys)]).all(axis=1)]
+    rows = rows[plausible_positions(rows[:, 1:4])]
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    path, last = rows[:, 1:3], rows[:, 3]
+    curvature = 1.0 - _straightness(path)
+    for unit, heading_rad in (("radians", last), ("degrees", np.radians(last))):
+        axis = np.stack((np.cos(heading_rad), np.sin(heading_rad)), axis=1)
+        if 1.0 - _along_path(axis, path) < HEADING_FIT * curvature:
+            raise InputError(
+                f"{head.name} has four columns and no header, and the last one is the heading of the path in {unit}, "
+                f"not a height: a position with a height is required: add a column of heights, and "
+                f"{head.named_by('t[s],x,y,z')}"
+            )
+
+
+def _straightness(path: FloatArray) -> float:
+    """Return the length of the mean direction of a path `(N, 2)`: 1 for a straight path, 0 for a closed one."""
+    ends = _ends_of_chords(path)
+    chords = np.diff(path[ends], axis=0)
+    length = np.linalg.norm(chords, axis=1).sum()
+    return float(np.linalg.norm(chords.sum(axis=0)) / length) if length > 0.0 else 1.0
+
+
+def _ends_of_chords(positions: FloatArray) -> IntArray:
+    """Return the rows of positions `(N, K)` that divide a path into at most `CHORDS` chords."""
+    return np.unique(np.linspace(0, len(positions) - 1, CHORDS + 1).astype(np.int64))
+
+
 def _forward_and_upward(rotations: FloatArray) -> tuple[tuple[FloatArray, FloatArray], ...]:
     """Return the forward axis `(N, 3)` and the vertical component of the upward axis `(N,)`, of a body and a camera."""
     return (rotations[:, :, 0], rotations[:, 2, 2]), (rotations[:, :, 2], -rotations[:, 2, 1])
 
 
 def _along_path(axis: FloatArray, positions: FloatArray) -> float:
-    """Return the mean component of an axis `(N, 3)` along a path `(N, 3)`: -1 to 1, and 0 for a stationary body."""
-    ends = np.linspace(0, len(positions) - 1, CHORDS + 1).astype(np.int64)
+    """Return the mean component of an axis `(N, K)` along a path `(N, K)`: -1 to 1, and 0 for a stationary body."""
+    ends = _ends_of_chords(positions)
     chords = np.diff(positions[ends], axis=0)
     length = np.linalg.norm(chords, axis=1).sum()
     return float(np.sum(axis[ends[:-1]] * chords) / length) if length > 0.0 else 0.0

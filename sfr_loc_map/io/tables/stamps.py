@@ -33,6 +33,8 @@ LATEST_CLOCK_S = 4.62e9  #: 146 years after 1970, the limit of stamps; larger nu
 LONGEST_SENSOR_STEP = 10.0  #: Longest step of stamps from which seconds are inferred.
 SECONDS_OR_MILLISECONDS = 1.0  #: Shortest step of stamps that a sensor may have in seconds and in milliseconds.
 LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps in seconds.
+EARLIEST_DAY = 1e4  #: Days of Excel, MATLAB and Julian dates are larger numbers.
+LONGEST_STEP_DAY = 1e-4  #: Longest step of a sensor, days (9 s).
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 _BELOW_MICROSECONDS = re.compile(r"[.,][0-9]{6}([0-9]{1,3})")
 
@@ -147,7 +149,8 @@ def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
     """Return the unit of stamps, inferred from their magnitude; empty if several units are possible.
 
     Stamps of a clock are between 1979 and 2116 in only one unit. Other stamps are in seconds if they have nine
-    decimals, or in the only unit with steps of a sensor; decimals exclude smaller units for steps below 1 only.
+    decimals, or in the only unit with steps of a sensor; decimals exclude smaller units for steps below 1 only. Day
+    numbers are recognised by their short steps.
     `is_seconds`: the layout prescribes seconds.
     """
     numbers = np.array([number_or_nan(text) for text in texts])
@@ -164,12 +167,14 @@ def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
     steps = np.abs(np.diff(numbers))
     step = float(np.median(steps)) if len(steps) > 1 else 0.0
     is_long = step > LONGEST_STEP_S if is_seconds or magnitude >= EARLIEST_CLOCK_S else step >= SECONDS_OR_MILLISECONDS
+    if has_decimals and EARLIEST_DAY <= magnitude < EARLIEST_CLOCK_S and 0.0 < step <= LONGEST_STEP_DAY:
+        return ""  # probably days
     if magnitude <= LATEST_CLOCK_S and (has_nine_decimals or (has_decimals and not is_long)):
         return "s"
     unit = "" if has_decimals else _unit_of_step(step)
     if unit == "s" and not is_seconds and magnitude < EARLIEST_CLOCK_S:  # the unit may also be milliseconds
         return ""
-    return unit or ("s" if is_seconds and step <= LONGEST_STEP_S else "")
+    return unit or ("s" if is_seconds and magnitude >= EARLIEST_CLOCK_S and step <= LONGEST_STEP_S else "")
 
 
 def _unit_of_step(step: float) -> str:

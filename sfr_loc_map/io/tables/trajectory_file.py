@@ -63,6 +63,7 @@ COLUMNS_OPTION = "--columns 'COLUMNS'"
 """How a user names the columns of a file, for messages; COLUMNS stands for the columns."""
 ESTIMATE_OPTION, TRUTH_OPTION = "--columns 'estimate:COLUMNS'", "--columns 'truth:COLUMNS'"
 CONFIGURED_OPTION = "--set 'truth.columns=COLUMNS'"  #: For a truth that `truth.source` names.
+MAX_EQUAL = 2  #: Largest mean number of poses with one stamp; some tools write each pose twice.
 RUN_ROWS = 10  #: Smallest number of rows of a run; rows in random order have shorter runs.
 MOST_NAMED = 8  #: Maximum number of columns that a message lists.
 FORMAT_NAMES = {  # all formats but COLUMNS, whose name is that of the detected columns
@@ -296,6 +297,7 @@ def _loaded(
     kept = table.without(good, problems).checked()
     if not len(kept.lines):
         raise InputError(f"{table.name} has no pose: at least one line with a pose is required")
+    _check_stamps_differ(kept)
     _check_one_run(kept)
     trajectory = Trajectory(kept.stamps_ns, positions[good], quats[good])
     skipped = [kept.skipped] if kept.skipped else []
@@ -303,6 +305,16 @@ def _loaded(
         covariance, invalid = _valid_covariances(covariance[good])
         skipped += [f"{invalid} covariances that are not positive semi-definite ignored"] if invalid else []
     return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, "; ".join(skipped), covariance)
+
+
+def _check_stamps_differ(table: Table) -> None:
+    """Raise InputError if most stamps equal others, as stamps that were written with too few digits."""
+    count, different = len(table.stamps_ns), len(np.unique(table.stamps_ns))
+    if count > MAX_EQUAL * different:
+        raise InputError(
+            f"{table.name}: the number of different stamps is {different} for {count} poses: one stamp for each pose "
+            "is required; write the stamps with all their digits"
+        )
 
 
 def _check_one_run(table: Table) -> None:

@@ -26,6 +26,11 @@ def matrices(poses: Trajectory) -> np.ndarray:
     return np.concatenate((rotations, poses.positions[:, :, None]), axis=2).reshape(-1, 12)
 
 
+def matrices_by_columns(poses: Trajectory, last_row: tuple[float, ...] = ()) -> np.ndarray:
+    with_row = [np.vstack([row.reshape(3, 4), np.reshape(last_row, (-1, 4))]) for row in matrices(poses)]
+    return np.array([matrix.T.reshape(-1) for matrix in with_row])
+
+
 def whole(poses: Trajectory, unit_ns: int = 1) -> list[int]:
     return [stamp // unit_ns for stamp in poses.stamps_ns.tolist()]
 
@@ -165,6 +170,10 @@ FORMS: dict[str, Callable[[Trajectory], str]] = {
     "stamps and 4 x 4 matrices": lambda p: rows(
         seconds(p), matrices(p), np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1)), separator=" "
     ),
+    "stamps and 3 x 4 matrices, column by column": lambda p: rows(seconds(p), matrices_by_columns(p), separator=" "),
+    "stamps and 4 x 4 matrices, column by column": lambda p: rows(
+        seconds(p), matrices_by_columns(p, (0.0, 0.0, 0.0, 1.0)), separator=" "
+    ),
     "lines without values": with_nan,
     "a broken line": lambda p: trajectory_text(p, read_as("tum")) + "1700000100.0 1 2",
 }
@@ -225,6 +234,14 @@ def test_what_can_be_read_in_two_ways_is_asked_and_the_answer_is_one_option(
     assert done.code == 0, done.err
 
 
+def planar_rows(heading_scale: float) -> str:
+    """Return rows `t x y heading` of a path that turns by 80 deg."""
+    headings = np.linspace(0.0, 1.4, COUNT)
+    return rows(
+        [f"{0.1 * k:.1f}" for k in range(COUNT)], np.sin(headings), 1.0 - np.cos(headings), heading_scale * headings
+    )
+
+
 TRACKER = "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z\n"
 REFUSED = {
     "names that occur twice": (f"{TRACKER}1,0.5,0,0,0,1,7,8,9\n", "", "line 1: columns #3 and #7 are both 'X'"),
@@ -264,6 +281,18 @@ REFUSED = {
         "",
         "the unit of the stamps 0.000, 8.333, 16.667 is ambiguous",
     ),
+    "days": (
+        "time,x,y,z\n" + "".join(f"{45000 + k / 864000:.12f},{k},2,3\n" for k in range(20)),
+        "",
+        "the unit of the stamps 45000.000000000000, .* is ambiguous",
+    ),
+    "milliseconds as TUM": (
+        "".join(f"{100 * k} {k} 2 3 0 0 0 1\n" for k in range(20)),
+        "",
+        "the unit of the stamps 0, 100, 200 is ambiguous",
+    ),
+    "headings in radians in place of heights": (planar_rows(1.0), "", "the heading of the path in radians"),
+    "headings in degrees in place of heights": (planar_rows(180.0 / np.pi), "", "the heading of the path in degrees"),
     "times of day": ("time,x,y,z\n10:22:01.25,1,2,3\n", "", "line 1 is 'time,x,y,z', line 2 is '10:22:01.25,1,2,3'"),
     "a text without rows": ('{"poses": []}\n', "", """has no pose: .* line 1 is '{"poses": \\[\\]}'"""),
 }

@@ -26,6 +26,7 @@ poses = st.lists(
     st.tuples(st.integers(-(2**62), 2**62 - 1), st.tuples(finite, finite, finite), st.floats(0.1, 1.0)),
     min_size=1,
     max_size=5,
+    unique_by=lambda item: item[0],
 )
 FILES = {"t.csv": "csv", "t.tum": "tum", "t.txt": "tum", "t.kitti": "kitti", "t.euroc.csv": "euroc"}
 GOOD = "1.0 1 2 3 0 0 0 1"
@@ -171,6 +172,14 @@ def test_two_runs_of_the_same_time_in_one_table_are_refused(
     stamps_s = begin_s + np.concatenate((np.arange(0.0, 20.0, 0.1), np.arange(*second_s, 0.1)))
     (tmp_path / "t.txt").write_text(text_of(stamps_s[::direction]))
     with pytest.raises(InputError, match=r"t.txt' line [0-9]+: .* one run"):
+        read_trajectory_file(tmp_path / "t.txt")
+
+
+@pytest.mark.parametrize("form", ["{:g}", "{:.0f}"])
+def test_stamps_with_too_few_digits_are_refused(tmp_path: Path, form: str) -> None:
+    stamps_s = 1_700_000_000.0 + np.arange(0.0, 20.0, 0.1)
+    (tmp_path / "t.txt").write_text("".join(f"{form.format(s)} {k} 2 3 0 0 0 1\n" for k, s in enumerate(stamps_s)))
+    with pytest.raises(InputError, match=r"different stamps is [0-9]+ for 200 poses"):
         read_trajectory_file(tmp_path / "t.txt")
 
 
