@@ -98,7 +98,7 @@ def rock_meshes(seed: int, config: RockConfig, rocks: Rocks) -> list[Mesh]:
     sunk = np.clip(rng.normal(config.buried, 0.15, count), 0.05, 0.85)
     levels = 1 + np.searchsorted(LEVEL_PIXELS, rocks.pixels)
     parts = []
-    for level in range(1, len(LEVEL_PIXELS) + 2):
+    for level in np.unique(levels).tolist():
         library = _library(seed, config.angular, level)
         for shape in range(SHAPES):
             which = np.flatnonzero((levels == level) & (shapes == shape))
