@@ -10,8 +10,9 @@ import gzip
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sfr_loc_map import __version__
 from sfr_loc_map.atomic import write_text
@@ -33,6 +34,9 @@ from sfr_loc_map.report.summary import (
 )
 from sfr_loc_map.report.table_formats import to_html
 from sfr_loc_map.report.tables import Table
+
+if TYPE_CHECKING:  # slow import
+    from jinja2 import Environment
 
 TITLE = "Localisation and mapping report"
 Sections = Sequence[tuple[str, list[Plot]]]
@@ -116,15 +120,26 @@ def render(page: Page) -> str:
     plots = [plot for _, group in page.sections for plot in group]
     data = None
     if plots:
-        from plotly.offline import get_plotlyjs
-
-        packed = base64.b64encode(gzip.compress(get_plotlyjs().encode(), 6, mtime=0)).decode()
-        data = PlotData(plots, {**TEMPLATE, "palettes": PALETTES}, packed)
+        data = PlotData(plots, {**TEMPLATE, "palettes": PALETTES}, _packed_plotly())
     return from_template("page.html.j2", page=page, data=data)
+
+
+@cache
+def _packed_plotly() -> str:
+    """Return the library plotly as gzip in base64, packed once for all pages of a process."""
+    from plotly.offline import get_plotlyjs  # slow import
+
+    return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 6, mtime=0)).decode()
 
 
 def from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the template
     """Return the page of a template with all texts escaped; the filter `table` writes a table."""
+    return _environment().get_template(name).render(**values)
+
+
+@cache
+def _environment() -> Environment:
+    """Return the environment of the templates, which keeps each template after it was compiled."""
     from jinja2 import Environment, PackageLoader  # not needed by callers that only use the verdict
     from markupsafe import Markup
 
@@ -133,4 +148,4 @@ def from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the tem
     environment.filters["table"] = lambda table: Markup(to_html(table))
     plain = {"default": lambda item: {each.name: getattr(item, each.name) for each in fields(item)}}  # dataclasses
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":"), **plain}
-    return environment.get_template(name).render(**values)
+    return environment
