@@ -1,7 +1,8 @@
-"""Made-up worlds of known disparity: any field seen through a band-limited texture, and a block before a background."""
+"""Images of a known disparity field with a band-limited texture, and a block in front of a background."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ def texture(u: NDArray[np.float64], v: NDArray[np.float64], seed: int) -> NDArra
     return 128.0 + 25.0 * total / np.sqrt(30.0)
 
 
+@cache
 def make_world(
     field: Field,
     *,
@@ -43,7 +45,11 @@ def make_world(
     gain: float = 1.0,
     offset: float = 0.0,
 ) -> World:
-    """Render both images; the right one's content lies `rows` lower and is `gain` times brighter plus `offset`."""
+    """Render both images once; the content of the right image is `rows` lower and `gain` times brighter plus `offset`.
+
+    All tests share the arrays, so a test must not change them. They are not read-only, because numba would compile
+    its kernels again for read-only arrays.
+    """
     rng = np.random.default_rng([seed, noise_seed])
     v, u = np.mgrid[:height, :width].astype(np.float64)
     left = texture(u, v, seed)
