@@ -85,11 +85,10 @@ def found(estimate: Poses, truth: Poses, rig: StereoRig | None = None) -> tuple[
 @pytest.mark.parametrize("case", CASES)
 def test_each_mismatch_is_found_among_the_others_and_its_setting_corrects_it(case: str) -> None:
     mistake, name = CASES[case]
-    for seed in range(2):
-        for rig in (None, RIG):
-            truth, estimate = rover(seed)
-            got, sentence = found(mistake(*estimate), truth, rig)
-            assert (got, "\n" in sentence) == (name, False), (seed, got, sentence)
+    for seed, rig in enumerate((None, RIG)):
+        truth, estimate = rover(seed)
+        got, sentence = found(mistake(*estimate), truth, rig)
+        assert (got, "\n" in sentence) == (name, False), (seed, got, sentence)
     truth, estimate = rover(2)
     config, true, wrong = AssociationConfig(), Trajectory(*truth), Trajectory(*mistake(*estimate))
     hypothesis = diagnose(wrong, true, config).found
@@ -138,8 +137,8 @@ def test_quaternions_of_the_truth_that_are_scalar_first_are_not_blamed_on_the_es
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["rolling", "straight", "turning on the spot", "standing", "stop and go"])
 def test_a_correct_pair_is_never_accused(kind: str) -> None:
-    for seed in range(8):
-        truth, estimate = rover(seed, 20 + 45 * seed, (0.0, 0.3, 1.0, 5.0)[seed % 4], kind)
+    for seed, noise in enumerate((0.0, 0.3, 1.0, 5.0)):
+        truth, estimate = rover(seed, 20 + 100 * seed, noise, kind)
         assert found(estimate, truth, RIG if seed % 3 else None)[0] is None, seed
 
 
@@ -154,8 +153,8 @@ def test_noise_at_standstill_is_not_a_unit(true_noise_m: float) -> None:
 
 
 def test_no_honest_drive_is_accused() -> None:
-    """Noise, drift, scale, outliers, last frames off, short, straight, standing; the campaign has 1,000 of them."""
-    for seed in range(24):
+    """Two drives of each kind of `honest_drive`; the campaign `honest-drives` has 1000 drives."""
+    for seed in range(16):
         kind, estimate, truth = honest_drive(seed)
         diagnosis = diagnose(estimate, truth, AssociationConfig(), RIG if seed % 3 else None, every=False)
         assert diagnosis.found is None, (kind, seed)
