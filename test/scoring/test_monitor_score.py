@@ -118,7 +118,7 @@ def of_file(scored: TrajectoryResult) -> Score:
 
 
 def test_messages_in_any_order_give_the_score_of_the_file() -> None:
-    """The scores of a thousand orders are equal to the last digit."""
+    """The scores of four orders of each of 50 drives are equal to the last digit."""
     rng, flags = np.random.default_rng(7), 0
     for seed in range(50):
         drive = small_drive(seed)
@@ -127,15 +127,15 @@ def test_messages_in_any_order_give_the_score_of_the_file() -> None:
         assert scored.association.matched > 6
         flags += scored.association.lost + scored.association.degraded
         monitor = MonitorScore(ScoreConfig(CONFIG), None)
-        for number in range(20):
+        for number in range(4):
             monitor.restart()
-            asked = rng.integers(len(messages)) if number % 10 == 0 else -1
+            asked = rng.integers(len(messages)) if number == 0 else -1
             for position, row in enumerate(rng.permutation(len(messages))):
                 name, arguments = messages[row]
                 getattr(monitor, name)(*arguments)
                 if position == asked:
                     monitor.result(LiveRun(details=False))  # changes nothing
-            if number % 10 == 0:
+            if number == 0:
                 assert in_order(monitor.result()) == offline, (seed, number)
             else:
                 assert in_order(monitor.result(LiveRun(details=False))) == without_path(offline), (seed, number)
