@@ -1,7 +1,8 @@
-"""The direction of imports, read from the syntax trees: nothing is imported here."""
+"""Imports go downwards through the layers. The imports are read from the source, without importing a module."""
 
 import ast
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -119,7 +120,8 @@ def layer_of(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
-def imported(path: Path) -> set[str]:
+@cache
+def imported(path: Path) -> frozenset[str]:
     """Return the dotted names that a module imports, anywhere in it; relative ones begin with a dot."""
     names: set[str] = set()
     tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -130,7 +132,7 @@ def imported(path: Path) -> set[str]:
             names |= {f"{'.' * node.level + (node.module or '')}.{alias.name}" for alias in node.names}
         elif isinstance(node, ast.Call) and "import_module" in ast.unparse(node.func):
             names |= {arg.value for arg in node.args if isinstance(arg, ast.Constant) and isinstance(arg.value, str)}
-    return names
+    return frozenset(names)
 
 
 def is_ros(name: str) -> bool:
