@@ -17,6 +17,12 @@ from sfr_loc_map.suite.running.job import Job, JobSource, JobTask, SourceKind
 
 SFR = (sys.executable, "-m", "sfr_loc_map")
 MEASURED = ("timing", "memory")
+SMALL_DRIVE = {
+    "terrain.coarseness": 16, "rocks.cover": 0.01, "rocks.smallest_m": 0.3, "panorama.enabled": False,
+    "drive.pairs": 8, "drive.segments": ["straight 1.4"], "sensor.samples": 1,
+    "loc.width": 160, "loc.height": 160, "loc.focal_px": 130,
+}  # fmt: skip
+"""Settings of a simulated drive of 8 pairs that is rendered in less than a second."""
 JOB = Job(
     task=JobTask.LOCALISE,
     source=JobSource(name="a", kind=SourceKind.FILE, path="a.mcap", sha256="0"),

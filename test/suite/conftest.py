@@ -1,4 +1,4 @@
-"""A score of a small drive."""
+"""The score of a small drive."""
 
 import pytest
 

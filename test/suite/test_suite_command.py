@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from helpers.cli_result import Result, Sfr, run_sfr
-from helpers.made_suites import SFR, made_suite, results, stamps_of
+from helpers.made_suites import SFR, SMALL_DRIVE, made_suite, results, stamps_of
 from helpers.processes import wait_until
 from helpers.score_rows import row
 from sfr_loc_map.calls.call_files import save_stats, stats_beside
@@ -415,11 +415,6 @@ def test_the_dry_run_of_a_decided_suite_lists_no_job(sfr: Sfr, decided: tuple[Pa
     assert "decided by the existing results: 6 waiting jobs are not needed" in listed.err
 
 
-SMALL_DRIVE = {
-    "terrain.coarseness": 8, "rocks.cover": 0.01, "rocks.smallest_m": 0.15, "panorama.enabled": False,
-    "drive.pairs": 12, "drive.segments": ["straight 2"], "sensor.samples": 1,
-    "loc.width": 160, "loc.height": 160, "loc.focal_px": 130,
-}  # fmt: skip
 BUDGET = {
     "sources": [{"simulate": "scenario.yaml", "seeds": [1, 2], "set": SMALL_DRIVE}],
     "conditions": ["frames=4"],

@@ -10,14 +10,9 @@ import pytest
 import yaml
 
 from helpers.cli_result import Sfr, run_sfr
-from helpers.made_suites import stamps_of
+from helpers.made_suites import SMALL_DRIVE, stamps_of
 
 pytest.importorskip("optuna")
-SMALL_DRIVE = {
-    "terrain.coarseness": 16, "rocks.cover": 0.01, "rocks.smallest_m": 0.3, "panorama.enabled": False,
-    "drive.pairs": 12, "drive.segments": ["straight 2"], "sensor.samples": 1,
-    "loc.width": 160, "loc.height": 160, "loc.focal_px": 130,
-}  # fmt: skip
 LIMIT_M = 0.05
 SEARCH = {
     "scenario": "scenario.yaml",
@@ -28,7 +23,8 @@ SEARCH = {
     },
     "condition": "frames=4",
     "limit": LIMIT_M,
-    "points": 6,
+    "points": 4,
+    "seed": 4,
     "slices": 2,
     "running": {"spacing": 2},
 }
