@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""Fixtures, markers and settings of all tests."""
 
 import functools
 import importlib.util

@@ -1,4 +1,4 @@
-"""Outputs are whole or not there."""
+"""An output is either complete or missing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parameters: declared once, checked, flattened, built again."""
+"""Parameters are declared once, checked, flattened and rebuilt without a difference."""
 
 import math
 import re

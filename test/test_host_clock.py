@@ -1,4 +1,4 @@
-"""The clock of a process is compared with the kernel's, and processes that are started load no other libraries."""
+"""The clock of a process is compared with the clock of the kernel; started processes load no foreign library."""
 
 from __future__ import annotations
 

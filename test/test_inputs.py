@@ -1,4 +1,4 @@
-"""JSON from outside is bounded in depth, digits and texts; messages are one printable line, whatever they quote."""
+"""JSON input is bounded in depth, digits and length; messages that quote input are one printable line."""
 
 import fcntl
 import hashlib

@@ -1,4 +1,4 @@
-"""Kernels are loaded before they are needed; signals wait meanwhile."""
+"""Kernels are loaded before the first timed call; signals are deferred until then."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commit in reports: that of a built package, or of the clone."""
+"""The commit in reports is the commit of the built package or of the clone."""
 
 import subprocess
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Memory of files that no process maps: files without a name, and files of the scratch folder."""
+"""Memory of files that no process has mapped: files without a name, and files of the scratch folder."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The face of each package: its public names, loaded when they are used."""
+"""The public names of each package, which are loaded on first use."""
 
 import importlib
 import subprocess

@@ -1,4 +1,4 @@
-"""Runs of stamped items: strays are dropped and counted, and a restart or another clock begins a new run."""
+"""Runs of stamped items: stray items are dropped and counted; a restart or another clock starts a new run."""
 
 from __future__ import annotations
 

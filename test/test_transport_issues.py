@@ -1,4 +1,4 @@
-"""The graph gives one reason why no message of a topic is received."""
+"""The graph states one reason if a topic has no received message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The suite from Python: the same figures as the commands, from files or from what is in memory."""
+"""The Python interface: the same figures as the commands, from files and from values in memory."""
 
 from __future__ import annotations
 

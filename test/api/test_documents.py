@@ -1,4 +1,4 @@
-"""What the docs show of Python runs as it stands: the page, in a folder that has a data set, and the notebook."""
+"""The Python examples of the documentation run unchanged: the page, beside a data set, and the notebook."""
 
 from __future__ import annotations
 

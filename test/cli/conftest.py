@@ -1,4 +1,4 @@
-"""Sources that are made once."""
+"""Sources that are written once for all tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bad input of every kind: exit 2, one line that names the file and says what to do, nothing left behind."""
+"""Invalid input of every kind: exit code 2, one line that names the file and the fix, and no output left behind."""
 
 from __future__ import annotations
 

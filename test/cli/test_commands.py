@@ -1,4 +1,4 @@
-"""What all commands share: exit codes, output streams, fast help."""
+"""Behaviour that all commands share: exit codes, output streams, fast help."""
 
 from __future__ import annotations
 

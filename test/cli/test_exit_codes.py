@@ -1,4 +1,4 @@
-"""The one table of exit codes: what is a verdict, what is bad input, and where nothing could be judged."""
+"""The table of exit codes: a verdict, invalid input, and a run that could not be judged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What helps in the first hour: files to begin with and the next step."""
+"""The first steps of a user: files to start from, and the proposed next command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The help names what a user gives, and each command has examples that it would take."""
+"""The help names the values that a user gives, and the command accepts its own examples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of a run stays after an error that has ended the run, and shows its cause."""
+"""The page of a run is still served after an error has ended the run, and shows the cause."""
 
 from __future__ import annotations
 

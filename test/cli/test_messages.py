@@ -1,4 +1,4 @@
-"""What a file or a name holds does not reach the terminal as it is: messages are printable and bounded."""
+"""Content of files and names in messages is escaped: messages are printable and bounded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The one rule for outputs: none is replaced without --overwrite, no two share a file, nothing foreign is destroyed."""
+"""Outputs: a file is replaced only with --overwrite, two outputs share no file, and foreign files are kept."""
 
 from __future__ import annotations
 

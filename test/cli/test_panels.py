@@ -1,4 +1,4 @@
-"""The panels of the help."""
+"""A command without a panel is in the help."""
 
 from __future__ import annotations
 

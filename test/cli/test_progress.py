@@ -1,4 +1,4 @@
-"""How far a long command is, where its standard error is not a terminal."""
+"""Progress of a long command if its standard error is not a terminal."""
 
 from __future__ import annotations
 

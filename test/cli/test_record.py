@@ -1,4 +1,4 @@
-"""`sfr record` of a rover that publishes over DDS: ended by request, by kill -9, by a full disk."""
+"""`sfr record` of a rover that publishes over DDS: ended by a signal, by kill -9, and by a full disk."""
 
 # ruff: noqa: E402 - ROS may be absent
 from __future__ import annotations

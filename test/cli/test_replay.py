@@ -1,4 +1,4 @@
-"""`sfr replay`: three processes over DDS, against the same calls made offline."""
+"""`sfr replay`: three processes over DDS give the results of the same calls offline."""
 
 # ruff: noqa: E402 - ROS may be absent
 import json

@@ -1,4 +1,4 @@
-"""`sfr replay` paused, resumed, interrupted, and of a part of a source, with the nodes over DDS."""
+"""`sfr replay` is paused, resumed, interrupted and limited to a part of a source, with the nodes over DDS."""
 
 # ruff: noqa: E402 - ROS may be absent
 from __future__ import annotations

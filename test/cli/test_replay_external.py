@@ -1,4 +1,4 @@
-"""`sfr replay --external`: a node of anyone in place of ours, over topics."""
+"""`sfr replay --external`: a node of another supplier replaces the localisation node over topics."""
 
 # ruff: noqa: E402 - ROS may be absent
 from __future__ import annotations

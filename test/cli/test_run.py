@@ -1,4 +1,4 @@
-"""`sfr run` over DDS: which nodes, with what, how they end; as a service, by the unit file of the documentation."""
+"""`sfr run` over DDS: the started nodes, their parameters, their end, and the unit file of the documentation."""
 
 # ruff: noqa: E402 - ROS may be absent
 import configparser

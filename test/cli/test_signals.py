@@ -1,4 +1,4 @@
-"""Signals end a command in good order: what was finished is written, what was there stays, nothing is left."""
+"""Signals end a command cleanly: finished results are written, existing files are kept, no process remains."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A library that slows the clock of a command, and of all that the command starts: no times are measured."""
+"""A library that slows the clock of a command and of its processes is detected: no times are measured."""
 
 from __future__ import annotations
 

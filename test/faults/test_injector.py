@@ -1,4 +1,4 @@
-"""Faults: each affects its own pairs as described, and leaves the others unchanged."""
+"""Each fault changes the pairs that it selects as described, and leaves the others unchanged."""
 
 from collections.abc import Iterator
 

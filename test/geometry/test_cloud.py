@@ -1,4 +1,4 @@
-"""Clouds: round trips through records."""
+"""Point clouds are equal after conversion to records and back."""
 
 import numpy as np
 from hypothesis import given

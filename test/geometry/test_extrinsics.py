@@ -1,4 +1,4 @@
-"""Where a rig is on the rover: from frames as drivers publish them, to the pose that was put in."""
+"""The pose of a rig on the rover is recovered from frames as drivers publish them."""
 
 from __future__ import annotations
 

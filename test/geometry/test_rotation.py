@@ -1,4 +1,4 @@
-"""Laws of rotations, compared with scipy and with the defining formulas."""
+"""Properties of rotations, compared with SciPy and with the defining formulas."""
 
 from math import cos, pi, sin, sqrt
 

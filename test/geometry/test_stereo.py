@@ -1,4 +1,4 @@
-"""The rig: its frames worked out by hand, and its checks."""
+"""The frames of a rig against poses computed by hand, and the checks of its values."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Stamped poses: what is kept, and what is refused."""
+"""Stamped poses: accepted and rejected values."""
 
 from math import cos, radians, sin
 

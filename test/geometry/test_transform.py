@@ -1,4 +1,4 @@
-"""Laws of rigid motions, and the trap between the orientation of ROS and `att_q`."""
+"""Properties of rigid motions, and the difference between an orientation of ROS and `att_q`."""
 
 from math import cos, radians, sin
 

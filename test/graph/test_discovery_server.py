@@ -1,4 +1,4 @@
-"""Doctor and recorder see the whole graph of a discovery server."""
+"""Doctor and recorder observe the complete graph of a discovery server."""
 
 from __future__ import annotations
 

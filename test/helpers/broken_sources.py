@@ -1,4 +1,4 @@
-"""Small sources with one thing wrong in each."""
+"""Small sources with one fault each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`sfr` in this process, without the cost of a process for each command; its exit code, output and errors."""
+"""`sfr` in the process of a test: exit code, output and errors, without the cost of a process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Libraries and programs in C, compiled as the manual of candidates says."""
+"""Libraries and programs in C, compiled with the command of the manual."""
 
 from __future__ import annotations
 

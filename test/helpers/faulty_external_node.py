@@ -1,4 +1,4 @@
-"""The example of an external node with something wrong at some pairs."""
+"""The example of an external node, with faulty answers to some pairs."""
 
 import copy
 import importlib.util

@@ -1,4 +1,4 @@
-"""Hazards of a map against those of the ground truth's own points."""
+"""Hazards of a map compared with the hazards of the true points."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""A made run as a feed tells it: poses with truth, calls, health, the monitor's report, images and maps."""
+"""Updates of an invented run for the live page: poses with truth, calls, health, score, images and maps."""
 
 from __future__ import annotations
 

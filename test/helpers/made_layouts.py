@@ -1,4 +1,4 @@
-"""Small sequences in the layouts of other data sets, made by their published descriptions."""
+"""Small sequences in the layouts of other data sets, written after their published descriptions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ROS 1 bags of the messages of a ROS 2 bag."""
+"""ROS 1 bags with the messages of a ROS 2 bag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scores for the tests of the report, made by the score's own functions from invented runs."""
+"""Scores for the tests of the report, computed by the functions of the score from invented runs."""
 
 from functools import cache
 from typing import Any

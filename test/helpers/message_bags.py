@@ -1,4 +1,4 @@
-"""Bags of any messages."""
+"""Bags of given messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The trajectory figures once more, written plainly from the specification: loops, SciPy rotations, nothing shared."""
+"""An independent implementation of the trajectory figures: loops and SciPy rotations after the specification."""
 
 import itertools
 import math

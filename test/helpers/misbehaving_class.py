@@ -1,4 +1,4 @@
-"""Classes under test that misbehave: the first word of the configuration says how, at the eighth call or at each."""
+"""Classes under test that misbehave: the first word of the configuration selects how, and at which call."""
 
 from __future__ import annotations
 

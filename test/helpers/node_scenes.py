@@ -1,4 +1,4 @@
-"""The made scene as messages."""
+"""The pairs of `made_scene` as ROS messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A page that is served while a test runs, and an operator that remembers what was asked."""
+"""A live page that is served during a test, and an operator that records the requests."""
 
 from __future__ import annotations
 

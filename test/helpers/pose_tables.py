@@ -1,4 +1,4 @@
-"""A curve, and tables of its poses as other programs write them."""
+"""A curved path, and tables of its poses in the formats of other programs."""
 
 from __future__ import annotations
 

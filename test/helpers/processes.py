@@ -1,4 +1,4 @@
-"""Nodes and commands as processes: output, end, and their resources in the system."""
+"""Nodes and commands as processes: their output, their end and their resources."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Looks numbers up in the JSON of a score."""
+"""Looks up rows and numbers in the JSON of a score."""
 
 from typing import Any
 

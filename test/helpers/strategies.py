@@ -1,4 +1,4 @@
-"""Random rotations and transforms, with the awkward ones among them."""
+"""Random rotations and transforms for hypothesis, with the numerically difficult ones."""
 
 import numpy as np
 from hypothesis import strategies as st

@@ -1,3 +1,5 @@
+"""Errors of a map against true points: by range, against loops, consistency of sigma, and coverage."""
+
 import json
 import math
 from dataclasses import replace

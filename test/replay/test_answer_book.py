@@ -1,4 +1,4 @@
-"""The answers of an external node: early ones are a finding, late ones are no answers, and no latency is altered."""
+"""Answers of an external node: early answers are a finding, late answers count as missing, latencies are unchanged."""
 
 from __future__ import annotations
 

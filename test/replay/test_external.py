@@ -1,4 +1,4 @@
-"""An external node: only answers to pairs of the replay are its results."""
+"""Results of an external node are only its answers to pairs of the replay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figures of the monitor over topics are those of the replay's report, which `sfr score` gives of its files."""
+"""The monitor, the report of the replay and `sfr score` on its files give the same figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Processes whose memory and processor time are measured, and the publishers that belong to them."""
+"""Memory and processor time of watched processes, and the publishers that belong to them."""
 
 # ruff: noqa: E402 - ROS may be absent
 from __future__ import annotations

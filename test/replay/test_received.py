@@ -1,4 +1,4 @@
-"""The map of a replay: of ours by the call that made it; of an external node by its clouds or points."""
+"""The map of a replay: from the call of our node, or from the clouds or points of an external node."""
 
 import numpy as np
 import pytest

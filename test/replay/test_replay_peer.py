@@ -1,4 +1,4 @@
-"""What a replay meets and gives in the graph: nodes of other programs, the extrinsics as a frame."""
+"""The replay in the ROS graph: nodes of other programs, and the extrinsics as a frame."""
 
 from types import SimpleNamespace
 

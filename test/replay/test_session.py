@@ -1,4 +1,4 @@
-"""The monitor is asked again for its figures until they contain all results of a replay."""
+"""The monitor is asked for its figures until the figures contain all results of a replay."""
 
 from functools import partial
 from types import SimpleNamespace

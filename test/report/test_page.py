@@ -1,3 +1,5 @@
+"""The page of a score: its numbers are those of the JSON, texts are escaped, and no network is required."""
+
 import html
 import json
 import math

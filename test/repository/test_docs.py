@@ -1,4 +1,4 @@
-"""The pages name only existing files, links and targets."""
+"""The pages of the documentation name only existing files, links and targets."""
 
 import re
 

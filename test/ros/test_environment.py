@@ -1,4 +1,4 @@
-"""Variables that a process of ROS needs; those of the user stay."""
+"""Environment variables of a process with a ROS node; variables of the user are kept."""
 
 from sfr_loc_map.ros import environment
 

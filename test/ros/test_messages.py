@@ -1,4 +1,4 @@
-"""Values as messages and back, and what is refused."""
+"""Values are equal after conversion to messages and back, and invalid messages are rejected."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""A small world that the tests of the simulation share."""
+"""The configuration of a small world for the tests of the simulation."""
 
 from collections.abc import Callable
 

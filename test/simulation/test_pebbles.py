@@ -1,4 +1,4 @@
-"""Pebbles: shadows lie away from the sun."""
+"""Pebbles cast shadows away from the sun."""
 
 from __future__ import annotations
 

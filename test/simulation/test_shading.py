@@ -1,4 +1,4 @@
-"""Appearance depends on position alone, and light obeys the laws of reflection and haze."""
+"""Brightness depends on position alone, and follows the laws of reflection and haze."""
 
 from __future__ import annotations
 

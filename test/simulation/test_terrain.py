@@ -1,4 +1,4 @@
-"""The shape of the ground: slopes, craters, ripples, no tiling."""
+"""The shape of the ground: slopes, craters and ripples, without repetition."""
 
 from itertools import pairwise
 

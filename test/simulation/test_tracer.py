@@ -1,4 +1,4 @@
-"""Rays against analytic planes: hits, normals, occlusion, and shadows where the sun puts them."""
+"""Rays against analytic planes: hits, normals, occlusion, and shadows in the direction away from the sun."""
 
 from __future__ import annotations
 

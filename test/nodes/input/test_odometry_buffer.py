@@ -1,3 +1,5 @@
+"""The buffer of odometry: interpolation between messages, gaps, new runs and repeated messages."""
+
 import threading
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""The worker of a node: order, items dropped under overload, and errors of the fault handler."""
+
 import threading
 
 import pytest
