@@ -13,7 +13,8 @@ inferred ones. The published reason is therefore not always that of the largest 
 | `REPEATED_PAIR`, `FROZEN_IMAGE`, `STALE_ROWS` | `guards.check_images`, after the comparison in `stale_images` |
 | `IDENTICAL_IMAGES` | `guards.check_wiring` |
 | `UNTEXTURED`, `FROZEN_AND_FEW`, `FEW_LANDMARKS` | `guards.check_landmarks`, `guards.check_tracks` |
-| `CONTRADICTED`, `PARTIAL_TRANSFER`, `DOUBLE_EXPOSURE`, `UNEXPLAINED`, `RECOVERING` | `ground.cases.findings_of` |
+| `CONTRADICTED`, `PARTIAL_TRANSFER`, `TRANSFER_OR_MOTION`, `DOUBLE_EXPOSURE` | `ground.cases.findings_of` |
+| `UNEXPLAINED`, `RECOVERING` | `ground.cases.findings_of` |
 | `GROUND_IN_DOUBT`, `AT_REST_IN_DOUBT`, `AMBIGUOUS` | `ground.cases.findings_of` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
@@ -78,12 +79,15 @@ class Finding(Enum):
     CALIBRATION = auto()  #: The right camera drifts, or its yaw is not yet corrected.
     SHEARED_ROWS = auto()  #: The rows of the images were exposed at different times (rolling shutter).
     PARTIAL_TRANSFER = auto()  #: Unknown parts of the images are stale.
+    #: Like `PARTIAL_TRANSFER`, or the other part of the image shows the ground, which is not identified yet.
+    TRANSFER_OR_MOTION = auto()
     DOUBLE_EXPOSURE = auto()  #: The exposures of two pairs are blended, and the pose may be that of the earlier pair.
     UNEXPLAINED = auto()  #: An unusually large fraction of the landmarks does not follow the pose.
     #: An earlier pair had stale rows or a finding about the ground's motion; too few pairs with motion have followed.
     RECOVERING = auto()
     ONE_SIDED = auto()  #: Few inliers are observed in both images; both have texture, and one may be stale.
-    GROUND_IN_DOUBT = auto()  #: Only one motion was found, but the ground is in doubt (`ground.identification`).
+    #: Only one motion was found, but the ground is in doubt, or much is unexplained and the ground is not identified.
+    GROUND_IN_DOUBT = auto()
     AT_REST_IN_DOUBT = auto()  #: The ground is in doubt, but neither the pose nor the image shows a motion.
     AMBIGUOUS = auto()  #: Two motions were found, and either may be the ground's.
 
@@ -145,6 +149,8 @@ RULES: Final[dict[Finding, Refusal | Degradation]] = {
     Finding.SHEARED_ROWS: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # No keyframe: landmarks in stale parts would have wrong positions.
     Finding.PARTIAL_TRANSFER: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED, can_be_reference=False),
+    # No keyframe: see above. The covariance includes the ambiguity.
+    Finding.TRANSFER_OR_MOTION: Degradation(StateReason.TORN_IMAGES, Inflation.AMBIGUITY, can_be_reference=False),
     # Keyframe: one exposure dominates, and without keyframes tracking would be lost.
     Finding.DOUBLE_EXPOSURE: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: a scene that changes quickly requires new landmarks, and outliers are removed.
@@ -168,9 +174,9 @@ The published reason is that of the first finding, with two exceptions. A pair t
 publishes the reason for which the localiser was lost. A refused pair with which a window begins publishes only the
 findings of that window.
 
-Seven findings publish `torn_images`, because they require the same action of an operator: parts of the images may be
-stale. For five of these findings the pair itself shows evidence of stale parts. For `RECOVERING` an earlier pair showed
-it, and for `UNEXPLAINED` a scene that changes quickly is another possible cause. The seven findings differ in their
+Eight findings publish `torn_images`, because they require the same action of an operator: parts of the images may be
+stale. For six of these findings the pair itself shows evidence of stale parts. For `RECOVERING` an earlier pair showed
+it, and for `UNEXPLAINED` a scene that changes quickly is another possible cause. The eight findings differ in their
 inflation and in whether the pair may become a keyframe.
 
 Three findings add nothing to the covariance because it already includes what they report: the uncertainty of the yaw

@@ -462,7 +462,13 @@ class Localiser:
         self, state: State, reason: StateReason | None, statistics: TrackingStatistics, tracks: Tracks | None = None
     ) -> Outcome:
         """Report that the pose is unknown."""
-        state = replace(state, path=trajectory.lost(state.path), status=TrackingState.LOST, reason=reason)
+        state = replace(
+            state,
+            path=trajectory.lost(state.path),
+            ground_memory=state.ground_memory.after_lost_pair(),
+            status=TrackingState.LOST,
+            reason=reason,
+        )
         return Outcome(state, statistics, tracks)
 
     def _begin(self, state: State, frame: StereoFrame, findings: Findings, tracks: Tracks | None = None) -> Outcome:

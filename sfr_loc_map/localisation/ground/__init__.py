@@ -7,7 +7,7 @@ The ground is identified by its motion, not by its position in the image. Two st
 |---|---|---|
 | `LEARNING` | agrees, for the third time | `IDENTIFIED` |
 | `LEARNING` | agrees only partly | `LEARNING`, counted from the start |
-| `IDENTIFIED` | begins a window | `LEARNING` |
+| `LEARNING`, `IDENTIFIED` | is lost, or begins a window | `LEARNING`, counted from the start |
 | `IDENTIFIED` | doubts | `IN_DOUBT` for 3 pairs |
 | `LEARNING` | doubts | `IN_DOUBT` for 10 pairs |
 | `IN_DOUBT` | doubts | `IN_DOUBT`, for 10 pairs if more than 3 were left, otherwise for 3 pairs |
@@ -23,7 +23,7 @@ The second one states whether faults of earlier images have an effect (`ImageFau
 |---|---|---|
 | is partially transferred | + 1 | at least 3, or the number of transfers if smaller |
 | has stale rows | at least 1 | at least 1, or 10 if most rows are stale |
-| is suspected: double exposure, or the ground is or was in doubt | 0 | at least 3 |
+| shows a double exposure, an ambiguity or a doubt | 0 | at least 3 |
 | has no fault, and the image moved | 0 | - 1 |
 | begins a window | 0 | 0 |
 
@@ -36,13 +36,18 @@ The phase determines what a pair does to its pose. `cases` contains the complete
 | one motion, agreeing or partly agreeing | accepted | accepted | degraded (A) |
 | one motion, before the recovery is complete | degraded (U) | degraded (U) | degraded (A) |
 | one motion, and the image did not move | accepted | accepted | degraded |
-| more unexplained landmarks than usual | accepted | degraded (U) | degraded (A) |
-| about half of the landmarks unexplained, in 10 pairs in a row | degraded (U) | degraded (U) | degraded (U) |
+| more unexplained landmarks than usual | degraded (A) | degraded (U) | degraded (A) |
+| about half of the landmarks unexplained, in 10 pairs in a row | degraded (A) | degraded (U) | degraded (A) |
 | the same in further pairs | degraded (A) | degraded (A) | degraded (A) |
-| two motions, one of them a standstill, in 10 pairs in a row | degraded (U) | degraded (U) | degraded (U) |
+| two motions, one of them a standstill, in 10 pairs in a row | degraded (A) | degraded (U) | degraded (A) |
+| a body at rest, and one motion outside it | degraded (A) | accepted | degraded (A) |
 | two motions, one of them with far more weight | degraded (A) | accepted | degraded (A) |
 | two motions of similar weight | degraded (A) | degraded (A) | degraded (A) |
 | changed cells that the pose leaves in place | kept from 5 % of all cells | kept from 40 % | kept from 5 % |
+
+While the ground is not identified, the motion that is not selected may be the ground's. Each pair with a second motion,
+or with an unexplained part of the image, is therefore degraded (A). Unexplained landmarks
+in the first tracked pair of a window are an exception, because their usual fraction is not known yet.
 
 | term | meaning |
 |---|---|

@@ -1,7 +1,8 @@
 """Cases of the ground's motion, and their consequences.
 
 `case_of` returns the case of a pair: the first row of `CASES` whose condition is true. `EFFECTS` lists for each case
-the reported finding and what the memory learns. A new case requires a member of `Case`, a row in `CASES`, a row in
+the reported finding and what the memory learns. `UNIDENTIFIED_EFFECTS` lists the differences while the ground is not
+identified. A new case requires a member of `Case`, a row in `CASES`, a row in
 `EFFECTS`, and a branch of `GroundSelector._selection`.
 """
 
@@ -13,7 +14,7 @@ from typing import Final
 
 from sfr_loc_map.localisation.findings import Finding, Findings
 from sfr_loc_map.localisation.ground.evidence import Evidence
-from sfr_loc_map.localisation.ground.identification import Fault, Sign
+from sfr_loc_map.localisation.ground.identification import Fault, Phase, Sign
 from sfr_loc_map.localisation.ground.memory import Effect, GroundMemory
 
 
@@ -29,7 +30,7 @@ class Case(Enum):
     TWO_MOTIONS = auto()  #: The one of two motions with the larger weight is clearly the ground's.
     CONTRADICTED = auto()  #: The image changed where the only motion predicts no change. The pose is refused.
     HALF_UNEXPLAINED = auto()  #: About half of the landmarks, or more, do not follow the only motion.
-    UNEXPLAINED = auto()  #: The ground is identified, and more landmarks than usual do not follow the only motion.
+    UNEXPLAINED = auto()  #: More landmarks than on earlier ground do not follow the only motion.
     AT_REST_IN_DOUBT = auto()  #: Like `STILL_IN_DOUBT`, and the image did not move.
     STILL_IN_DOUBT = auto()  #: There is one motion, but too few pairs have agreed since the ground was in doubt.
     ONE_MOTION = auto()  #: There is one motion. Its tracks are used, without those fixed to the camera.
@@ -51,7 +52,7 @@ CASES: Final[tuple[tuple[Case, Callable[[Evidence], bool]], ...]] = (
     (Case.PARTIAL_TRANSFER, lambda e: e.is_half_unexplained and e.may_be_transfer),
     # after more pairs than a partial transfer lasts, many landmarks may be on an object
     (Case.HALF_UNEXPLAINED, lambda e: e.is_half_unexplained),
-    (Case.UNEXPLAINED, lambda e: e.is_unusual and e.is_identified),
+    (Case.UNEXPLAINED, lambda e: e.is_unusual and e.has_typical),
     # an image without motion neither ends the doubt nor hides a motion
     (Case.AT_REST_IN_DOUBT, lambda e: e.stays_in_doubt and not e.main_motion.moves_image),
     (Case.STILL_IN_DOUBT, lambda e: e.stays_in_doubt),
@@ -88,16 +89,36 @@ EFFECTS: Final = {
 """Consequences of each case. `GroundMemory.after` applies them to the memory."""
 
 
-def findings_of(case: Case, memory: GroundMemory, *, is_trusted: bool, is_moving: bool) -> Findings:
-    """Return the findings of a case; if there are none, `RECOVERING` if faults of earlier pairs degrade this pair.
+UNIDENTIFIED_EFFECTS: Final = {
+    Case.OWN_BODY: Effect(Finding.AMBIGUOUS, fault=Fault.SUSPECTED),
+    Case.PARTIAL_TRANSFER: Effect(Finding.TRANSFER_OR_MOTION, fault=Fault.TRANSFER),
+    Case.UNEXPLAINED: Effect(Finding.GROUND_IN_DOUBT),
+}
+"""Consequences of cases that differ while the ground is not identified.
+
+These cases have two motions, or part of the image does not follow the only motion. If no motion has been identified as
+the ground's, the motion that is not selected may be the ground's. The pose is then degraded, and its covariance
+includes the ambiguity.
+"""
+
+
+def effect_of(case: Case, memory: GroundMemory) -> Effect:
+    """Return the consequences of a case, with the memory before the pair."""
+    if memory.identification.phase is not Phase.IDENTIFIED:
+        return UNIDENTIFIED_EFFECTS.get(case, EFFECTS[case])
+    return EFFECTS[case]
+
+
+def findings_of(effect: Effect, memory: GroundMemory, *, is_trusted: bool, is_moving: bool) -> Findings:
+    """Return the findings of an effect; if there are none, `RECOVERING` if faults of earlier pairs degrade this pair.
 
     Args:
-        case: The case of the pair.
+        effect: Effect of the pair's case.
         memory: Memory before the pair.
         is_trusted: Whether the pose of the selected tracks is trusted.
         is_moving: Whether that pose is trusted and the image moved.
     """
-    findings = EFFECTS[case].findings
+    findings = effect.findings
     if not findings and is_trusted and memory.faults.after(Fault.NONE, is_moving=is_moving).recovery_pairs > 0:
         return frozenset({Finding.RECOVERING})
     return findings

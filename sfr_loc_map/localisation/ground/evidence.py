@@ -84,6 +84,12 @@ class Evidence:
         return self.memory.identification.phase is Phase.IDENTIFIED
 
     @property
+    def has_typical(self) -> bool:
+        """Whether the ground is not in doubt, and earlier pairs show how many landmarks are usually unexplained."""
+        phase = self.memory.identification.phase
+        return phase is Phase.IDENTIFIED or (phase is Phase.LEARNING and self.memory.typical is not None)
+
+    @property
     def is_contradicted(self) -> bool:
         """Whether many cells changed although the main motion predicts no change."""
         most = MAX_CONTRADICTING if self.is_identified else MAX_CONTRADICTING_FIRST

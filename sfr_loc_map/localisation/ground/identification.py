@@ -74,8 +74,11 @@ class Identification:
                 return Identification(Phase.LEARNING)
         return self
 
-    def in_new_window(self) -> Identification:
-        """Return the identification in a new window: the ground must be learnt again, but doubt persists."""
+    def restarted(self) -> Identification:
+        """Return the identification after a lost pair or in a new window: the ground must be learnt again.
+
+        Doubt persists.
+        """
         return self if self.phase is Phase.IN_DOUBT else Identification(Phase.LEARNING)
 
     def _in_doubt(self, cells: Mask) -> Identification:

@@ -171,10 +171,14 @@ class GroundMemory:
             self,
             earlier=EarlierImage(frame.left[LEVEL].image, pose),
             previous=None,
-            identification=self.identification.in_new_window(),
+            identification=self.identification.restarted(),
             faults=ImageFaults(),
             typical=None,
         )
+
+    def after_lost_pair(self) -> GroundMemory:
+        """Return the memory after a lost pair. The tracks of the next pairs may follow another motion."""
+        return replace(self, identification=self.identification.restarted())
 
     def after_stale_rows(self, stale: Mask) -> GroundMemory:
         """Return the memory after a pair whose rows `(H,)` are partly stale."""

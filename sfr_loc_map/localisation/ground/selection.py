@@ -10,7 +10,7 @@ does not distinguish the two motions, the pose is ambiguous. The package docstri
 
 1. Gather the `Evidence` of the tracks and of the comparison (`evidence`). If many landmarks are unexplained,
    all are first tracked again from the pose of the main motion.
-2. Determine the case (`cases.case_of`) and its effect (`cases.EFFECTS`).
+2. Determine the case (`cases.case_of`) and its effect (`cases.effect_of`).
 3. Select the tracks that follow the ground, and the landmarks and cells to exclude, by the case (`_selection`).
 4. Return the findings (`cases.findings_of`) and the memory for the next pair (`GroundMemory.after`).
 
@@ -53,7 +53,7 @@ from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.findings import Findings, Verdict
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.ground.cases import EFFECTS, Case, case_of, findings_of
+from sfr_loc_map.localisation.ground.cases import Case, case_of, effect_of, findings_of
 from sfr_loc_map.localisation.ground.cell_change import LEVEL, Change, change_of
 from sfr_loc_map.localisation.ground.cell_motion import MOVED_PX
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL
@@ -150,10 +150,10 @@ class GroundSelector:
         pair = ComparedPair(frame, prediction, recovery, change, earlier.pose, far_px)
         evidence = self._evidence(pair, main, memory)
         case = case_of(evidence)
-        effect = EFFECTS[case]
+        effect = effect_of(case, memory)
         selection = self._selection(case, evidence)
         is_trusted = selection.tracks.is_trusted
-        findings = findings_of(case, memory, is_trusted=is_trusted, is_moving=selection.is_moving)
+        findings = findings_of(effect, memory, is_trusted=is_trusted, is_moving=selection.is_moving)
         excluded = memory.excluded.after_selection(
             selection.fixed,
             selection.dynamic,
@@ -229,7 +229,8 @@ class GroundSelector:
         of_ground = self._tools.explained(evidence.pair, replace(evidence.main, pose=off_stationary.pose))
         fixed = self._tools.cells(of_ground.host_cell_index[on_stationary & of_ground.are_moved])
         fixed |= self._tools.explained(evidence.pair, off_stationary).fixed_cells
-        return self._tracked_again(evidence, off_stationary, on_stationary, fixed)
+        selection = self._tracked_again(evidence, off_stationary, on_stationary, fixed)
+        return selection._replace(other_distance=size_between(evidence.main.pose, off_stationary.pose))
 
     def _either_of_two(self, evidence: Evidence) -> Selection:
         """Select the motion with more weight. Exclude nothing, because the other motion may be the ground's."""

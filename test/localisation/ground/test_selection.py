@@ -28,8 +28,8 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.localisation.findings import Finding, decide
-from sfr_loc_map.localisation.ground.cases import CASES, EFFECTS, Case, findings_of
+from sfr_loc_map.localisation.findings import Finding, Inflation, decide
+from sfr_loc_map.localisation.ground.cases import CASES, EFFECTS, Case, effect_of, findings_of
 from sfr_loc_map.localisation.ground.evidence import OLD_WEIGHT, Evidence
 from sfr_loc_map.localisation.ground.identification import (
     AGREEING_PAIRS,
@@ -123,7 +123,7 @@ def test_a_second_motion_before_the_ground_is_identified_degrades_twelve_pairs()
     found = []
     case = Case.AMBIGUOUS
     for _ in range(14):
-        found.append((case, findings_of(case, memory, is_trusted=True, is_moving=True)))
+        found.append((case, findings_of(EFFECTS[case], memory, is_trusted=True, is_moving=True)))
         memory = memory.after(
             EFFECTS[case], EXPLAINED, excluded=memory.excluded, earlier=earlier, image=image, is_moving=True
         )
@@ -159,9 +159,32 @@ def test_doubt_lasts_longer_for_a_ground_that_was_not_identified() -> None:
         assert after_agreements(doubt, pairs - 1) is Phase.IN_DOUBT
         assert after_agreements(doubt, pairs) is Phase.LEARNING
         assert doubt.after(Sign.AGREES_PARTLY, NO_CELLS) is doubt
-        assert doubt.in_new_window() is doubt
+        assert doubt.restarted() is doubt
     assert identified.after(Sign.AGREES_PARTLY, NO_CELLS) is identified
-    assert identified.in_new_window().phase is Phase.LEARNING
+    assert identified.restarted().phase is Phase.LEARNING
+
+
+def test_a_second_motion_may_be_the_ground_until_the_ground_is_identified() -> None:
+    """The selected motion may then be wrong, so that the covariance of all later poses contains the ambiguity."""
+    learning = GroundMemory.none((32, 32))
+    identified = replace(learning, identification=Identification(Phase.IDENTIFIED))
+    for case in (Case.OWN_BODY, Case.PARTIAL_TRANSFER, Case.UNEXPLAINED):
+        assert Inflation.AMBIGUITY in decide(effect_of(case, learning).findings).inflation
+        assert Inflation.AMBIGUITY in decide(effect_of(case, identified.after_lost_pair()).findings).inflation
+        assert Inflation.AMBIGUITY not in decide(effect_of(case, identified).findings).inflation
+
+
+@pytest.mark.sample
+def test_a_body_that_hides_most_of_the_first_image_is_no_silent_error() -> None:
+    """The pose of the second pair follows a few landmarks beside the body, and is wrong by 12 cm."""
+    sequence = drive_of(open_source(SAMPLE))
+    truth = sequence.ground_truth
+    assert truth is not None
+    pairs = list(islice(sequence.pairs(), 5))
+    by = Localiser(sequence.rig, LocalisationConfig(), truth.pose(0))
+    with_body = FaultInjector([parse_fault("body:amount=0.6")], 3, len(sequence), sequence.rig)
+    estimates = run((pair for _, pair in with_body.pairs(pairs)), by)
+    assert stated_errors(estimates, truth).error_report is ErrorReport.REPORTED
 
 
 def test_another_motion_of_old_landmarks_alone_has_the_weight_of_old_landmarks() -> None:
