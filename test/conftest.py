@@ -37,7 +37,7 @@ ROS_TESTS = (
     "replay",
     "ros",
     "live/test_feed.py",
-    "live/test_live_process.py",
+    "live/test_page_process.py",
     "live/test_map_feed.py",
 )
 """Folders and files of tests whose modules import ROS."""

@@ -9,7 +9,7 @@ from typer import Context, Option
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.former import FormerArgument, check_live
 from sfr_loc_map.cli.live_option import require_live
-from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, refuse_given, require_ros
+from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, RosRemapOption, refuse_given, require_ros
 from sfr_loc_map.config import build
 from sfr_loc_map.config_file import read_sections
 from sfr_loc_map.errors import InterruptedRunError
@@ -33,9 +33,7 @@ def live(
     context: Context,
     files: FormerArgument = None,
     namespace: NamespaceOption = "",
-    remap: Annotated[
-        list[str] | None, Option("-r", metavar="FROM:=TO", help="ROS remapping for the nodes; repeatable.")
-    ] = None,
+    remap: RosRemapOption = None,
     config: GraphConfigOption = None,
     host: Annotated[
         str, Option(metavar="H", help="Address to listen on; except for loopback, --token is required.")

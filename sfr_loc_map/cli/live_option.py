@@ -14,7 +14,7 @@ from sfr_loc_map.errors import FailedVerdictError, InterruptedRunError, MissingE
 from sfr_loc_map.message_text import one_line
 
 if TYPE_CHECKING:
-    from sfr_loc_map.live.live_process import LiveProcess
+    from sfr_loc_map.live.page_process import PageProcess
 
 LiveOption = Annotated[bool, Option("--live", help="Show the run on a page (see sfr live).")]
 LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of the page; 0 selects a free port.")]
@@ -29,7 +29,7 @@ def require_live() -> None:
 @contextmanager
 def live_page(
     context: Context, namespace: str = "", remaps: Sequence[str] = (), *, isolated: bool = False
-) -> Iterator[LiveProcess | None]:
+) -> Iterator[PageProcess | None]:
     """Show the run of the `with` block on a page if `--live` is given; yield the page, or None.
 
     The page subscribes to topics with the remappings `FROM:=TO` of the nodes.
@@ -41,13 +41,13 @@ def live_page(
         yield None
         return
     require_live()
-    from sfr_loc_map.live.live_process import LiveProcess
+    from sfr_loc_map.live.page_process import PageProcess
     from sfr_loc_map.ros import environment
 
     if isolated:
         environment.isolate()
     words = [word for remap in remaps for word in ("-r", remap)]
-    with LiveProcess(("--port", str(context.params["live_port"]), "--namespace", namespace, *words)) as page:
+    with PageProcess(("--port", str(context.params["live_port"]), "--namespace", namespace, *words)) as page:
         try:
             yield page
         except SfrError as error:

@@ -71,6 +71,9 @@ def checked_namespace(text: str) -> str:
 SourceArgument = Annotated[
     Path, Argument(metavar="SRC", help="Data set folder, ROS 2 or ROS 1 bag, or KITTI or EuRoC sequence.")
 ]
+RosRemapOption = Annotated[
+    list[str] | None, Option("-r", metavar="FROM:=TO", help="ROS remapping rule of the nodes; repeatable.")
+]
 NamespaceOption = Annotated[str, Option(metavar="NS", callback=checked_namespace, help="Namespace of the rover.")]
 ConfigOption = Annotated[
     Path | None, Option("--config", metavar="F.yaml", help="Configuration; default: the sfr.yaml in or beside SRC.")

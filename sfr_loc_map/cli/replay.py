@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.replay.files import ReplayFiles
     from sfr_loc_map.replay.options import ReplayOptions
-    from sfr_loc_map.replay.run import ScoredReplay
+    from sfr_loc_map.replay.scored_replay import ScoredReplay
     from sfr_loc_map.scoring.inputs import Correction
 
 PLAYED = "Playback of the source"
@@ -252,7 +252,7 @@ def _replayed(
     source: Source, options: ReplayOptions, correction: Correction, files: ReplayFiles | None
 ) -> ScoredReplay:
     """Replay and score with progress bars."""
-    from sfr_loc_map.replay.run import replay_and_score
+    from sfr_loc_map.replay.scored_replay import replay_and_score
 
     parts = ((Task.LOCALISATION, source.loc), (Task.MAPPING, source.nav))
     with progress_bar("pairs") as bar:

@@ -10,7 +10,7 @@ from typer import Argument, Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.live_option import LiveOption, LivePortOption, live_page
-from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, OverwriteOption, require_ros
+from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, OverwriteOption, RosRemapOption, require_ros
 from sfr_loc_map.cli.output import output_folder, say
 from sfr_loc_map.live.config import DEFAULT_PORT
 
@@ -38,7 +38,7 @@ def run(
     ] = None,
     config: GraphConfigOption = None,
     namespace: NamespaceOption = "",
-    remap: Annotated[list[str] | None, Option("-r", metavar="FROM:=TO", help="ROS remapping; repeatable.")] = None,
+    remap: RosRemapOption = None,
     log_level: Annotated[
         Literal["debug", "info", "warn", "error"], Option(help="Minimum severity of displayed messages.")
     ] = "info",
@@ -51,7 +51,7 @@ def run(
     """Run each node in its own process until Ctrl-C, SIGTERM or SIGHUP; exit 2 if a node ends earlier."""
     require_ros("run")
     propose("sfr doctor", why="checks the inputs of the running nodes")
-    from sfr_loc_map.live.live_process import shown_on
+    from sfr_loc_map.live.page_process import shown_on
     from sfr_loc_map.nodes.launch.ros_arguments import ros_arguments, split_ros_arguments, topic_rules
     from sfr_loc_map.nodes.launch.run_nodes import node_names, run_nodes
 

@@ -1,17 +1,20 @@
-"""Views of a run in progress.
+"""Views of a run in progress: the live page and the terminal.
 
-    nodes ──► feed, map_feed (thread of ROS; `operator` calls the services of the nodes)
+A run is a sequence of increasing stamps that the nodes process; if the stamps jump back, a new run begins. A record is
+a received message as values.
+
+    nodes ──► feed, map_feed (thread of ROS)       nodes ◄── operator ◄── commands (the buttons of a page)
             │ records (`updates`)
             ▼
-    LiveState.put (`state`): path, timeline, live_node, shown_score, freshness
+    LiveState.put (`state`): path, timeline, node_reports, shown_score, freshness
             │ JSON values (`live_to_plain`, `to_plain`), images and maps
             ├──► server, viewer (event loop) ──► messages ──► web/app.js and a module for each panel
             └──► terminal
 
 Only the feed writes the state. Each view reads the state while it holds `LiveState.lock`, and never delays the feed.
 `headline` makes the verdict for all views, and `displayed_media` has which images and maps the feed must prepare.
-`live_process` starts the page beside a run, as a process that runs `main`. By `run_end` the run reports to this process
-how it ended. `config`, `access` and `connections` protect the server.
+`page_process` starts the page beside `sfr run` or a replay, as a process that runs `main`. By `run_end` this process
+receives how the run ended. `config`, `access` and `connections` protect the server.
 """
 
 import lazy_loader

@@ -28,9 +28,9 @@ from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
 from sfr_loc_map.io.truth.messages import TruthReader
 from sfr_loc_map.live import updates
-from sfr_loc_map.live.live_process import page_node_name
 from sfr_loc_map.live.map_feed import MapFeed
 from sfr_loc_map.live.operator import NodeOperator
+from sfr_loc_map.live.page_process import page_node_name
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages, are_of_pair
 from sfr_loc_map.message_stamps import NS_PER_S, serialised_stamp
@@ -63,7 +63,6 @@ GRAPH_PERIOD_S = 0.5  #: Period at which the graph is examined and subscriptions
 SPIN_S = 0.1  #: Maximum wait of the executor, which bounds the time to end the thread.
 IMAGE_PERIOD_S = 0.15  #: Minimum interval between displayed image pairs.
 MAX_MAPS = 8  #: Maximum number of waiting clouds, elevation and hazard grids; the oldest are dropped.
-MAX_REASON_LETTERS = 300
 SHOWN_KINDS = (StatusKind.HEALTH, StatusKind.INPUT, StatusKind.FAULT)
 """Statuses that are displayed; calls are received as records."""
 BEST_EFFORT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -246,7 +245,7 @@ class RosFeed(Peer):
             (image,) = depth.grey(samples_of(deserialize_message(raw, kind)))
         except SfrError as error:
             reason = f"{self._image_topics.get(name, name)} cannot be shown: {error}"
-            self._state.put(updates.ImageProblem(name, reason[:MAX_REASON_LETTERS]))
+            self._state.put(updates.ImageProblem(name, reason))
             return
         self._images.add_image(name, stamp_ns, image, published_s)
 

@@ -25,7 +25,7 @@ TOPIC_FRESHNESS = Freshness(after_s=1.6, periods=3.0)
 
 
 @dataclass(frozen=True, slots=True)
-class LiveTopic:
+class ReceivedTopic:
     """Reception time and stamp of the last message of a topic, and the smoothed message period (0: unknown)."""
 
     stamp_ns: int | None
@@ -33,7 +33,7 @@ class LiveTopic:
     period_s: float = 0.0
 
     @classmethod
-    def after(cls, before: LiveTopic | None, stamp_ns: int | None, received_s: float) -> LiveTopic:
+    def after(cls, before: ReceivedTopic | None, stamp_ns: int | None, received_s: float) -> ReceivedTopic:
         """Return the topic after a message; `before` is the previous value, None before the first message."""
         passed_s = 0.0 if before is None else max(received_s - before.received_s, 0.0)
         known = before is not None and before.period_s

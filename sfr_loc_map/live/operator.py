@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError
-from sfr_loc_map.live.updates import Action, Command
+from sfr_loc_map.live.commands import Action, Command
 from sfr_loc_map.ros.services import call_service
 from sfr_loc_map.suite_names import MONITOR_NODE, SUITE_NODES, Task
 from sfr_loc_map.topics import BOOKMARK

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.stamped_poses import pose_at
+from sfr_loc_map.geometry.stamped_poses import LONGEST_GAP_S, pose_at
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.live.updates import PoseSample, Track
 from sfr_loc_map.message_stamps import NS_PER_S
@@ -25,7 +25,9 @@ MAX_ROWS = 4000
 When it is exceeded, the intervals are doubled, so that a loss of any length leaves room for later poses."""
 MAX_TRUTHS = 4000  #: Maximum number of true poses.
 MAX_PENDING = 400  #: Maximum number of estimates that wait for a true pose.
-MAX_GAP_NS = NS_PER_S  #: Longest gap of the truth across which poses are interpolated.
+MAX_GAP_NS = round(
+    LONGEST_GAP_S * NS_PER_S
+)  #: Longest gap of the truth in which poses are interpolated, as in a score.
 Point = tuple[float, float, float]
 
 

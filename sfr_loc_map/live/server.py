@@ -22,8 +22,8 @@ from aiohttp import WSMsgType, http_exceptions, web
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import NodeError, SfrError
-from sfr_loc_map.live import updates
 from sfr_loc_map.live.access import TOKEN_COOKIE, is_equal, refusal_of
+from sfr_loc_map.live.commands import Command
 from sfr_loc_map.live.config import LiveConfig
 from sfr_loc_map.live.connections import IDLE_TIMEOUT_S, BoundedConnections
 from sfr_loc_map.live.messages import LIVE_PERIOD_S, CommonTexts
@@ -234,7 +234,7 @@ class LiveServer:
         try:
             async with asyncio.timeout(IDLE_TIMEOUT_S):
                 content = await request.read()
-            command = updates.Command.parse(content)
+            command = Command.parse(content)
             text = await asyncio.to_thread(self.state.operator.run, command)
         except TimeoutError:
             raise web.HTTPRequestTimeout from None

@@ -15,10 +15,11 @@ from typing import Any, assert_never
 
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.live import updates
+from sfr_loc_map.live.commands import NoOperator, Operator
 from sfr_loc_map.live.displayed_media import DisplayedMedia
-from sfr_loc_map.live.freshness import LiveTopic
+from sfr_loc_map.live.freshness import ReceivedTopic
 from sfr_loc_map.live.headline import headline
-from sfr_loc_map.live.live_node import LOCALISATION_NODE, MAX_LETTERS, LiveNode, NumberedCall, state_of_pose
+from sfr_loc_map.live.node_reports import LOCALISATION_NODE, MAX_LETTERS, NodeReports, NumberedCall, state_of_pose
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.run_end import Aborted, RunEnd
 from sfr_loc_map.live.shown_score import NO_SCORE_SHOWN, ShownScore
@@ -46,15 +47,15 @@ class LiveState:
         self.lock = RLock()
         self._on_change: Callable[[], None] = lambda: None
         self.displayed = DisplayedMedia()
-        self.operator: updates.Operator = updates.NoOperator()  # replaced once the graph is joined
+        self.operator: Operator = NoOperator()  # replaced once the graph is joined
         self._runs: CommonRuns[updates.PoseSample] = CommonRuns({track: AnyOrder() for track in updates.Track})
         self.path = LivePath()
         self.score: ShownScore | None = None
-        self.nodes: dict[str, LiveNode] = {}
+        self.nodes: dict[str, NodeReports] = {}
         self.calls: deque[NumberedCall] = deque(maxlen=MAX_CALLS)
         self.media: dict[str, updates.Media] = {}  # newest image or map of each topic
         self.image_problems: dict[str, str] = {}  # why images cannot be shown, by topic
-        self.topics: dict[str, LiveTopic] = {}
+        self.topics: dict[str, ReceivedTopic] = {}
         self.lost: dict[str, int] = {}  # messages lost in transport to this process, by topic
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # unreadable inputs, newest last
         self.timeline = Timeline()
@@ -237,11 +238,11 @@ class LiveState:
 
     def _note_topic(self, name: str, stamp_ns: int | None, received_s: float) -> None:
         if name in self.topics or len(self.topics) < MAX_TOPICS:
-            self.topics[name] = LiveTopic.after(self.topics.get(name), stamp_ns, received_s)
+            self.topics[name] = ReceivedTopic.after(self.topics.get(name), stamp_ns, received_s)
 
-    def _node(self, name: str) -> LiveNode | None:
+    def _node(self, name: str) -> NodeReports | None:
         if name not in self.nodes and len(self.nodes) < MAX_NODES:
-            self.nodes[name] = LiveNode(name)
+            self.nodes[name] = NodeReports(name)
         return self.nodes.get(name)
 
     def _take_in(self, update: updates.Update) -> None:

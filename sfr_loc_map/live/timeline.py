@@ -9,8 +9,8 @@ from typing import Any
 
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.live import updates
-from sfr_loc_map.live.freshness import LiveTopic
-from sfr_loc_map.live.live_node import LOCALISATION_NODE, state_of_pose
+from sfr_loc_map.live.freshness import ReceivedTopic
+from sfr_loc_map.live.node_reports import LOCALISATION_NODE, state_of_pose
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import COMPILING, HealthKey, Level, StatusKind
@@ -64,7 +64,7 @@ class Timeline:
         self.events: list[Event] = []
         self._open: dict[str, Event] = {}
         self._call: CallRecord | None = None  # last call of the localiser
-        self._pose: LiveTopic | None = None
+        self._pose: ReceivedTopic | None = None
         self._is_pose_lost = False  # whether the covariance of the last pose reports a loss
         self._step_s = 0.0  # smoothed step of the stamps of poses
 
@@ -101,7 +101,7 @@ class Timeline:
                 self.mark(at_s, EventKind.CLOCK, f"stamps jump forward by {step_s:.1f} s")
             else:
                 self._step_s = step_s if self._step_s <= 0.0 else 0.8 * self._step_s + 0.2 * step_s
-        self._pose = LiveTopic.after(self._pose, pose.stamp_ns, at_s)
+        self._pose = ReceivedTopic.after(self._pose, pose.stamp_ns, at_s)
         self._is_pose_lost = pose.is_lost
         self._note_state_of_pose(at_s)
 

@@ -11,7 +11,7 @@ from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.io.message_stream import begin_of
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.live.live_process import LiveProcess
+from sfr_loc_map.live.page_process import PageProcess
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MappingConfig
@@ -67,7 +67,7 @@ class ReplayOptions:
     paused: bool  #: Whether the replay waits for the service ~/resume before the first pair.
     parameter_file: Path | None  #: ROS parameter file for all nodes; the parameters above override it.
     monitor: Mapping[str, Any] = field(default_factory=dict)  #: Parameters of the monitor besides score and limits.
-    page: LiveProcess | None = None  #: Live page that shows the run; None: no page.
+    page: PageProcess | None = None  #: Live page that shows the run; None: no page.
     external: ExternalOptions | None = None  #: External node under test; None: only nodes of the suite.
 
 

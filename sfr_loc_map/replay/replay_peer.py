@@ -9,19 +9,17 @@ from rcl_interfaces.srv import ListParameters
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.live.live_process import LiveProcess
+from sfr_loc_map.live.page_process import FIRST_TOPICS, PageProcess
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.peer import Peer
 from sfr_loc_map.ros.processes import Supervisor
 from sfr_loc_map.ros.services import call_service
 from sfr_loc_map.suite_names import MONITOR_NODE, PLAYER_NODE, Task
-from sfr_loc_map.topics import ESTIMATE, REPORT, RESULTS, TRUE_POSES, call_topic
+from sfr_loc_map.topics import RESULTS, call_topic
 
 ANSWER_TIMEOUT_S = 120.0
 SETTLE_S = 0.3  #: Time for the nodes to discover each other after this node has discovered all nodes.
 PAGE_TIMEOUT_S = 30.0
-PAGE_TOPICS = (ESTIMATE, TRUE_POSES, REPORT)
-"""Topics to which the node of the live page always subscribes. The replay waits for these subscriptions."""
 
 
 class ReplayPeer(Peer):
@@ -46,12 +44,12 @@ class ReplayPeer(Peer):
         if not self.spin(timeout_s, is_met):
             raise NodeError(f"{problem()} within {timeout_s:g} s: check the load of this host and start again")
 
-    def wait_for_page(self, page: LiveProcess) -> bool:
-        """Wait until the live page has subscribed to its topics or has ended; return False after the timeout."""
+    def wait_for_page(self, page: PageProcess) -> bool:
+        """Wait until the live page has subscribed to its first topics or has ended; return False after the timeout."""
 
         def settled() -> bool:
             self.supervisor.check()
-            name, receivers = page.node_name, map(self.ros_node.get_subscriptions_info_by_topic, PAGE_TOPICS)
+            name, receivers = page.node_name, map(self.ros_node.get_subscriptions_info_by_topic, FIRST_TOPICS)
             return not name or all(any(found.node_name == name for found in of_topic) for of_topic in receivers)
 
         return self.spin(PAGE_TIMEOUT_S, settled)

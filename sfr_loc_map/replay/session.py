@@ -19,7 +19,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.live.live_process import shown_on
+from sfr_loc_map.live.page_process import shown_on
 from sfr_loc_map.metrics.calls.call_score import STATE_KINDS
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score.score import Score

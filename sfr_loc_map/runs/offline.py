@@ -24,6 +24,7 @@ from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate, call_of_
 from sfr_loc_map.config import changed
 from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stamped_poses import LONGEST_GAP_S
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.host_clock import checked_clock
@@ -48,7 +49,8 @@ from sfr_loc_map.runs.track_video import FrameObserver
 from sfr_loc_map.signals import stopping
 from sfr_loc_map.suite_names import Task
 
-MAX_START_GAP_NS = NS_PER_S  #: Longest gap of the truth in which the start pose is interpolated, ns.
+MAX_START_GAP_NS = round(LONGEST_GAP_S * NS_PER_S)
+"""Longest gap of the truth in which the start pose is interpolated, ns; as in a score."""
 DEFAULT_STEP_S = 0.1
 Progress = Callable[[int], None]
 

@@ -16,7 +16,7 @@ from sfr_loc_map.errors import (
     NodeError,
     SfrError,
 )
-from sfr_loc_map.live import live_process
+from sfr_loc_map.live import page_process
 from sfr_loc_map.ros import environment
 
 
@@ -41,7 +41,7 @@ class Page:
 @pytest.fixture
 def page(monkeypatch: pytest.MonkeyPatch) -> Page:
     found = Page()
-    monkeypatch.setattr(live_process, "LiveProcess", lambda arguments: found)
+    monkeypatch.setattr(page_process, "PageProcess", lambda arguments: found)
     monkeypatch.setattr(environment, "isolate", lambda: None)
     return found
 
@@ -64,7 +64,7 @@ CONTEXT = SimpleNamespace(params={"live": True, "live_port": 0})
     ],
 )
 def test_a_run_that_an_error_aborts_stays_on_its_page_with_the_cause(page: Page, error: SfrError, cause: str) -> None:
-    with pytest.raises(type(error)), live_page(CONTEXT, isolated=True), live_process.shown_on(page):
+    with pytest.raises(type(error)), live_page(CONTEXT, isolated=True), page_process.shown_on(page):
         raise error
     assert (page.stayed, page.aborted) == (True, cause)
 

@@ -8,10 +8,10 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.live.commands import Action, Command
 from sfr_loc_map.live.config import LiveConfig
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import Action, Command
 from sfr_loc_map.suite_names import SUITE_NODES
 
 

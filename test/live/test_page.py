@@ -16,10 +16,11 @@ from helpers.made_scores import HOSTILE, whole_score
 pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
 
 from helpers.page_server import Recorder, served
+from sfr_loc_map.live.commands import Action
 from sfr_loc_map.live.run_end import RunEnd
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import Action, ImageProblem, PoseSample, PublishedScore, Status
+from sfr_loc_map.live.updates import ImageProblem, PoseSample, PublishedScore, Status
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.judging.judge import judged_by

@@ -17,8 +17,9 @@ import pytest
 from helpers.live_run import fill, frame
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.live.commands import Action, Command
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import Action, Command, ImageSample, MediaKind
+from sfr_loc_map.live.updates import ImageSample, MediaKind
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
 

@@ -17,7 +17,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import score_config
 from sfr_loc_map.metrics.diagnosis.pose_convention import PoseConvention
 from sfr_loc_map.metrics.table.records import AnswerCounts, ExternalScore, MethodKind, MethodRecord
-from sfr_loc_map.replay import run
+from sfr_loc_map.replay import scored_replay
 from sfr_loc_map.replay.files import ReplayFiles
 from sfr_loc_map.replay.options import ExternalOptions, ReplayOptions
 from sfr_loc_map.replay.received import ReceivedResults
@@ -57,7 +57,7 @@ def saved_stamps(files: ReplayFiles) -> list[int]:
 def replay(folder: Path, correction: Correction, options: ReplayOptions = OPTIONS) -> None:
     """Replay the source of a folder and save the results there."""
     source = open_source(folder / "source")
-    run.replay_and_score(
+    scored_replay.replay_and_score(
         source, options, correction, ReplayFiles(folder), "", progress=lambda rig: None, say=lambda line: None
     )
 
@@ -72,7 +72,7 @@ def test_the_estimate_is_saved_if_the_mapper_published_no_cloud(
         add_results(results, stamps_ns)
         return False
 
-    monkeypatch.setattr(run, "replay", replayed)
+    monkeypatch.setattr(scored_replay, "replay", replayed)
     with pytest.raises(NodeError, match=r"^mapping_node published no cloud"):
         replay(tmp_path, Correction())
     assert saved_stamps(ReplayFiles(tmp_path)) == stamps_ns
@@ -91,7 +91,7 @@ def test_the_results_before_an_error_are_saved(tmp_path: Path, monkeypatch: pyte
             results.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.eye(6))
         raise NodeError("mapping_node was killed by SIGKILL")
 
-    monkeypatch.setattr(run, "replay", replayed)
+    monkeypatch.setattr(scored_replay, "replay", replayed)
     text = f"; the received results are in '{tmp_path}'" if count else ""
     with pytest.raises(NodeError, match=f"^mapping_node was killed by SIGKILL{re.escape(text)}$"):
         replay(tmp_path, Correction())
@@ -112,7 +112,7 @@ def test_poses_that_cannot_be_converted_are_saved_as_published(tmp_path: Path, m
         results.external = ExternalResult(method, score, ())
         return False
 
-    monkeypatch.setattr(run, "replay", replayed)
+    monkeypatch.setattr(scored_replay, "replay", replayed)
     options = replace(OPTIONS, external=ExternalOptions(Task.LOCALISATION, "pose"))
     with pytest.raises(MetricsError, match="the world frame cannot be aligned"):
         replay(tmp_path, Correction(PoseConvention(world="first_pose")), options)

@@ -1,4 +1,4 @@
-"""Run the live page beside a replay or the nodes, as a process."""
+"""Run the live page as a process beside `sfr run` or a replay."""
 
 from __future__ import annotations
 
@@ -17,9 +17,13 @@ from sfr_loc_map.live.run_end import EndFile, RunEnd
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.ros.processes import WATCH_S, end_processes, node_process
 from sfr_loc_map.signals import stopping
+from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
+
+FIRST_TOPICS = (ESTIMATE, TRUE_POSES, REPORT)
+"""Topics to which the node of a page subscribes at its start, of whatever a viewer displays."""
 
 
-class LiveProcess(AbstractContextManager["LiveProcess"]):
+class PageProcess(AbstractContextManager["PageProcess"]):
     """The process of the live page, whose exit does not affect the run; a context manager.
 
     The page prints its address to standard output, and the reason for an error to standard error.
@@ -57,7 +61,7 @@ class LiveProcess(AbstractContextManager["LiveProcess"]):
 
 
 @contextmanager
-def shown_on(page: LiveProcess | None) -> Iterator[None]:
+def shown_on(page: PageProcess | None) -> Iterator[None]:
     """Report to a page, if any, that the run in the `with` block was aborted by an error of the suite."""
     try:
         yield

@@ -1,4 +1,4 @@
-"""A node of a run and its calls: the last reports, and the JSON values that all views show."""
+"""The last reports of each node, and its calls, as the JSON values that all views show."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LOCALISATION_NODE = Task.LOCALISATION.node
 
 
 @dataclass(slots=True)
-class LiveNode:
+class NodeReports:
     """The last reports of a node: health, call, and unusable input or internal fault."""
 
     name: str
