@@ -22,6 +22,7 @@ ESCALATION = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)
 """Signals that end processes, each with the time until the next signal, s."""
 START = "sfr_loc_map.nodes.start"  #: Module that runs a node and handles signals before the imports.
 CANNOT_START = 2  #: Exit code of a node with invalid arguments or settings.
+ROUTINE = ("[DEBUG]", "[INFO]")  #: Begin of the log lines of ROS that report no problem.
 WATCH_S = 0.2  #: Period of the check whether a process still runs.
 
 
@@ -85,11 +86,11 @@ class ChildProcess:
 
     @property
     def last_log_line(self) -> str:
-        """Last line of the log."""
+        """Last line of the log, except lines that report no problem."""
         if self._log is None:
             return "its output is above"
-        lines = self.text.strip().splitlines()
-        return lines[-1].strip()[:1000] if lines else "it wrote nothing"
+        lines = [line.strip() for line in self.text.splitlines() if not line.startswith(ROUTINE)]
+        return next((line[:1000] for line in reversed(lines) if line), "its log has no error")
 
     @property
     def ending(self) -> str:

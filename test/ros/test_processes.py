@@ -48,6 +48,12 @@ def test_a_command_says_how_it_ended_and_what_it_started_ends_with_it(tmp_path: 
         wait_until(lambda: process.ending, "its end")
         assert (process.name, process.ending, process.last_log_line) == ("sh", "ended with exit code 4", "the reason")
         assert process.text == "first\nthe reason\n"
+    routine = "[INFO] [1.0] [node]: subscribes to /a"
+    for words, last_line in (("echo the warning;", "the warning"), ("", "its log has no error")):
+        (tmp_path / "external.log").unlink()
+        with user_command(f"sh -c '{words} echo \"{routine}\"; kill -9 $$'", tmp_path) as process:
+            wait_until(lambda: process.ending, "its end")
+            assert (process.ending, process.last_log_line) == ("was killed by SIGKILL", last_line)
     with user_command("sh -c 'sleep 100 & sleep 100'", tmp_path) as process:
         children = wait_until(lambda: psutil.Process(process.popen.pid).children()[1:], "its children")
         assert not process.ending
