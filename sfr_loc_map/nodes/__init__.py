@@ -6,7 +6,7 @@ The path of a stereo pair through a node, in two threads:
                         -> `pair_node` -> `localisation_node`, or `mapping_node` (waits for the pose of the pair)
     worker's thread     -> the localiser or the mapper -> results, and the call record on `~/call`
 
-`monitor_node` passes results and ground truth to its worker in the same way, scores them (`scoring.monitor_score`), and
+`monitor_node` passes results and ground truth to its worker in the same way, scores them (`scoring.live`), and
 publishes the score (`score_publisher`, `score_messages`) or saves it (`score_file`).
 
 - `lifecycle`: what the three nodes have in common (`managed_node`): states, parameters, endpoints, worker, health

@@ -19,7 +19,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.calls.call_score import score_calls
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
-from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import Task
 
 

@@ -25,8 +25,8 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.nodes.score_messages import score_statuses
 from sfr_loc_map.nodes.score_publisher import RESTS
-from sfr_loc_map.scoring.live_score import LiveRun
-from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.live.live_score import LiveRun
+from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 
 PUBLISH_PERIOD_S = 1.0  #: The node's default.
 MAX_SHARE = 1.0 / (1.0 + RESTS)  #: Largest fraction of one core for scoring.

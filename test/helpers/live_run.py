@@ -32,8 +32,8 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_json
-from sfr_loc_map.scoring.live_score import LiveRun
-from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.live.live_score import LiveRun
+from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import SIDES
 
 TIMES = {"latency_transport_s": 0.004}

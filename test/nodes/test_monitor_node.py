@@ -192,7 +192,7 @@ def test_a_mapping_recording_that_is_played_again_restarts_the_score_with_all_ca
                 if (run, second) == (1, 2):
                     node.wait_for("the score restarts")
         score = node.node._score
-        peer.until(lambda: len(score._calls) == 6 and len(score.map_inputs.pair_stamps_ns) == 6, "the new run")
+        peer.until(lambda: len(score.rows.calls) == 6 and len(score.map_inputs.pair_stamps_ns) == 6, "the new run")
         assert node.text.count("the score restarts") == 1
         assert peer.call("monitor_node/reset").success
         assert not score.map_inputs.pair_stamps_ns
@@ -312,19 +312,19 @@ def test_a_truth_of_another_type_is_received_after_another_activation_with_the_s
                 assert peer.change(Transition.TRANSITION_ACTIVATE) == (True, "active")
             peer.until(truth.get_subscription_count, "the subscription")
             truth.publish(truth_message(NavSatFix, START_NS + k * 10**8, positions[k], quats[k]))
-            peer.until(lambda count=k + 1: len(node._score._truth) == count, "the true pose")
-        assert np.linalg.norm(node._score._truth.all()["position"][-1]) > 1.0
+            peer.until(lambda count=k + 1: len(node._score.rows._truth) == count, "the true pose")
+        assert np.linalg.norm(node._score.rows._truth.all()["position"][-1]) > 1.0
 
 
 def test_a_clean_up_discards_the_score(ros: None, capfd: Capture) -> None:
     with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode) as local:
         node = local.node
         peer.publish(Odometry, "localisation/odometry", raw(bag_messages.odometry(START_NS, np.zeros(3), NO_TURN)))
-        peer.until(lambda: len(node._score._estimates) == 1, "the estimate")
+        peer.until(lambda: len(node._score.rows._estimates) == 1, "the estimate")
         assert peer.change(Transition.TRANSITION_DEACTIVATE) == (True, "inactive")
-        assert len(node._score._estimates) == 1
+        assert len(node._score.rows._estimates) == 1
         assert peer.change(Transition.TRANSITION_CLEANUP) == (True, "unconfigured")
-        assert not len(node._score._estimates)
+        assert not len(node._score.rows._estimates)
 
 
 def test_figures_that_cannot_be_computed_are_not_reported_as_published(

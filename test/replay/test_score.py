@@ -45,7 +45,7 @@ from sfr_loc_map.replay.score import score_replay
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.runs.offline import MapRun, map_pairs
 from sfr_loc_map.scoring.inputs import Correction, ScoreInputs
-from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_run import score_files
 from sfr_loc_map.suite_names import Task
 

@@ -16,8 +16,8 @@ from sfr_loc_map.replay import session
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.ros.qos import LATCHED
-from sfr_loc_map.scoring.live_score import LiveRun
-from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.live.live_score import LiveRun
+from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import REPORT
 

@@ -35,8 +35,8 @@ from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, ScoreInputs
-from sfr_loc_map.scoring.live_score import LiveRun
-from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.live.live_score import LiveRun
+from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, groups_of
 from sfr_loc_map.suite_names import Task

@@ -43,9 +43,9 @@ from sfr_loc_map.nodes.score_file import ScoreFile
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.scoring.bag_estimates import bag_estimates
-from sfr_loc_map.scoring.live_maps import LiveMaps
-from sfr_loc_map.scoring.live_score import LiveRun
-from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.live.live_maps import LiveMaps
+from sfr_loc_map.scoring.live.live_score import LiveRun
+from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE, call_topic
 

@@ -1,0 +1,12 @@
+"""The score of a run in progress, from received messages, without ROS.
+
+    messages ── monitor_score ─┬─ received_rows: estimates, true poses, calls ─┬─ live_score ── Score
+                               └─ live_maps: clouds and their truth, worst map ┘
+
+`MonitorScore` receives the messages. Rows and worst map are those of the current run, and a restart replaces them. The
+clouds and their truth are kept, because a map may be in progress.
+
+The received rows are scored by the functions that score files (`scoring.score_parts`), so that the figures of a live
+score are bit-identical to those of a recording. The finding about the conventions may differ, because the diagnosis has
+no rig and is repeated only when the poses have grown by a fifth.
+"""

@@ -1,0 +1,159 @@
+"""The maps of a run in progress: clouds wait for the truth of their pairs, and the worst map decides the verdict."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple, TypeVar
+
+from msgspec.structs import replace as struct_replace
+
+from sfr_loc_map.calls.call_record import CallRecord
+from sfr_loc_map.geometry.arrays import PointImage
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.config import MAX_PAIRS
+from sfr_loc_map.metrics.config import MappingState, VerdictState
+from sfr_loc_map.metrics.errors.cloud_error import PairTruth
+from sfr_loc_map.metrics.judging.judge import judged_by
+from sfr_loc_map.metrics.judging.limit_scope import task_of
+from sfr_loc_map.metrics.score.limits import Limits, LimitSection
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.results import MapResult
+from sfr_loc_map.metrics.table.row_part import Scope
+from sfr_loc_map.metrics.table.rows import figure_row
+
+T = TypeVar("T")
+MAX_KEPT = 2 * MAX_PAIRS  #: Maximum number of true points, poses and clouds that wait for their counterparts.
+OF_CLOUD = (LimitSection.MAP, LimitSection.COMPLETENESS)  #: Sections with the limits on a single map.
+
+
+class _Latest(OrderedDict[int, T]):
+    """The most recently set values; the keys are stamps."""
+
+    def __setitem__(self, stamp_ns: int, value: T) -> None:
+        super().__setitem__(stamp_ns, value)
+        while len(self) > MAX_KEPT:
+            self.popitem(last=False)
+
+
+class MapInputs:
+    """Clouds and the truth of their pairs by stamp, kept until they can be scored."""
+
+    def __init__(self) -> None:
+        self.rig: StereoRig | None = None  #: Rig of the navigation cameras; None before their camera_info.
+        self._true_points = _Latest[PointImage]()  # `(H, W, 3)` of each pair, metres, LM
+        self._poses = _Latest[Transform]()  # `T_lm_navsb` of each pair
+        self._clouds = _Latest[PointCloud]()  # clouds as published, with the stamp of the last pair
+        self._fusions = _Latest[CallRecord]()  # fusions by the stamp of their cloud
+        self.begin_run()
+
+    def begin_run(self) -> None:
+        """Forget which pairs maps must contain. Clouds and truth are kept, because a map may be in progress."""
+        self.pair_stamps_ns = set[int]()  # stamps of received mapping pairs, which the maps of the run must contain
+        self._mapped_until_ns = -1  # stamp of the last pair of the last map
+
+    @property
+    def unmapped_pairs(self) -> int:
+        """Number of mapping pairs after the last map."""
+        return sum(stamp_ns > self._mapped_until_ns for stamp_ns in self.pair_stamps_ns)
+
+    def set_rig(self, rig: StereoRig) -> None:
+        """Set the rig of the following pairs."""
+        self.rig = rig
+
+    def add_true_points(self, stamp_ns: int, points: PointImage) -> None:
+        """Add the true points `(H, W, 3)` of a mapping pair, metres in LM."""
+        self._true_points[stamp_ns] = points
+
+    def add_cloud(self, stamp_ns: int, cloud: PointCloud) -> None:
+        """Add a published cloud; its stamp is that of its last pair."""
+        self._clouds[stamp_ns] = cloud
+
+    def add_pose(self, stamp_ns: int, T_lm_navsb: Transform) -> None:
+        """Add the pose of a mapping pair."""
+        self._poses[stamp_ns] = T_lm_navsb
+        self.pair_stamps_ns.add(stamp_ns)
+
+    def add_call(self, record: CallRecord) -> None:
+        """Add a call. The call of a fusion names the pairs of its cloud."""
+        if record.state == MappingState.FUSED and record.pair_stamps_ns:
+            self._fusions[record.stamp_ns] = record
+
+    def take_complete(self) -> Iterator[tuple[PointCloud, list[PairTruth], int]]:
+        """Yield and remove the clouds whose pairs and truth are known, with the truth of each pair.
+
+        The third value is the number of pairs since the last map, which the map must contain.
+        """
+        for stamp_ns in list(self._clouds):
+            fusion = self._fusions.get(stamp_ns)
+            if fusion is None or self.rig is None:
+                continue
+            wanted = fusion.pair_stamps_ns
+            if not all(stamp in self._true_points and stamp in self._poses for stamp in wanted):
+                continue
+            truths = [PairTruth(self._true_points[s], self._poses[s] @ self.rig.T_sb_left, self.rig) for s in wanted]
+            last_ns, begin_ns = max(wanted), self._mapped_until_ns
+            expected = sum(begin_ns < stamp <= last_ns for stamp in self.pair_stamps_ns)
+            self._mapped_until_ns = max(begin_ns, last_ns)
+            yield replace(self._clouds.pop(stamp_ns), fused=fusion.is_fused), truths, max(expected, len(wanted))
+
+
+class JudgedMap(NamedTuple):
+    """A map with its verdict by the limits on a map."""
+
+    made: MapResult
+    rank: tuple[int, int, float]
+    """Severity of the verdict, number of missed limits and point error, m, the last two with a negative sign. The worst
+    map has the smallest rank. An unknown error is the largest."""
+    missed: frozenset[str]  #: Names of the missed limits.
+
+
+class LiveMaps:
+    """Judges each map of a run by the limits on a map, and keeps the worst map and the number of maps.
+
+    The worst map has the worst verdict, then the most missed limits, then the largest point error.
+    """
+
+    def __init__(self, limits: Limits | None, *, partial: bool) -> None:
+        """Start a run without maps, judged by the limits on a map if there are any."""
+        chosen = () if limits is None else limits.limits
+        chosen = tuple(each for each in chosen if each.section in OF_CLOUD and task_of(each) is Scope.MAP)
+        self._limits = None if limits is None else struct_replace(limits, limits=chosen)
+        self._partial = partial
+        self._count = 0
+        self._worst: JudgedMap | None = None
+        self._missed = frozenset[str]()  # names of the limits that any map missed
+
+    def add(self, made: MapResult) -> None:
+        """Judge a map, and keep it if it is worse than the previous maps."""
+        judged = self._judged(made)
+        if self._worst is None or judged.rank < self._worst.rank:
+            self._worst = judged
+        self._missed |= judged.missed
+        self._count += 1
+
+    @property
+    def result(self) -> MapResult | None:
+        """The result of the worst map, with the number of maps if there are several; None without a map."""
+        if self._worst is None:
+            return None
+        made = self._worst.made
+        if self._count < 2:
+            return made
+        caveat = f"the figures of the map are those of the worst of {self._count} maps"
+        if others := sorted(self._missed - self._worst.missed):
+            caveat += f"; other maps missed the limits {', '.join(others)}"
+        figures = (*made.figures, figure_row("maps", value=self._count))
+        return replace(made, figures=figures, caveats=(*made.caveats, caveat))
+
+    def _judged(self, made: MapResult) -> JudgedMap:
+        score = judged_by(Score(figures=made.figures, cloud=made.cloud), self._limits, partial=self._partial)
+        missed = frozenset(verdict.name for verdict in score.missed)
+        severity = (score.verdict or VerdictState.PASS).severity
+        error_m = score.number("point_error", "mean_plus_3sigma", part=None)
+        rank = (severity, -len(missed), -math.inf if error_m is None else -error_m)
+        return JudgedMap(made, rank, missed)

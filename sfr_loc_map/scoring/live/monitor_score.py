@@ -1,0 +1,127 @@
+"""The score of a run from received messages, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.calls.call_record import CallRecord
+from sfr_loc_map.calls.call_stats import CallStats
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.io.truth.config import RB_ITSELF, TrackedBodyConfig
+from sfr_loc_map.metrics.completeness.expected_items import with_unmapped_pairs
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.errors.cloud_error import score_map
+from sfr_loc_map.metrics.score.limits import Limits
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch
+from sfr_loc_map.scoring.inputs import DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.live.live_maps import LiveMaps, MapInputs
+from sfr_loc_map.scoring.live.live_score import ENDED, LiveRun, Received, score_so_far
+from sfr_loc_map.scoring.live.received_rows import ReceivedRows
+
+DIAGNOSED_GROWTH = 1.2  #: Growth of the number of poses after which a diagnosis is repeated.
+
+
+class LastDiagnosis(NamedTuple):
+    """The last diagnosis of the conventions."""
+
+    poses: int = 0  #: Number of poses at the diagnosis.
+    finding: ConventionFinding | None = None
+
+
+class MonitorScore:
+    """Collects poses, truth, clouds and calls, and scores them; `maps` judges each complete map and keeps the worst."""
+
+    def __init__(self, config: ScoreConfig, limits: Limits | None, body: TrackedBodyConfig = RB_ITSELF) -> None:
+        """Start a run, judged by limits if there are any. `body` is the tracked body of the true poses."""
+        self.map_inputs = MapInputs()
+        self._config = config
+        self._limits = limits
+        self._body = body
+        self.restart()
+
+    def restart(self) -> None:
+        """Discard all data except the clouds and the truth of maps in progress."""
+        self.map_inputs.begin_run()
+        self.rows = ReceivedRows(self._body)
+        self.maps = LiveMaps(self._limits, partial=self._config.trajectory.partial)
+        self._diagnosis = LastDiagnosis()
+
+    def add_estimate(
+        self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], covariance: FloatArray | None
+    ) -> None:
+        """Add an estimated pose of RB in DS, orientation and covariance `(6, 6)` in ROS order."""
+        self.rows.add_estimate(stamp_ns, position, quat_xyzw, covariance)
+
+    def add_truth(
+        self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], variances: FloatArray | None = None
+    ) -> None:
+        """Add a true pose of the tracked body in DS, with variances `(6,)`. A zero quaternion means a position only."""
+        self.rows.add_truth(stamp_ns, position, quat_xyzw, variances)
+
+    def add_call(self, record: CallRecord) -> None:
+        """Add a call, before or after its pose. The call of a fusion names the pairs of its cloud."""
+        self.rows.add_call(record)
+        self.map_inputs.add_call(record)
+
+    def score_maps(self) -> bool:
+        """Score the clouds whose inputs are complete. Return whether there was a cloud."""
+        scored = False
+        for cloud, truths, expected in self.map_inputs.take_complete():
+            self.maps.add(score_map(cloud, truths, self._config.map, expected_pairs=expected))
+            scored = True
+        return scored
+
+    def result(self, live: LiveRun = ENDED) -> Score:
+        """Return the current score with the errors of its sub-trajectories; by default, also the data of all plots.
+
+        During a run, results of the last seconds (`LiveRun.in_flight_s`) do not count as missing, and the first pose
+        and the next map are awaited. After the run, images without poses and the pairs after the last map are missing.
+        """
+        is_under_way = live.in_flight_s > 0.0
+        stats = self.rows.calls.stats()
+        drive = self._drive(stats, live.image_stamps_ns, is_under_way=is_under_way)
+        unmapped = 0 if is_under_way else self.map_inputs.unmapped_pairs
+        surface = self.maps.result
+        if surface is not None and unmapped:
+            surface = replace(surface, figures=with_unmapped_pairs(surface.figures, unmapped))
+        images_ns = () if live.image_stamps_ns is None else live.image_stamps_ns
+        run = Run(
+            ScoreInputs(),
+            [] if stats is None else [stats],
+            drive=drive,
+            unposed_images=0 if is_under_way or self.rows.has_estimates else len(images_ns),
+            nav_stamps_ns=np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64),
+            unmapped_pairs=unmapped if surface is None else 0,
+        )
+        received = Received(
+            run=run, messages=self.rows.messages, map=surface, convention_finding=self._diagnosis.finding
+        )
+        return score_so_far(received, live, self._config, self._limits)
+
+    def diagnose(self) -> None:
+        """Search for a convention mismatch of estimate and truth, which takes 0.1 s or more.
+
+        The last result is kept until the number of poses has grown by the factor `DIAGNOSED_GROWTH`.
+        """
+        poses = self.rows.poses
+        if self._diagnosis.poses <= poses < DIAGNOSED_GROWTH * self._diagnosis.poses:
+            return
+        self._diagnosis = LastDiagnosis(poses)
+        drive = self._drive(None)
+        if drive is not None:
+            self._diagnosis = LastDiagnosis(poses, convention_mismatch(drive, self._config))
+
+    def _drive(
+        self, stats: CallStats | None, image_stamps_ns: IntArray | None = None, *, is_under_way: bool = False
+    ) -> DriveToScore | None:
+        """Return the received drive with the states and covariances of its calls; None without estimate or truth."""
+        truth = self.rows.truth()
+        estimates = self.rows.estimates(stats, is_under_way=is_under_way)
+        if truth is None or estimates is None:
+            return None
+        return DriveToScore(estimates, truth, image_stamps_ns=image_stamps_ns)

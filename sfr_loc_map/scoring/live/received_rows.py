@@ -1,0 +1,193 @@
+"""Estimates, true poses and calls of a run in progress, as rows that grow with each message."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from sfr_loc_map.calls.call_record import CallRecord, is_covariance_reported
+from sfr_loc_map.calls.call_stats import CallStats, estimates_of
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.io.truth.config import TrackedBodyConfig
+from sfr_loc_map.io.truth.conversion import truth_of_rb
+from sfr_loc_map.io.truth.recorded import RecordedTruth
+from sfr_loc_map.metrics.calls.call_meter import METHOD
+from sfr_loc_map.metrics.calls.call_score import Calls, stage_of
+from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
+from sfr_loc_map.metrics.frames.association import COVARIANCE_SIZE, UPPER, Estimates
+
+MAX_STAGES = 16  #: Maximum number of stages. Bounded because the names come from the network.
+POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
+TRUE_POSE = [*POSE, ("variances", np.float64, 6)]
+ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE)]
+STEP = [("row", np.int64), ("step", np.float64, STEP_SIZE)]
+CALL: list[Any] = [("stamp_ns", np.int64), ("seconds", np.float64), ("state", "U16"), ("peak", np.float64)]
+CALL += [("above_idle", np.float64), ("stages", np.float64, MAX_STAGES)]
+COVARIANCE = [("row", np.int64), ("covariance", np.float64, COVARIANCE_SIZE)]
+UNKNOWN_COVARIANCE = np.full(COVARIANCE_SIZE, np.nan)
+
+
+class _Rows:
+    """Rows that are added one by one. Memory of unused rows is not resident."""
+
+    def __init__(self, kind: DTypeLike) -> None:
+        self._array: NDArray[Any] = np.empty(1024, np.dtype(kind, align=True))
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, *row: object) -> None:
+        if self._count == len(self._array):
+            longer = np.empty(2 * self._count, self._array.dtype)
+            longer[: self._count] = self._array
+            self._array = longer
+        self._array[self._count] = row
+        self._count += 1
+
+    def all(self) -> NDArray[Any]:
+        """Return a view that is valid until the next row is added."""
+        return self._array[: self._count]
+
+
+class CallRows(_Rows):
+    """The calls of a run."""
+
+    def __init__(self) -> None:
+        super().__init__(CALL)
+        self._stages = dict[str, int]()
+        self._steps = _Rows(STEP)  # steps of the calls that report one, with the row of the call
+        self._covariances = _Rows(COVARIANCE)  # likewise
+
+    def add_call(self, record: CallRecord) -> None:
+        """Add a call."""
+        stages = np.full(MAX_STAGES, np.nan)
+        for figure, seconds in record.statistics.items():
+            if (name := stage_of(figure)) and (name in self._stages or len(self._stages) < MAX_STAGES):
+                stages[self._stages.setdefault(name, len(self._stages))] = seconds
+        sizes = record.peak_rss_bytes, record.above_idle_bytes
+        peaks = (np.nan if value is None else value for value in sizes)
+        if record.step is not None:
+            self._steps.add(len(self), record.step)
+        if record.covariance is not None:
+            self._covariances.add(len(self), record.covariance[UPPER])
+        self.add(record.stamp_ns, record.processing_time_s, record.state, *peaks, stages)
+
+    def stats(self) -> CallStats | None:
+        """Return the calls as columns; None if there are no calls."""
+        if not len(self):
+            return None
+        covariance = self._column(self._covariances.all(), "covariance", COVARIANCE_SIZE)
+        return CallStats(self._calls(), covariance, self._column(self._steps.all(), "step", STEP_SIZE))
+
+    def _column(self, reported: NDArray[Any], name: str, width: int) -> FloatArray | None:
+        """Return the values `(N, width)` that calls report, NaN for other calls; None if no call reports one."""
+        if not len(reported):
+            return None
+        values = np.full((len(self), width), np.nan)
+        values[reported["row"]] = reported[name]
+        return values
+
+    def _calls(self) -> Calls:
+        rows = self.all()
+        stages = {name: rows["stages"][:, column] for name, column in self._stages.items()}
+        figures = (rows["stamp_ns"], rows["seconds"], rows["state"].tolist(), rows["peak"], rows["above_idle"])
+        return Calls(*figures, stages, memory_method=METHOD)
+
+
+class ReceivedRows:
+    """The estimates, true poses and calls of a run, each in the order of their arrival.
+
+    A true pose takes 112 bytes, an estimate with its covariance 232, the step of a localisation call 392, and a call
+    224 (docs/metrics.md, "Live").
+    """
+
+    def __init__(self, body: TrackedBodyConfig) -> None:
+        """Start a run without rows. `body` is the tracked body of the true poses."""
+        self.calls = CallRows()
+        self._body = body
+        self._estimates = _Rows(ESTIMATE)
+        self._truth = _Rows(TRUE_POSE)
+        self._covariance_ns = -1  # stamp of the last estimate with a published covariance
+
+    def add_estimate(
+        self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], covariance: FloatArray | None
+    ) -> None:
+        """Add an estimated pose of RB in DS, orientation and covariance `(6, 6)` in ROS order."""
+        _check(stamp_ns, position, quat_xyzw)
+        if not any(quat_xyzw):
+            raise InputError(f"the estimate of stamp {stamp_ns} has no attitude: its quaternion is zero")
+        triangle = UNKNOWN_COVARIANCE if covariance is None else covariance[UPPER]
+        if is_covariance_reported(triangle[None])[0]:
+            self._covariance_ns = stamp_ns
+        self._estimates.add(stamp_ns, position, quat_xyzw, triangle)
+
+    def add_truth(
+        self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], variances: FloatArray | None = None
+    ) -> None:
+        """Add a true pose of the tracked body in DS, with variances `(6,)`. A zero quaternion means a position only."""
+        _check(stamp_ns, position, quat_xyzw)
+        if len(self._truth) and any(quat_xyzw) != self._truth.all()["quat"][0].any():
+            raise InputError(
+                f"true pose of stamp {stamp_ns}: an attitude is required for all poses of the truth, or for none"
+            )
+        self._truth.add(stamp_ns, position, quat_xyzw, np.nan if variances is None else variances)
+
+    def add_call(self, record: CallRecord) -> None:
+        """Add a call, before or after its pose."""
+        # The covariance of the pose message is used, so that of the call record is dropped
+        if record.stamp_ns == self._covariance_ns:
+            record = replace(record, covariance=None)
+        self.calls.add_call(record)
+
+    @property
+    def has_estimates(self) -> bool:
+        """Whether there is an estimate."""
+        return len(self._estimates) > 0
+
+    @property
+    def messages(self) -> int:
+        """Number of received poses, true poses and calls."""
+        return self.poses + len(self.calls)
+
+    @property
+    def poses(self) -> int:
+        """Number of received estimates and true poses."""
+        return len(self._estimates) + len(self._truth)
+
+    def truth(self) -> Truth | None:
+        """Return the true poses as poses of RB; None before the first."""
+        if not len(self._truth):
+            return None
+        rows = self._truth.all()
+        poses = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
+        return truth_of_rb(RecordedTruth(poses, "", rows["variances"]), self._body)
+
+    def estimates(self, stats: CallStats | None, *, is_under_way: bool = False) -> Estimates | None:
+        """Return the estimates with the states and covariances of their calls.
+
+        During a run, the calls of poses after the last call may still arrive. These poses count as reported.
+        """
+        if not len(self._estimates):
+            return None
+        rows = self._estimates.all()
+        trajectory = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
+        estimates = estimates_of(trajectory, stats, rows["covariance"])
+        if stats is None or not is_under_way or not len(stats.localised_ns):
+            return estimates
+        is_awaited = rows["stamp_ns"] > stats.localised_ns.max()
+        return replace(
+            estimates,
+            is_lost_known=estimates.is_lost_known | is_awaited,
+            is_degraded_known=estimates.is_degraded_known | is_awaited,
+        )
+
+
+def _check(stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
+    Trajectory(np.array([stamp_ns]), np.array([position], np.float64), np.array([quat_xyzw], np.float64))
