@@ -19,7 +19,7 @@ from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.suite.running.job import SHORT_KEY
 from sfr_loc_map.suite.running.job_outcome import WorkerRecord
 from sfr_loc_map.suite.statistics.budget import Budget, BudgetRow, row_with_fraction
-from sfr_loc_map.suite.statistics.comparison import FigureComparison, SuiteComparison
+from sfr_loc_map.suite.statistics.comparison import CountComparison, FigureComparison, SuiteComparison
 from sfr_loc_map.suite.statistics.drive_count import DriveCount
 from sfr_loc_map.suite.statistics.figures import map_error_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
@@ -355,8 +355,17 @@ COMPARISON: tuple[RowColumn[FigureComparison], ...] = (
 )
 
 
+COMPARED_COUNTS: tuple[RowColumn[CountComparison], ...] = (
+    heads("group", lambda row: row.group),
+    words("count", lambda row: row.figure),
+    numbers("results", lambda row: row.results),
+    numbers("first", lambda row: row.first),
+    numbers("other", lambda row: row.other),
+)
+
+
 def comparison_tables(result: SuiteComparison) -> list[Table]:
-    """Return the table of a comparison of suites."""
+    """Return the tables of a comparison of suites: ratios of errors and memory, and counts of frames."""
     note = (
         "Ratio: geometric mean over the drives of mean + 3 sigma, or of the cost; below 1 the second suite is better. "
         "A drive without the figure in one suite counts in the test as the largest change of all drives. "
@@ -364,7 +373,11 @@ def comparison_tables(result: SuiteComparison) -> list[Table]:
         f"{result.left_out[1]}."
     )
     title = f"{result.names[1]} relative to {result.names[0]}, {result.common} results in both"
-    return [table_of("comparison", title, COMPARISON, result.figures, note)]
+    ratios = table_of("comparison", title, COMPARISON, result.figures, note)
+    if not result.counts:
+        return [ratios]
+    summed = "Sums over the common results for which both suites have the count."
+    return [ratios, table_of("counts", "Lost, degraded and missing frames", COMPARED_COUNTS, result.counts, summed)]
 
 
 def _changed_jobs(change: Change) -> str:

@@ -32,6 +32,9 @@ from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
 
 SIGNIFICANCE = 0.05
 COMPARED = (ComparedKind.ACCURACY, ComparedKind.MEMORY)  #: Times are excluded because they depend on the host's load.
+COUNTED = (ComparedKind.LOST, ComparedKind.DEGRADED, ComparedKind.MISSING)
+"""Counts of frames, which are added over the drives. Their ratios are undefined, because most drives have a count of 0.
+"""
 DRAWS, SEED = 20_000, 20260202
 MIN_TESTED = 6  #: With fewer drives, no p-value can be below 0.03.
 
@@ -70,14 +73,25 @@ class FigureComparison(Struct, frozen=True, kw_only=True):
     worst: DriveRatio  #: Drive that lacks the figure only in the second suite; otherwise the largest ratio.
 
 
+class CountComparison(Struct, frozen=True, kw_only=True):
+    """A count of frames, added over the common results for which both suites have the count."""
+
+    group: str  #: Task, configuration and faults.
+    figure: str  #: Name with unit.
+    results: int  #: Number of common results with the count.
+    first: int  #: Sum in the first suite, the baseline.
+    other: int  #: Sum in the second suite.
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SuiteComparison:
-    """Two suites: names, number of common results, number of results in only one suite, and the compared figures."""
+    """Two suites and the comparison of their common results."""
 
     names: tuple[str, str]
-    common: int
-    left_out: tuple[int, int]
+    common: int  #: Number of common results.
+    left_out: tuple[int, int]  #: Number of results that only the first and only the second suite has.
     figures: tuple[FigureComparison, ...]
+    counts: tuple[CountComparison, ...]  #: Lost, degraded and missing frames.
 
     def to_dict(self) -> dict[str, object]:
         """Return the comparison as JSON values."""
@@ -93,6 +107,7 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
             f"'{names[0]}' and '{names[1]}' have no drive in common: run the same sources, faults and conditions"
         )
     ratios: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}  # ratios by drive, with its repeats
+    counts: dict[tuple[str, FigureName], list[tuple[float, float]]] = {}
     for first_result, other_result in common:
         group = first_result.job.group.text
         other_figures = figures_of(other_result.score)
@@ -104,10 +119,21 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
                     label=first_result.job.label, first=first_figures.get(name), other=other_figures.get(name)
                 )
                 ratios.setdefault((group, name), {}).setdefault(first_result.job.drive_key, []).append(ratio)
+            if name.kind in COUNTED and in_both:
+                counts.setdefault((group, name), []).append((first_figures[name], other_figures[name]))
     left_out = (len(first_results) - len(common), len(other_results) - len(common))
     return SuiteComparison(
-        names=names, common=len(common), left_out=left_out, figures=tuple(_compared(ratios, names[0]))
+        names=names,
+        common=len(common),
+        left_out=left_out,
+        figures=tuple(_compared(ratios, names[0])),
+        counts=tuple(_added(group, name.name, pairs) for (group, name), pairs in counts.items()),
     )
+
+
+def _added(group: str, figure: str, pairs: Sequence[tuple[float, float]]) -> CountComparison:
+    first, other = (int(sum(counts)) for counts in zip(*pairs, strict=True))
+    return CountComparison(group=group, figure=figure, results=len(pairs), first=first, other=other)
 
 
 def _by_pair_key(*suites: Summary) -> list[dict[PairKey, ScoredJob]]:

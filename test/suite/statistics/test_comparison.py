@@ -14,6 +14,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import holm
 from sfr_loc_map.metrics.stored.comparison import Outcome
+from sfr_loc_map.suite.pages.tables import comparison_tables
 from sfr_loc_map.suite.statistics.comparison import compare_suites, ratio_interval, sign_flip_p
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
 
@@ -96,6 +97,24 @@ def test_a_method_that_loses_every_drive_is_worse(score: Score) -> None:
     found = next(item for item in compare_suites(before, losing, ("a", "b")).figures if item.figure == POSITION)
     assert (found.drives, found.without, found.ratio) == (10, (0, 10), None)
     assert found.outcome is Outcome.WORSE
+
+
+def test_lost_and_degraded_frames_are_added_over_the_common_results(score: Score) -> None:
+    def with_counts(lost: int | None, degraded: int) -> Score:
+        assert score.association is not None
+        return struct_replace(score, association=struct_replace(score.association, lost=lost, degraded=degraded))
+
+    before = summary(with_counts(1, 0), dict.fromkeys(names(3), 1.0))
+    after = summary(with_counts(4, 2), dict.fromkeys(names(3), 1.0))
+    unknown = replace(after.results[0], score=with_counts(None, 2))
+    after = replace(after, results=(unknown, *after.results[1:]))
+    result = compare_suites(before, after, ("a", "b"))
+    found = {item.figure: (item.results, item.first, item.other) for item in result.counts}
+    assert (found["lost, frames"], found["degraded, frames"]) == ((2, 2, 8), (3, 0, 6))
+    ratios, counts = comparison_tables(result)
+    assert ratios.name == "comparison"
+    assert counts.name == "counts"
+    assert [item.outcome for item in result.figures if item.figure == POSITION] == [Outcome.EQUAL]
 
 
 @pytest.mark.parametrize("drives", [5, 6, 12])
