@@ -75,7 +75,7 @@ def test_simulations_with_equal_names_are_named_by_the_settings_that_differ(tmp_
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "flat.yaml").write_text(
-            f"drive: {{pairs: {7 + (folder == 'b')}}}\npanorama: {{enabled: false}}\n"
+            f"drive: {{pairs: {7 + (folder == 'b')}, segments: [straight 1]}}\npanorama: {{enabled: false}}\n"
         )
     alone = {"simulate": "a/flat.yaml", "seeds": [1, 2], "set": {"drive.pairs": 3}}
     longer = {"simulate": "a/flat.yaml", "seeds": [1], "set": {"drive.pairs": 4}}
