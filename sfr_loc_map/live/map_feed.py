@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from collections.abc import Callable
 
 import numpy as np
@@ -16,6 +15,7 @@ from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.io.clouds.point_image import points_image
+from sfr_loc_map.latest import Latest
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.message_stamps import stamp_of
@@ -37,7 +37,7 @@ class MapFeed:
         """Start without a map; `has_grid` returns whether the mapper publishes a grid."""
         self._has_grid = has_grid
         self._state, self._truth = state, media.CloudTruth()
-        self._fusions: OrderedDict[int, tuple[int, ...]] = OrderedDict()  # stamps of the pairs by stamp of the cloud
+        self._fusions = Latest[int, tuple[int, ...]](MAX_FUSIONS)  # stamps of the pairs by stamp of the cloud
         self._cloud: tuple[int, PointCloud, float] | None = None  # stamp, cloud, publication time
         self._points: tuple[int, FloatArray32, FloatArray32] | None = None
         self._hazard: tuple[int, FloatArray32] | None = None
@@ -54,8 +54,6 @@ class MapFeed:
         if call.state != MappingState.FUSED or not call.pair_stamps_ns:
             return
         self._fusions[call.stamp_ns] = call.pair_stamps_ns
-        while len(self._fusions) > MAX_FUSIONS:
-            self._fusions.popitem(last=False)
         if self._cloud is not None and self._cloud[0] == call.stamp_ns:
             self._take_cloud()
             self._put()

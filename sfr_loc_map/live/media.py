@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray32, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.latest import Latest
 from sfr_loc_map.live.updates import ElevationSample, ImageSample
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.topics import ELEVATION
@@ -52,14 +52,11 @@ class CloudTruth:
     """Keeps the true points of the last pairs by stamp, and compares points with the true points of their pixels."""
 
     def __init__(self) -> None:
-        self._truths: OrderedDict[int, PointImage] = OrderedDict()
+        self._truths = Latest[int, PointImage](MAX_TRUE_PAIRS)
 
     def add(self, stamp_ns: int, points: PointImage) -> None:
         """Add the true points of a pair, `(H, W, 3)` in LM, m."""
         self._truths[stamp_ns] = points
-        self._truths.move_to_end(stamp_ns)
-        while len(self._truths) > MAX_TRUE_PAIRS:
-            self._truths.popitem(last=False)
 
     def errors(self, cloud: PointCloud, pair_stamps_ns: Sequence[int]) -> FloatArray32 | None:
         """Return the distances `(N,)` to the truth, m, NaN for points without truth; None if no point has truth.

@@ -7,13 +7,14 @@ run, as in the monitor.
 from __future__ import annotations
 
 import math
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from threading import RLock
 from typing import Any, assert_never
 
 from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.latest import Latest
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.commands import NoOperator, Operator
 from sfr_loc_map.live.displayed_media import DisplayedMedia
@@ -64,7 +65,7 @@ class LiveState:
         self._report_page = b""  # HTML report after the end of the run
         self._images, self._posed = 0, 0  # images of the source, and those with a pose, at the end
         self._result_s: float | None = None  # reception of the last pose or call, s; None before the first one
-        self._published: OrderedDict[int, float] = OrderedDict()  # publication time of images by stamp, s
+        self._published = Latest[int, float](MAX_STAMPS)  # publication time of images by stamp, s
         self._call_count = 0
 
     @property
@@ -324,8 +325,6 @@ class LiveState:
         """Note when the images of a stamp were published."""
         self._note_topic(update.topic, update.stamp_ns, update.published_s)
         self._published[update.stamp_ns] = update.published_s
-        if len(self._published) > MAX_STAMPS:
-            self._published.popitem(last=False)
 
     def _take_image_problem(self, update: updates.ImageProblem) -> None:
         """Note why an image is not displayed."""

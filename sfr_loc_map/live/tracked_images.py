@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections import OrderedDict
 from collections.abc import Callable
 
 import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import ColourImage, FloatArray32, GreyImage
+from sfr_loc_map.latest import Latest
 from sfr_loc_map.live.media import IMAGE_WIDTH, image_sample
 from sfr_loc_map.live.updates import ImageSample
 from sfr_loc_map.localisation.estimate import LandmarkTracks
@@ -27,7 +27,7 @@ class TrackedImages:
 
     def __init__(self, put: Callable[[ImageSample], None]) -> None:
         self._put = put
-        self._waiting: OrderedDict[tuple[str, int], tuple[GreyImage, float]] = OrderedDict()
+        self._waiting = Latest[tuple[str, int], tuple[GreyImage, float]](MAX_WAITING)
         self._tracks_s = -HOLD_S  # arrival of the last tracks, monotonic clock
 
     def is_waiting(self, stamp_ns: int) -> bool:
@@ -38,8 +38,6 @@ class TrackedImages:
         """Add an image."""
         if topic in (LEFT, RIGHT):
             self._waiting[topic, stamp_ns] = image, published_s
-            if len(self._waiting) > MAX_WAITING:
-                self._waiting.popitem(last=False)
             if time.monotonic() - self._tracks_s < HOLD_S:
                 return
         self._put(image_sample(topic, stamp_ns, image, published_s))

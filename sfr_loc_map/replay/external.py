@@ -27,6 +27,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
+from sfr_loc_map.latest import Latest
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.metrics.diagnosis.pose_convention import (
     FIRST_POSE,
@@ -80,7 +81,7 @@ class ExternalNode(ABC):
         self._answers = AnswerBook(options.timeout_s, options.frames)
         self._publishers: set[tuple[int, ...]] | None = None  # global ids of the publishers at the first answer
         self._checked_s = 0.0
-        self._early: dict[int, tuple[Any, Any]] = {}  # answers to pairs that are not published yet, by stamp
+        self._early = Latest[int, tuple[Any, Any]](MAX_EARLY)  # answers to pairs that are not published yet, by stamp
 
     @abstractmethod
     def read(self, message: Any) -> Any:  # noqa: ANN401 - of `kind`
@@ -234,8 +235,6 @@ class ExternalNode(ABC):
             self.accept(message, content)
             return
         self._early[stamp_ns] = message, content
-        if len(self._early) > MAX_EARLY:
-            del self._early[next(iter(self._early))]
 
 
 class ExternalLocaliser(ExternalNode):
