@@ -18,6 +18,7 @@ class Cause(StrEnum):
     WRONG_TYPE = "wrong_type"
     QOS = "qos"
     SILENT = "silent"
+    SEVERAL_PUBLISHERS = "several_publishers"
     TRANSPORT = "transport"
     CAMERA_INFO = "camera_info"
     ENCODING = "encoding"

@@ -62,6 +62,15 @@ def silence_of(
     return Issue(Cause.SILENT, topic, text, fix)
 
 
+def doubled_publishers(topic: str, publishers: Sequence[Publisher]) -> Issue | None:
+    """Return the issue of a topic of images with several publishers; None if there is at most one."""
+    if len(publishers) < 2:
+        return None
+    names = ", ".join(sorted(publisher.node for publisher in publishers))
+    text = f"{len(publishers)} publishers ({names})"
+    return Issue(Cause.SEVERAL_PUBLISHERS, topic, text, "stop all but one", is_blocking=False)
+
+
 def _fix_of_type(topic: str, wanted: Sequence[str], found: str) -> str:
     """Return the fix for a wrong type; raw and compressed images have different names."""
     if found == COMPRESSED and IMAGE in wanted:

@@ -19,7 +19,15 @@ from sfr_loc_map.message_types import COMPRESSED, IMAGE
 from sfr_loc_map.stamp_pairing import below_half_period, nearest_stamps
 from sfr_loc_map.suite_names import SIDES
 from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
-from sfr_loc_map.transport_issues import COMPARABLE_NS, MUCH_LOST, Publisher, Reliability, loss_fix, silence_of
+from sfr_loc_map.transport_issues import (
+    COMPARABLE_NS,
+    MUCH_LOST,
+    Publisher,
+    Reliability,
+    doubled_publishers,
+    loss_fix,
+    silence_of,
+)
 
 VIDEO = {
     "foxglove_msgs/msg/CompressedVideo",
@@ -139,7 +147,11 @@ def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Issue:
 
 def _camera_topics(seen: Observation, rig: str) -> Issues:
     for side in SIDES:
-        yield from _topic(seen, f"{rig}/{side}/{seen.image_name(rig)}", seen.images(rig, side))
+        images = seen.images(rig, side)
+        yield from _topic(seen, f"{rig}/{side}/{seen.image_name(rig)}", images)
+        doubled = None if images is None else doubled_publishers(images.source_name, images.publishers or ())
+        if doubled is not None:
+            yield doubled
         name = f"{rig}/{side}/camera_info"
         yield from _topic(seen, name, seen.topics.get(name))
     node = seen.node(rig)

@@ -9,6 +9,7 @@ import numpy as np
 from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.observation import EXPECTED, RIG_OF_NODE, Observation, ObservedNode, ObservedTopic, SourceKind
 from sfr_loc_map.message_types import IMAGE
+from sfr_loc_map.transport_issues import Publisher
 
 
 def test_a_node_without_its_cameras_waits() -> None:
@@ -27,6 +28,15 @@ def test_a_node_without_its_cameras_waits() -> None:
     assert not [item for item in issues if "nav/" in item.where]
     alone = examine(Observation("", SourceKind.GRAPH, topics=unheard, nodes=nodes))
     assert {item.where for item in alone if item.is_blocking} >= {"/nav/left/image_rect", "loc/left/image_rect"}
+
+
+def test_two_publishers_of_images_are_reported() -> None:
+    publishers = (Publisher("/camera", IMAGE), Publisher("/player", IMAGE))
+    for count in (1, 2):
+        images = ObservedTopic("/eye", (IMAGE,), publishers[:count])
+        issues = examine(Observation("", SourceKind.GRAPH, topics={"loc/left/image_rect": images}))
+        found = [(item.where, item.text) for item in issues if item.cause == "several_publishers"]
+        assert found == [("/eye", "2 publishers (/camera, /player)")][: count - 1]
 
 
 def test_images_of_which_none_has_a_stamp_are_no_fault() -> None:

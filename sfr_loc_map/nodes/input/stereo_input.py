@@ -30,7 +30,7 @@ from sfr_loc_map.run_order import RunOrder
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.suite_names import SIDES, Side
 from sfr_loc_map.topics import COMPRESSED_END
-from sfr_loc_map.transport_issues import MUCH_LOST, loss_fix
+from sfr_loc_map.transport_issues import MUCH_LOST, doubled_publishers, loss_fix
 
 LOSS_WINDOW = 40  #: Minimum number of images over which the fraction lost in transport is computed.
 RECENT = 200  #: Number of stamps kept of each side, to explain why its images make no pair.
@@ -200,10 +200,10 @@ class StereoInput:
         """
         doubled = []
         for topic, gaps in self._gaps.items():
-            publishers = [publisher.node for publisher in self._endpoints.publishers(topic)]
-            gaps.set_several(len(publishers) > 1)
-            if len(publishers) > 1:
-                doubled.append(f"{topic} has {len(publishers)} publishers ({', '.join(sorted(publishers))})")
+            issue = doubled_publishers(topic, self._endpoints.publishers(topic))
+            gaps.set_several(issue is not None)
+            if issue is not None:
+                doubled.append(f"{topic} has {issue.text}")
         return f"{'; '.join(doubled)}: stop all but one" if doubled else ""
 
     def inputs(self) -> list[Input]:
