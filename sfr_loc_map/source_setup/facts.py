@@ -30,12 +30,14 @@ def facts_of(path: Path, config: SourceConfig) -> dict[str, Any]:
     A source that cannot be opened with this configuration has the entry "cannot be read".
     """
     facts: dict[str, Any] = {"source": str(path)}
+    topics: list[dict[str, Any]] = []
     try:
+        if is_bag(path):
+            topics = _topics(Bag(path), config)
         facts |= _facts_of_pairs(open_source(path, config))
     except SfrError as error:
         facts["cannot be read"] = str(error)
-    facts["topics"] = _topics(path, config) if is_bag(path) else []
-    return facts
+    return facts | {"topics": topics}
 
 
 def facts_tables(facts: dict[str, Any]) -> list[Table]:
@@ -52,12 +54,12 @@ def facts_tables(facts: dict[str, Any]) -> list[Table]:
     return tables
 
 
-def _topics(path: Path, config: SourceConfig) -> list[dict[str, Any]]:
+def _topics(bag: Bag, config: SourceConfig) -> list[dict[str, Any]]:
     """Return the topics of a bag, each with the name under which it is read.
 
     No topic has such a name if the configuration names wrong topics, which "cannot be read" reports.
     """
-    bag, names = Bag(path), dict[str, str]()
+    names = dict[str, str]()
     with suppress(SfrError):
         renamed = bag.renamed(config.remap)
         names = {topic: name for name in TOPICS_READ for topic in renamed.matches(name)}

@@ -21,3 +21,10 @@ def test_a_wrong_remapping_is_a_fact_beside_the_topics(tmp_path: Path) -> None:
     )
     assert "no topic 'nowhere'" in facts["cannot be read"]
     assert "/loc/left/image_rect" in [topic["name"] for topic in facts["topics"]]
+
+
+def test_a_bag_that_cannot_be_opened_has_its_error_as_a_fact(tmp_path: Path) -> None:
+    (tmp_path / "x.mcap").write_bytes(b"\x89MCAP0\r\n")
+    facts = facts_of(tmp_path / "x.mcap", SourceConfig())
+    assert "x.mcap" in facts["cannot be read"]
+    assert facts["topics"] == []
