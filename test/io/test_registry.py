@@ -103,5 +103,5 @@ def test_a_calibration_of_kitti_for_images_of_another_size_is_refused(tmp_path: 
     folder = made.write_kitti(tmp_path / "a")
     for file in folder.rglob("*.png"):
         cv2.imwrite(str(file), cv2.resize(cv2.imread(str(file)), None, fx=factor, fy=factor))
-    with pytest.raises(InputError, match=r"principal point is .* scale P"):
+    with pytest.raises(InputError, match=r"principal point is .* scale the calibration"):
         open_source(folder)

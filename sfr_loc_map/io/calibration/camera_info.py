@@ -14,6 +14,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.suite_names import SIDES, Side
 
+CENTRE_RATIOS = (0.3, 0.7)  #: Smallest and largest principal point over the image size of full images.
 TOLERANCE = 1e-6
 """Largest deviation of a coefficient from that of a rectified camera (P and K in pixels, R and D without unit)."""
 
@@ -50,6 +51,21 @@ def baseline_from_projection(fx: float, shift: float) -> float:
         near |= {step, math.nextafter(step, direction)}
     exact = [b for b in near if -(fx * b) == shift]
     return min(exact, key=lambda b: (len(repr(b)), abs(b - middle))) if exact else middle
+
+
+def check_centre(cx: float, cy: float, size: tuple[int, int], where: str) -> None:
+    """Raise InputError if a calibration that states no size is that of larger or smaller images than these.
+
+    Scaled images multiply both coordinates of the principal point by one factor. Cropping rarely does.
+    """
+    ratios = np.array([cx, cy]) / size
+    low, high = CENTRE_RATIOS
+    if (ratios < low).all() or (ratios > high).all():
+        width, height = size
+        raise InputError(
+            f"{where}: the principal point is ({cx:g}, {cy:g}), far from the centre of images of {width} x {height} "
+            "px: scale the calibration to the size of the images"
+        )
 
 
 def have_one_camera_matrix(p_left: FloatArray, p_right: FloatArray) -> bool:

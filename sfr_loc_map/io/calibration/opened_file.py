@@ -17,6 +17,7 @@ from sfr_loc_map.json_yaml import parse_yaml
 
 PARTNERS = (("left", "right"), ("cam0", "cam1"), ("intrinsics", "extrinsics"), ("cameras.txt", "rig_config.json"))
 """Words in which the names of the two files of a calibration, or of their folders, differ."""
+SIZE_NAMES = ("image_size", "image_width", "width", "image_height", "height")  #: Names of the size of the images.
 COLMAP_FILE = "cameras.txt"  #: Name of the file of COLMAP with intrinsics; the other file has the poses in the rig.
 
 
@@ -114,10 +115,15 @@ def number_of(content: Mapping[str, Any], name: str) -> float:
     return float(content[plain_name(name)])
 
 
-def size_of(content: Mapping[str, Any]) -> tuple[int, int]:
-    """Return the width and height of the images, in the file or `given`; ValueError if unknown."""
-    names = ("image_size", "image_width", "width", "image_height", "height", "given")
-    found = [number for name in names if plain_name(name) in content for number in numbers_of(content, name)]
-    if len(found) < 2:
+def size_of(content: Mapping[str, Any], given: tuple[int, int] | None = None) -> tuple[int, int]:
+    """Return the width and height of the images, in the file or as `given`; ValueError if unknown."""
+    found = [number for name in SIZE_NAMES if plain_name(name) in content for number in numbers_of(content, name)]
+    width, height, *_ = found if len(found) > 1 else given or (None, None)
+    if width is None or height is None:
         raise ValueError("the image size is missing: image_size, or image_width and image_height, are required")
-    return int(found[0]), int(found[1])
+    return int(width), int(height)
+
+
+def states_size(content: Mapping[str, Any]) -> bool:
+    """Return whether the content has the size of the images."""
+    return any(plain_name(name) in content for name in SIZE_NAMES)

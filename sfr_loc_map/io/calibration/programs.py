@@ -15,7 +15,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text, refusing
-from sfr_loc_map.io.calibration.camera_info import projection
+from sfr_loc_map.io.calibration.camera_info import check_centre, projection
 from sfr_loc_map.io.calibration.opened_file import (
     COLMAP_FILE,
     OpenedFile,
@@ -26,8 +26,9 @@ from sfr_loc_map.io.calibration.opened_file import (
     parse_opencv_yaml,
     plain_name,
     size_of,
+    states_size,
 )
-from sfr_loc_map.io.calibration.rectification import RectifiableCamera
+from sfr_loc_map.io.calibration.rectification import RectifiableCamera, check_camera_matrix
 from sfr_loc_map.io.calibration.rig_file import read_rig
 from sfr_loc_map.io.calibration.stereo_calibration import PosedCamera, rectified_cameras
 from sfr_loc_map.suite_names import SIDES
@@ -219,7 +220,7 @@ def _orbslam_side(content: Mapping[str, Any], side: str) -> RectifiableCamera:
 
 def _orbslam_raw(opened: OpenedFile, first: str, text: str) -> CameraPair:
     """Return two raw cameras with the pose Stereo.T_c1_c2 of the right camera, which older files call Tlr."""
-    content, size = opened.content, _orbslam_size(opened)
+    content, size = opened.content, _orbslam_size(opened, first)
     T_left_right = np.eye(4)
     T_left_right[:3] = np.array(numbers_of(content, "Stereo.T_c1_c2", "Tlr")[:12]).reshape(3, 4)
     is_fisheye = _is_kannala_brandt(content)
@@ -233,7 +234,7 @@ def _orbslam_raw(opened: OpenedFile, first: str, text: str) -> CameraPair:
 
 def _orbslam_rectified(opened: OpenedFile, name: str, text: str) -> CameraPair:
     """Return the pair of rectified images, whose camera has no distortion, with Camera.bf or Stereo.b."""
-    content, size = opened.content, _orbslam_size(opened)
+    content, size = opened.content, _orbslam_size(opened, name)
     if _is_kannala_brandt(content) or any(_orbslam_distortion(content, name)):
         raise ValueError(
             f"{name} has a distortion but there is no Camera2: the settings are of one raw camera, not "
@@ -246,9 +247,11 @@ def _orbslam_rectified(opened: OpenedFile, name: str, text: str) -> CameraPair:
     return CameraPair(left, right, f"{text}, rectified")
 
 
-def _orbslam_size(opened: OpenedFile) -> tuple[int, int]:
+def _orbslam_size(opened: OpenedFile, name: str) -> tuple[int, int]:
     """Return the size in the settings, or that of the images if the settings have no size."""
     if opened.size is not None and "camera.width" not in opened.content:
+        cx, cy = _orbslam_intrinsics(opened.content, name)[2:]
+        check_centre(cx, cy, opened.size, f"calibration '{opened.file}'")
         return opened.size
     return int(number_of(opened.content, "Camera.width")), int(number_of(opened.content, "Camera.height"))
 
@@ -273,14 +276,19 @@ def _is_kannala_brandt(content: Mapping[str, Any]) -> bool:
 def _opencv(opened: OpenedFile) -> CameraPair:
     """Read M1, D1, M2, D2 with R1, P1, R2, P2, or else with R and T, from one file or two."""
     files = [opened.file, *([opened.other] if opened.other else [])]
-    values: dict[str, Any] = {"given": opened.size or ()}
+    values: dict[str, Any] = {}
     for file in reversed(files):
         with refusing(f"calibration '{file}'"):
             values |= named_values(file)
     text = "OpenCV " + " and ".join(f"'{file.name}'" for file in files)
-    size, stated = size_of(values), _states_fisheye(values)
+    stated = _states_fisheye(values)
     is_fisheye = bool(stated)
     ks = [numbers_of(values, f"M{n}", f"K{n}", f"cameraMatrix{n}") for n in (1, 2)]
+    for k in ks:
+        check_camera_matrix(k, f"calibration '{opened.file}'")
+    size = size_of(values, opened.size)
+    if not states_size(values):
+        check_centre(ks[0][2], ks[0][5], size, f"calibration '{opened.file}'")
     ds = [numbers_of(values, f"D{n}", f"distCoeffs{n}", f"distortion_coefficients_{n}") for n in (1, 2)]
     if stated is None and all(len(d) == 4 and any(d) for d in ds):
         _log.warning(

@@ -77,6 +77,7 @@ class RectifiableCamera:
         if not (is_complete and is_finite) or self.k[0] <= 0.0 or self.k[4] <= 0.0 or self.p[0] <= 0.0:
             raise InputError(f"{name} has no k or p, or contains a non-finite number: calibrate the camera")
         r = self.r if any(self.r) else tuple(np.eye(3).reshape(-1).tolist())
+        check_camera_matrix(self.k, name)
         rotation = np.reshape(r, (3, 3))
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > MAX_ROTATION_DEFECT:
             raise InputError(f"{name}: r is not a rotation: calibrate the pair")
@@ -118,6 +119,15 @@ def check_coefficients(model: str, coefficients: Sequence[float], name: str) -> 
     if len(coefficients) not in COEFFICIENTS[model]:
         wanted = " or ".join(map(str, COEFFICIENTS[model]))
         raise InputError(f"{name} has {len(coefficients)} coefficients d: model {model} requires {wanted}")
+
+
+def check_camera_matrix(k: Sequence[float], name: str) -> None:
+    """Raise InputError if numbers `(9,)` are not fx, 0, cx, 0, fy, cy, 0, 0, 1: with a skew, or column by column."""
+    if len(k) != 9 or not _largest_difference(np.take(k, (1, 3, 6, 7, 8)), (0, 0, 0, 0, 1)) <= SAME_PX:
+        raise InputError(
+            f"{name}: the camera matrix is {', '.join(f'{number:g}' for number in k)}: fx, 0, cx, 0, fy, cy, 0, 0, 1 "
+            "is required; calibrate without skew, and write the matrix row by row (that of MATLAB is transposed)"
+        )
 
 
 def _largest_difference(numbers: ArrayLike, others: ArrayLike) -> float:

@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_table, refusing
-from sfr_loc_map.io.calibration.camera_info import projection, rig_from_projections
+from sfr_loc_map.io.calibration.camera_info import check_centre, projection, rig_from_projections
 from sfr_loc_map.io.images.codec import encode_png, read_grey
 from sfr_loc_map.io.images.files import ImagePair, complete_pairs
 from sfr_loc_map.io.layouts.configured_drive import configured_drive
@@ -37,7 +37,6 @@ from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.suite_names import SIDES
 
 CAMERAS = ((0, 1), (2, 3))  #: Numbers of the left and right cameras, in the order of preference: grey, colour.
-CENTRE_RATIOS = (0.25, 0.75)  #: Smallest and largest principal point over the image size; about 0.49 in KITTI.
 _log = logging.getLogger(__name__)
 
 
@@ -70,26 +69,12 @@ def open_kitti(path: Path, config: SourceConfig) -> Source:
         raise InputError(f"'{calibration}' has {', '.join(found) or 'no P'}: P{left} and P{right} are required")
     size, where, names = (width, height), f"'{calibration}'", (f"P{left}", f"P{right}")
     rig = rig_from_projections(cameras[left], cameras[right], size, where, names)
-    _check_size(rig, where)
+    check_centre(rig.cx, rig.cy, size, where)
     rig = replace(rig, T_rb_sb=Transform.identity())
     truth = _load_poses(path, stamps, rig, -cameras[left][3] / cameras[left][0])
     loc = configured_drive(path, config, rig, pairs, truth)
     beside = tuple(file for file in _pose_files(path) if file.is_file())
     return Source(path, SourceFormat.KITTI, loc, None, missing_ns, truth_files=beside)
-
-
-def _check_size(rig: StereoRig, where: str) -> None:
-    """Raise InputError if the calibration is that of larger or smaller images, because the files state no size.
-
-    Scaled images multiply both coordinates of the principal point by one factor. Cropping rarely does.
-    """
-    ratios = np.array([rig.cx / rig.width, rig.cy / rig.height])
-    low, high = CENTRE_RATIOS
-    if (ratios < low).all() or (ratios > high).all():
-        raise InputError(
-            f"{where}: the principal point is ({rig.cx:g}, {rig.cy:g}), far from the centre of images of "
-            f"{rig.width} x {rig.height} px: scale P to the size of the images"
-        )
 
 
 def _pose_files(path: Path) -> list[Path]:

@@ -159,6 +159,29 @@ MONOCULAR = {
 }
 
 
+@pytest.mark.parametrize(
+    "matrix",
+    ["420., 0., 0., 0., 420., 0., 370., 240., 1.", "420., 3., 370., 0., 420., 240., 0., 0., 1."],
+    ids=["column by column", "with skew"],
+)
+def test_a_camera_matrix_of_another_form_is_refused(tmp_path: Path, matrix: str) -> None:
+    (tmp_path / "c.yaml").write_text(OPENCV.replace("420., 0., 370., 0., 420., 240., 0., 0., 1.", matrix))
+    with pytest.raises(InputError, match="the camera matrix is 420"):
+        read_calibration(tmp_path / "c.yaml")
+
+
+@pytest.mark.parametrize("size", [(376, 240), (1504, 960)])
+@pytest.mark.parametrize("name", ["OpenCV", "camera.bf", "Tlr"])
+def test_a_calibration_without_a_size_is_refused_for_scaled_images(
+    tmp_path: Path, name: str, size: tuple[int, int]
+) -> None:
+    text = OPENCV.partition("image_width")[0] if name == "OpenCV" else f"%YAML:1.0\n{SETTINGS[name]}"
+    (tmp_path / "c.yaml").write_text(text)
+    assert read_calibration(tmp_path / "c.yaml", (752, 480))
+    with pytest.raises(InputError, match="scale the calibration"):
+        read_calibration(tmp_path / "c.yaml", size)
+
+
 @pytest.mark.parametrize("name", ["OpenCV", *SETTINGS])
 def test_files_of_opencv_and_orb_slam_give_the_baseline(tmp_path: Path, name: str) -> None:
     text = OPENCV if name == "OpenCV" else f"%YAML:1.0\n{SETTINGS[name]}Camera.width: 752\nCamera.height: 480\n"
