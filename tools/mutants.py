@@ -370,7 +370,7 @@ MUTATIONS = (
     # inputs besides the poses
     Mutation("scoring/inputs.py", "[*self.stats, *([] if self.target is None else [self.target])]", "[*self.stats]"),
     Mutation("scoring/load.py", "    check_one_estimate(found.trajectory, stats)\n", ""),
-    Mutation("scoring/load.py", "SAME_POSITION_M = 0.002", "SAME_POSITION_M = 0.0"),
+    Mutation("scoring/call_checks.py", "SAME_POSITION_M = 0.002", "SAME_POSITION_M = 0.0"),
     Mutation("scoring/load.py", "    check_one_method(stats, target)\n", ""),
     Mutation("scoring/score_run.py", "fitted_unit(run.convention) or ", ""),
     Mutation("metrics/diagnosis/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
@@ -476,7 +476,7 @@ MUTATIONS = (
     ),
     Mutation("metrics/judging/several_scores.py", "if None in items:", "if items == {None, 0}:"),
     Mutation("metrics/judging/several_scores.py", " or value_of(item, score).value is not None", ""),
-    Mutation("scoring/load.py", "if len(here) > 1:", "if len(here) > 2:"),
+    Mutation("scoring/call_checks.py", "if len(here) > 1:", "if len(here) > 2:"),
     Mutation(JUDGE, "(figure.independent or 0.0) >= limits", "(figure.independent or 0.0) > limits"),
     Mutation("metrics/score/verdict.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
     Mutation("metrics/judging/limited_value.py", '"mean_plus_3sigma": 3.0, "max"', '"mean_plus_3sigma": 1.0, "max"'),

@@ -1,14 +1,20 @@
 """Scores with provenance from files, data in memory or topics.
 
-The modules in the order of their use:
+The way from an estimate and a ground truth to a verdict:
 
-- inputs: `inputs` defines the run to be scored (`Run`), and `settings` the settings by name. `load` builds a run from
-  files or from data in memory, and uses `bag_estimates` to read the estimates of a bag.
+    ScoreInputs ── load.load_run ──► Run ── conversion.converted_run ──► Run with poses of RB in DS
+    Run ── score_run: one function of score_parts for trajectory, map and calls ──► ScoreParts
+    ScoreParts ── assembly.score_of_parts: figures, then verdicts by metrics.judging ──► Score
+
+Each step takes values and returns values. The modules in the order of their use:
+
+- inputs: `inputs` defines the files of a score (`ScoreInputs`) and the run to be scored (`Run`), and `settings` the
+  settings by name. `judgement` finds the limits and conditions. `load` builds a run from files or from data in memory;
+  `call_checks` refuses calls of another run, and `bag_estimates` reads the estimates of a bag.
 - conventions: `conversion` converts the estimate to poses of RB in DS and diagnoses convention mismatches.
 - score: `score_parts` scores the trajectory, the map and the calls of a run. `assembly` combines these parts to a score
   with verdicts and warnings. `provenance` collects the hashes of the files, the settings and facts of the host.
-- entry points: `score_run` scores a finished run. `monitor_score` collects the messages of a live run and scores them
-  by `live_score`.
+- entry points: `score_run` scores a finished run, and `live` a run in progress from its messages.
 """
 
 import lazy_loader

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from msgspec.structs import replace as struct_replace
@@ -17,8 +17,8 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND
 from sfr_loc_map.metrics.table.details import CallPlots, Details, MapDetails, TrajectoryDetails
 from sfr_loc_map.metrics.table.records import ConventionRecord, MethodKind, MethodRecord, Provenance
-from sfr_loc_map.metrics.table.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.scoring.inputs import Run
+from sfr_loc_map.scoring.score_parts import ScoreParts
 
 OUTSIDE_SHARE, OUTSIDE_S = 0.5, 0.2
 """Maximum processor time outside the calls of a method without a warning: fraction of the total, and s."""
@@ -39,16 +39,10 @@ def all_kept(limits: Limits | None, further: Collection[tuple[str, str]] = ()) -
 
 
 def score_of_parts(
-    run: Run,
-    trajectory: TrajectoryResult,
-    surface: MapResult,
-    calls: CallsResult,
-    provenance: Provenance | None,
-    config: ScoreConfig,
-    limits: Limits | None,
+    run: Run, parts: ScoreParts, provenance: Provenance | None, config: ScoreConfig, limits: Limits | None
 ) -> Score:
     """Return the score of the parts of a run, with its verdicts and warnings."""
-    method = _method_of(run)
+    trajectory, surface, calls = parts
     score = Score(
         figures=(*trajectory.figures, *surface.figures, *calls.figures),
         association=trajectory.association,
@@ -58,7 +52,7 @@ def score_of_parts(
         cloud=surface.cloud,
         calls=calls.records,
         target=calls.target,
-        method=method,
+        method=_method_of(run),
         findings=(*run.findings, *(finding for item in run.all_calls for finding in item.findings)),
         processes=next((item.processes for item in run.stats if item.processes is not None), None),
         external=run.external,
@@ -67,15 +61,23 @@ def score_of_parts(
         errors=trajectory.errors,
         details=_details(trajectory.details, surface.details, calls.plots),
     )
-    score = judged_by(score, limits, partial=config.trajectory.partial)
-    warnings = [*_convention_warnings(run.convention), *trajectory.warnings, *surface.warnings, *calls.warnings]
+    judged = judged_by(score, limits, partial=config.trajectory.partial)
     caveats = (*trajectory.caveats, *surface.caveats, *calls.caveats, *_unbound_calls(run))
-    warnings += caveats
-    warnings += () if method is None else _process_warnings(method, run)
-    warnings += [*_partial_warnings(score), *reading_caveats(score)]
-    if any(item.figure == ERRORS_BEYOND for item in score.verdicts):
-        warnings += trajectory.unjudged
-    return struct_replace(score, warnings=tuple(warnings), caveats=caveats)
+    warnings = _warnings(judged, run, parts, caveats)
+    return struct_replace(judged, warnings=tuple(warnings), caveats=caveats)
+
+
+def _warnings(judged: Score, run: Run, parts: ScoreParts, caveats: Sequence[str]) -> Iterator[str]:
+    """Yield the warnings of a judged score: of its conversion, its parts, its method and its verdicts."""
+    yield from _convention_warnings(run.convention)
+    for part in parts:
+        yield from part.warnings
+    yield from caveats
+    yield from _process_warnings(judged.method, run)
+    yield from _partial_warnings(judged)
+    yield from reading_caveats(judged)
+    if any(item.figure == ERRORS_BEYOND for item in judged.verdicts):
+        yield from parts.trajectory.unjudged
 
 
 def _details(
@@ -115,7 +117,10 @@ def _unbound_calls(run: Run) -> Iterator[str]:
         yield "the calls (--stats) have no positions: it is not verified that they belong to the run of the estimate"
 
 
-def _process_warnings(method: MethodRecord, run: Run) -> Iterator[str]:
+def _process_warnings(method: MethodRecord | None, run: Run) -> Iterator[str]:
+    """Yield warnings about the isolation of the method, and about its work between the calls."""
+    if method is None:
+        return
     if "not " in (method.isolation or ""):
         yield f"method {method.name} was not isolated and may have read any file: {method.isolation}"
     for usage in (item.processes for item in run.stats if item.processes is not None):

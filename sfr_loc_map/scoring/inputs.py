@@ -57,8 +57,15 @@ class ScoreInputs:
             stats = [beside] if beside.is_file() else []
         if (about := estimate / TARGET_FILE).is_file():
             poses, cloud = (path if (path := estimate / name).is_file() else None for name in TARGET_RESULTS)
-            calls, truths = estimate / "stats.csv", (truth if poses else None, truth if cloud else None)
-            return cls(poses, truths[0], cloud, truths[1], tuple(stats), target=calls, target_about=about)
+            return cls(
+                estimate=poses,
+                truth=truth if poses else None,
+                cloud=cloud,
+                map_truth=truth if cloud else None,
+                stats=tuple(stats),
+                target=estimate / "stats.csv",
+                target_about=about,
+            )
         if estimate.suffix.lower() in (*cloud_file.SUFFIXES, *cloud_file.OTHER_SUFFIXES):
             return cls(cloud=estimate, map_truth=truth, stats=tuple(stats))
         return cls(estimate=estimate, truth=truth, stats=tuple(stats))

@@ -31,12 +31,11 @@ from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.metrics.errors.cloud_error import PairTruth, truths_of
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TargetRecord
+from sfr_loc_map.scoring.call_checks import check_one_estimate, check_one_method
 from sfr_loc_map.scoring.inputs import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs
-from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE
 
 _log = logging.getLogger(__name__)
-SAME_POSITION_M = 0.002  #: Tolerance for positions that were rounded to 1 mm twice.
 TARGET_SCHEMA = "sfr-target/1"
 
 
@@ -58,7 +57,8 @@ def load_run(
     check_one_method(stats, target)
     about = None if inputs.target_about is None else load_target(inputs.target_about)
     cloud, nav_stamps_ns = _read_cloud(inputs, fused)
-    how, drive = _how_to_read(inputs), None
+    how = _how_to_read(inputs)
+    drive = None
     if (inputs.truth or truth) is not None and (inputs.estimate or estimate) is not None:
         true, source = _read_truth(inputs.truth, truth, how)
         found, estimates = _read_estimate(inputs, estimate, true, stats, target)
@@ -66,68 +66,15 @@ def load_run(
         if nav_stamps_ns is None:
             nav_stamps_ns = _nav_stamps_of(source, stats if target is None else [*stats, target])
     return Run(
-        with_read_files(inputs, how),
-        stats,
-        target,
+        inputs=with_read_files(inputs, how),
+        stats=stats,
+        target=target,
         about=about,
         drive=drive,
         cloud=cloud,
         method=None if about is None else _method_of(about),
         nav_stamps_ns=nav_stamps_ns,
     )
-
-
-def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> None:
-    """Raise InputError if calls with positions have other or missing positions at the stamps of an estimate."""
-    stamps_ns, rows = np.unique(trajectory.stamps_ns, return_index=True)
-    for item in stats:
-        if item.positions is None or not len(stamps_ns):
-            continue
-        place = np.minimum(np.searchsorted(stamps_ns, item.calls.stamps_ns), len(stamps_ns) - 1)
-        is_given = stamps_ns[place] == item.calls.stamps_ns
-        localised = item.positions[is_given & item.calls.is_localisation]
-        without = int(np.count_nonzero(~np.isfinite(localised).all(axis=1)))
-        if without:
-            raise InputError(
-                f"the calls (--stats) have no position at {without} of {len(localised)} stamps of the estimate: give "
-                "the unchanged calls of the run"
-            )
-        apart_m = np.abs(trajectory.positions[rows[place]] - item.positions).max(axis=1)[is_given]
-        is_other = apart_m > SAME_POSITION_M
-        if is_other.any():
-            raise InputError(
-                f"the calls (--stats) belong to another estimate: at {np.count_nonzero(is_other)} of {len(is_other)} "
-                f"stamps their position differs by up to {apart_m[is_other].max():.3g} m: give the calls of the run "
-                "that produced the estimate"
-            )
-
-
-def check_one_method(stats: Sequence[CallStats], target: CallStats | None) -> None:
-    """Raise InputError if the calls of a run come from several methods, or from several configurations of a method.
-
-    The calls on a target must come from the same method as the calls on this host.
-    """
-    here = {_identity(item.method) for item in stats if item.method is not None}
-    names = ", ".join(f"{name} {version or ''}".strip() for name, version, _ in sorted(here, key=str))
-    if len(here) > 1:
-        raise InputError(f"the calls (--stats) come from {len(here)} methods ({names}): give the calls of one method")
-    for task in Task:
-        methods = [item.method for item in stats if item.has_task(task) and item.method is not None]
-        configurations = {method.config_sha256 for method in methods}
-        if len(configurations) > 1:
-            raise InputError(
-                f"the {task} calls (--stats) come from {len(configurations)} configurations of the method {names}: "
-                "give the calls of one configuration"
-            )
-    if target is not None and target.method is not None and here and _identity(target.method) not in here:
-        raise InputError(
-            f"the calls on the target are of the method {target.method.name} {target.method.version or ''}, those on "
-            f"this host of {names}: give the calls of one method"
-        )
-
-
-def _identity(method: MethodRecord) -> tuple[str, str | None, str | None]:
-    return method.name, method.version, method.sha256
 
 
 def _method_of(about: TargetRecord) -> MethodRecord:

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.trajectory import Truth
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.hashes import hash_arrays, hash_path
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.frames.truth_error import as_truth
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import InputFile, Provenance
@@ -26,10 +27,14 @@ from sfr_loc_map.package_commit import package_commit
 from sfr_loc_map.scoring.inputs import IN_MEMORY, Run
 
 
-def provenance_of(run: Run, config: ScoreConfig, truth_sha256: str | None, map_truth_sha256: str | None) -> Provenance:
-    """Return the provenance of a score. The hashes are of the values of the true trajectory and the true map."""
+def provenance_of(run: Run, config: ScoreConfig) -> Provenance:
+    """Return the provenance of a score; a ground truth also has the hash of its values (`data_sha256`)."""
     inputs = run.inputs
-    data = {"truth": truth_sha256, "map_truth": map_truth_sha256}
+    data: dict[str, str] = {}
+    if run.drive is not None:
+        data["truth"] = hash_of_truth(run.drive.truth)
+    if run.cloud is not None:
+        data["map_truth"] = hash_arrays(truth.points for truth in run.cloud.truths)
     paths: dict[str, Path | None] = {
         "estimate": inputs.estimate,
         "truth": inputs.truth,
@@ -63,6 +68,13 @@ def provenance_of(run: Run, config: ScoreConfig, truth_sha256: str | None, map_t
         host=host_facts(),
         time=datetime.now(UTC).isoformat(timespec="seconds"),
     )
+
+
+def hash_of_truth(truth: Trajectory) -> str:
+    """Return the SHA-256 of the poses of a ground truth, of their sigmas and of the lever arm."""
+    known = as_truth(truth)
+    stated = np.array((known.sigma_m, known.sigma_deg, *known.lever_arm_m))
+    return hash_arrays((truth.stamps_ns, truth.positions, truth.quats_xyzw, stated))
 
 
 def limits_not_seen(score: Score, origin: str) -> str | None:

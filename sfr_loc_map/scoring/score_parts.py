@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace as struct_replace
@@ -48,6 +49,14 @@ UNEVEN_PERIODS, UNEVEN_SHARE = 2.5, 0.05
 """Estimates are uneven if more than this fraction of the time is between estimates that are further apart than this
 number of median periods. A single missing estimate leaves two periods."""
 MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Matching errors are smaller.
+
+
+class ScoreParts(NamedTuple):
+    """The parts of a score, which the verdicts are derived from."""
+
+    trajectory: TrajectoryResult
+    map: MapResult
+    calls: CallsResult
 
 
 # ---- the trajectory

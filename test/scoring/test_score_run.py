@@ -28,7 +28,7 @@ from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.message_types import STRING
 from sfr_loc_map.scoring.load import estimates_of_calls, load_estimates
-from sfr_loc_map.scoring.score_run import hash_of_truth
+from sfr_loc_map.scoring.provenance import hash_of_truth
 
 Scored = Callable[..., dict[str, Any]]
 

@@ -18,6 +18,7 @@ from sfr_loc_map.scoring.assembly import all_kept, score_of_parts, with_conditio
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import (
+    ScoreParts,
     calls_result,
     drive_result,
     expected_calls,
@@ -77,8 +78,8 @@ def score_so_far(received: Received, live: LiveRun, config: ScoreConfig, limits:
     if not live.details:
         surface = replace(surface, details=None)
     calls = calls_result(run, _due_calls(run, live.in_flight_ns), details=live.details)
-    calls = _with_transport(calls, live, received.messages)
-    return score_of_parts(run, trajectory, surface, calls, live.provenance, config, limits)
+    parts = ScoreParts(trajectory, surface, _with_transport(calls, live, received.messages))
+    return score_of_parts(run, parts, live.provenance, config, limits)
 
 
 def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:

@@ -1,0 +1,68 @@
+"""Refusal of calls that belong to another estimate, or to several methods."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sfr_loc_map.calls.call_stats import CallStats
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.table.records import MethodRecord
+from sfr_loc_map.suite_names import Task
+
+SAME_POSITION_M = 0.002  #: Tolerance for positions that were rounded to 1 mm twice.
+
+
+def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> None:
+    """Raise InputError if calls with positions have other or missing positions at the stamps of an estimate."""
+    stamps_ns, rows = np.unique(trajectory.stamps_ns, return_index=True)
+    for item in stats:
+        if item.positions is None or not len(stamps_ns):
+            continue
+        place = np.minimum(np.searchsorted(stamps_ns, item.calls.stamps_ns), len(stamps_ns) - 1)
+        is_given = stamps_ns[place] == item.calls.stamps_ns
+        localised = item.positions[is_given & item.calls.is_localisation]
+        without = int(np.count_nonzero(~np.isfinite(localised).all(axis=1)))
+        if without:
+            raise InputError(
+                f"the calls (--stats) have no position at {without} of {len(localised)} stamps of the estimate: give "
+                "the unchanged calls of the run"
+            )
+        apart_m = np.abs(trajectory.positions[rows[place]] - item.positions).max(axis=1)[is_given]
+        is_other = apart_m > SAME_POSITION_M
+        if is_other.any():
+            raise InputError(
+                f"the calls (--stats) belong to another estimate: at {np.count_nonzero(is_other)} of {len(is_other)} "
+                f"stamps their position differs by up to {apart_m[is_other].max():.3g} m: give the calls of the run "
+                "that produced the estimate"
+            )
+
+
+def check_one_method(stats: Sequence[CallStats], target: CallStats | None) -> None:
+    """Raise InputError if the calls of a run come from several methods, or from several configurations of a method.
+
+    The calls on a target must come from the same method as the calls on this host.
+    """
+    here = {_identity(item.method) for item in stats if item.method is not None}
+    names = ", ".join(f"{name} {version or ''}".strip() for name, version, _ in sorted(here, key=str))
+    if len(here) > 1:
+        raise InputError(f"the calls (--stats) come from {len(here)} methods ({names}): give the calls of one method")
+    for task in Task:
+        methods = [item.method for item in stats if item.has_task(task) and item.method is not None]
+        configurations = {method.config_sha256 for method in methods}
+        if len(configurations) > 1:
+            raise InputError(
+                f"the {task} calls (--stats) come from {len(configurations)} configurations of the method {names}: "
+                "give the calls of one configuration"
+            )
+    if target is not None and target.method is not None and here and _identity(target.method) not in here:
+        raise InputError(
+            f"the calls on the target are of the method {target.method.name} {target.method.version or ''}, those on "
+            f"this host of {names}: give the calls of one method"
+        )
+
+
+def _identity(method: MethodRecord) -> tuple[str, str | None, str | None]:
+    return method.name, method.version, method.sha256
