@@ -220,7 +220,7 @@ MUTATIONS = (
         "truth.positions[before] + move",
     ),
     Mutation(EXPECTED_ITEMS, "GAP_PERIODS = 5", "GAP_PERIODS = 7"),
-    Mutation(SHORTFALLS, 'or true path", 0.01, 0.01', 'or true path", 0.01, 0.013'),
+    Mutation(SHORTFALLS, "most_without_limits=0.01", "most_without_limits=0.013"),
     Mutation("metrics/frames/association.py", "IMAGE_PERIOD_SHARE = 0.4", "IMAGE_PERIOD_SHARE = 0.15"),
     Mutation("metrics/frames/truth_error.py", "[2.0 * of_position] * 3", "[1.0 * of_position] * 3"),
     Mutation("metrics/errors/consistency.py", "free_from = end\n", "free_from = start\n"),
@@ -296,14 +296,18 @@ MUTATIONS = (
     Mutation("metrics/calls/call_score.py", "if row.call in kinds else row for", "if row.part in kinds else row for"),
     # verdicts
     Mutation(SHORTFALLS, '"missing", Scope.DRIVE, IMAGES, 0.0', '"missing", Scope.DRIVE, IMAGES, 0.01'),
-    Mutation(SHORTFALLS, 'truth", Scope.DRIVE, IMAGES, 0.0', 'truth", Scope.DRIVE, IMAGES, 0.01'),
+    Mutation(SHORTFALLS, "IMAGES,\n        0.0,", "IMAGES,\n        0.01,"),
     Mutation(
         SHORTFALLS,
         '"points_not_finite", Scope.MAP, "map points", 0.0',
         '"points_not_finite", Scope.MAP, "map points", 0.5',
     ),
-    Mutation(SHORTFALLS, 'worst pair", 0.5,', 'worst pair", 0.99,'),
-    Mutation(SHORTFALLS, '"calls_doubled", Scope.CALLS, "calls", 0.0', '"calls_doubled", Scope.CALLS, "calls", 0.1'),
+    Mutation(SHORTFALLS, 'worst pair",\n        0.5,', 'worst pair",\n        0.99,'),
+    Mutation(
+        SHORTFALLS,
+        '"calls_doubled",\n        Scope.CALLS,\n        "calls",\n        0.0',
+        '"calls_doubled",\n        Scope.CALLS,\n        "calls",\n        0.1',
+    ),
     Mutation(INCOMPLETE, "if rules.partial and kind.is_lifted_by_partial", "if rules.partial"),
     Mutation(INCOMPLETE, "not row.n or row.value is not None", "not row.n or row.value != 0.0"),
     Mutation(
@@ -311,7 +315,7 @@ MUTATIONS = (
         "not in tasks_of(score):\n        return False",
         "not in tasks_of(score) or True:\n        return False",
     ),
-    Mutation(SHORTFALLS, '"estimates", 0.0', '"estimates", 0.1'),
+    Mutation(SHORTFALLS, '"estimates",\n        0.0', '"estimates",\n        0.1'),
     # calls belong to the estimate that they produced
     Mutation("scoring/inputs.py", "stats = [beside] if beside.is_file() else []", "stats = []"),
     Mutation(
@@ -385,14 +389,14 @@ MUTATIONS = (
         "metrics/completeness/drive.py", "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"
     ),
     Mutation("metrics/completeness/drive.py", "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
-    Mutation(INCOMPLETE, "value is None and kind.figure in NOTHING", "value is None and kind.figure not in NOTHING"),
+    Mutation(INCOMPLETE, "value is None and kind.text_of_nothing", "value is None and not kind.text_of_nothing"),
     Mutation(INCOMPLETE, "share.value <= most or moving", "share.value <= 1.0 or moving"),
     Mutation(INCOMPLETE, " or not meets(limit, value):\n            text = standing", ":\n            text = standing"),
     Mutation("metrics/errors/standing.py", "farthest_m > MOVING_SHARE * np.max", "farthest_m >= 0.0 * np.max"),
     Mutation("metrics/errors/standing.py", "if not 0 < standing < count:", "if not 0 < standing:"),
     Mutation("report/deviations.py", "None not in used and used != [", "None not in used and used == ["),
     # true poses at starts and ends
-    Mutation(SHORTFALLS, 'motions", 0.1,', 'motions", 1.0,'),
+    Mutation(SHORTFALLS, 'motions",\n        0.1,', 'motions",\n        1.0,'),
     Mutation(
         "metrics/completeness/copies.py",
         "is_moving = lengths_m > MOVING_SHARE * np",

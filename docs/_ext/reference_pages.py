@@ -225,12 +225,36 @@ def api() -> str:
     return "\n".join(parts)
 
 
+def shortfalls() -> str:
+    """Return the table of the kinds of missing and wrong data, and when a result is complete."""
+    from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS
+
+    lines = [
+        "| part of `judged` | figure | fraction of | complete up to | without limits | accepted by the limits |",
+        "|---|---|---|---|---|---|",
+    ]
+    for kind in SHORTFALLS:
+        scope = "all" if kind.scope is None else f"`{kind.scope}`"
+        own = () if kind.limit_name is None else (kind.limit_name,)
+        accepting = [f"`{name}`" for name in (*own, *kind.accepted_by)]
+        accepting += [f"`{name}` if the images are unknown" for name in kind.accepted_without_images_by]
+        accepting += ["`--partial`"] if kind.is_lifted_by_partial and kind.most is not None else []
+        if kind.figure == JUDGED:
+            lines.append(f"| {scope} | `{JUDGED}` | expected items | any known fraction | any | `--partial` |")
+            continue
+        bounds = ["any" if most is None else f"{most:g}" for most in (kind.most, kind.most_without_limits)]
+        cells = (scope, f"`{kind.figure}`", kind.expected, *bounds, ", ".join(accepting) or "-")
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 PAGES: dict[str, Callable[[], str]] = {
     "commands": commands,
     "parameters": parameters,
     "configuration": configuration,
     "topics": topics,
     "score": score,
+    "shortfalls": shortfalls,
     "api": api,
 }
 

@@ -31,5 +31,5 @@ def complete() -> tuple[Figure, ...]:
     parts += [f"target {part}" for part in parts[2:]]
     rows = [expected_row(RowPart.of(part), 1, 1) for part in parts]
     kinds = [f"{place}{kind}" for place in ("", "target ") for kind in CallKind]
-    names = [each.figure for each in SHORTFALLS if each.scope == Scope.CALLS]
+    names = [each.figure for each in SHORTFALLS if each.scope in (Scope.CALLS, Scope.MEMORY)]
     return (*rows, *(figure_row(name, part=kind, n=1, value=0.0) for kind in kinds for name in names))

@@ -11,6 +11,7 @@ from helpers.score_rows import complete
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.metrics.calls.call_score import Calls, score_target
+from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS, ShortfallKind
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
@@ -326,7 +327,8 @@ def test_an_absent_answer_leaves_no_pass_beside_absent_calls() -> None:
     """The shortfall of the calls does not replace the gap of the drive."""
     answers = AnswerCounts(pairs=20, missing=1)
     node = ExternalScore(task="localisation", topic="t", frames="odom", answers=answers, latency_s=None)
-    score = replace(with_position(0.4), external=node)
+    score = with_position(0.4)
+    score = replace(score, figures=(*score.figures, *answers_completeness(node)), external=node)
     rules = {**LIMIT, "timing": {"localisation_max_s": 1.0}}
     made = judged_by(score, parse_limits(rules, "limits"))
     assert [item.state for item in made.on_limits] == ["incomplete", "not enough data"]

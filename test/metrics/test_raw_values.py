@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from helpers.cli_result import Sfr
 from helpers.made_scores import calls, cloud, drive
 from sfr_loc_map.metrics.calls.call_score import score_calls, with_external
+from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.cloud_error import score_map
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
@@ -118,8 +119,11 @@ def test_the_calls_of_an_external_node_are_compared_with_its_statements_and_not_
     )
     external = with_external(score_calls(calls(300, 2)), node)
     others = [row for row in score.figures if row.subject not in ("calls", "memory")]
-    score = replace(score, figures=(*others, *external.figures), external=node)
+    of_answers = answers_completeness(node)
+    score = replace(score, figures=(*others, *external.figures, *of_answers), external=node)
     assert raw_contradiction(score) is None
+    fewer = replace(node, answers=AnswerCounts(pairs=300, answered=299, missing=1))
+    assert "answers of the node give" in (raw_contradiction(replace(score, external=fewer)) or "")
     problem = raw_contradiction(edited(score, "localisation", "max", 0.9, "stated"))
     assert problem is not None
     assert "localisation" in problem

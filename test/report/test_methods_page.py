@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from helpers.made_scores import HOSTILE, whole_score, without
 from sfr_loc_map.cli.main import app
+from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.judging.judge import with_verdicts
 from sfr_loc_map.metrics.score.score import Score
@@ -39,7 +40,11 @@ def scores() -> list[Score]:
     node = ExternalScore(
         task="localisation", topic="odom", frames="a -> b", answers=AnswerCounts(pairs=9, answered=9), latency_s=LATENCY
     )
-    other = replace(without(whole_score(), "timing", "memory"), method=theirs, external=node)
+    of_answers = tuple(answers_completeness(node))
+    keys = [(row.figure, row.part) for row in of_answers]
+    other = without(whole_score(), "timing", "memory")
+    others = tuple(row for row in other.figures if (row.figure, row.part) not in keys)
+    other = replace(other, figures=(*others, *of_answers), method=theirs, external=node)
     call = (
         figure_row("mapping_call", n=1, mean=2.5, rmse=2.5, max=2.5, p50=2.5, p95=2.5),
         figure_row("mapping_call", part="first call", value=2.5),

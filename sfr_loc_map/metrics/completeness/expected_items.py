@@ -8,7 +8,7 @@ expected items (`n`, null if it is unknown) and the fraction of them that is jud
 | `drive` | images; if unknown, true poses | has an estimate and a ground truth | `missing` | `unmatched`, `doubled` |
 | `map` | mapping pairs | has a point in the cloud | `pairs_without_cloud` | `points_repeated` |
 | `calls KIND` | pairs | has a call with a measured time | `calls_missing` | `calls_other`, `calls_doubled` |
-| `memory KIND` | pairs | has a call with measured memory | all that is not judged | as for `calls KIND` |
+| `memory KIND` | pairs | has a call with measured memory | `unmeasured` | as for `calls KIND` |
 | `live` | messages of the live run | was received | `dropped` | - |
 | `suite` | planned results | has a score | all that is not judged | - |
 
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.completeness.shortfall_kinds import IN_GAPS, JUDGED
+from sfr_loc_map.metrics.completeness.shortfall_kinds import ANSWERED_TWICE, IN_GAPS, JUDGED, UNANSWERED, UNMEASURED
 from sfr_loc_map.metrics.config import AssociationMode, CallKind
 from sfr_loc_map.metrics.frames.association import has_own, nearness_ns
 from sfr_loc_map.metrics.table.records import Association, ExternalScore
@@ -302,9 +302,10 @@ def calls_completeness(
         given, expected = stamps_ns[np.isfinite(measured)], np.unique(expected_ns)
         judged, many = judged_calls(kind, given, expected)
         yield expected_row(part, judged, many)
+        calls = part.of_calls.text
+        missing = UNMEASURED if scope is Scope.MEMORY else "calls_missing"
+        yield figure_row(missing, part=calls, n=many, value=share_of(many - judged, many))
         if scope is Scope.CALLS:
-            calls = part.of_calls.text
-            yield figure_row("calls_missing", part=calls, n=many, value=share_of(many - judged, many))
             yield from wrong_calls(calls, given, expected)
 
 
@@ -340,8 +341,11 @@ def answers_completeness(node: ExternalScore) -> Iterator[Figure]:
     yield figure_row("calls_missing", part=kind, n=answers.pairs, value=share_of(answers.missing, answers.pairs))
     yield figure_row("calls_other", part=kind, n=received, value=share_of(answers.other_stamp, received))
     yield figure_row("calls_doubled", part=kind, n=received, value=share_of(answers.doubled, received))
-    if node.process is not None:
-        yield expected_row(RowPart(Scope.MEMORY, kind), 1, 1)  # memory of all its processes over the complete run
+    yield figure_row(UNANSWERED, part=kind, n=answers.pairs, value=share_of(answers.missing, answers.pairs))
+    yield figure_row(ANSWERED_TWICE, part=kind, n=received, value=share_of(answers.doubled, received))
+    if node.process is not None:  # memory of all its processes over the complete run
+        yield expected_row(RowPart(Scope.MEMORY, kind), 1, 1)
+        yield figure_row(UNMEASURED, part=kind, n=1, value=0.0)
 
 
 # ---- live runs

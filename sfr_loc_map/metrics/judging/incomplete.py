@@ -13,19 +13,7 @@ from typing import NamedTuple
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.completeness.drive import DISTANCE, TIME, LongestGap, covered_text
-from sfr_loc_map.metrics.completeness.shortfall_kinds import (
-    ANSWERED_TWICE,
-    HIDDEN_CONDITIONS,
-    IN_GAPS,
-    JUDGED,
-    NOTHING_REQUIRED,
-    SHORTFALLS,
-    TEXTS,
-    UNANSWERED,
-    UNKNOWN_FIGURE,
-    UNMEASURED,
-    ShortfallKind,
-)
+from sfr_loc_map.metrics.completeness.shortfall_kinds import COVERED, JUDGED, SHORTFALLS, UNKNOWN_FIGURE, ShortfallKind
 from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.metrics.errors.other_frames import BEYOND
 from sfr_loc_map.metrics.formulas import QUANTILES
@@ -34,9 +22,8 @@ from sfr_loc_map.metrics.score.limits import Limit, LimitSection, Rules, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject, statistic_title, title_of
-from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart, Scope
+from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart
 from sfr_loc_map.metrics.table.rows import Figure
-from sfr_loc_map.suite_names import Task
 
 NOT_DUE = "no result of the {part} is due yet"
 UNKNOWN = "the expected items of the {part} are unknown: score against the source"
@@ -45,7 +32,6 @@ NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (o
 NO_STAMP = "the {part} calls have no stamps, so their pairs are unknown"
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
-SCOPE_OF = {Task.LOCALISATION: Scope.DRIVE, Task.MAPPING: Scope.MAP}  #: Scope of the results of a task.
 STATES = RowPart("states")  #: Part of the shortfalls for unknown states of poses, which affect no other limit.
 
 
@@ -83,17 +69,18 @@ def incompleteness(score: Score) -> list[Shortfall]:
     found: list[Shortfall] = []
     for part in parts:
         for kind in SHORTFALLS:
-            if kind.scope in (None, part.what) and not is_accepted(kind, rules):
+            if kind.scope in (None, part.what) and not is_accepted(kind, rules, score):
                 most = kind.most if rules.limits else kind.most_without_limits
                 found += FINDERS.get(kind.figure, above_most)(kind, part, score, most)
     return found
 
 
-def is_accepted(kind: ShortfallKind, rules: Rules) -> bool:
+def is_accepted(kind: ShortfallKind, rules: Rules, score: Score) -> bool:
     """Return whether the rules of a score accept a kind of shortfall: by partial judging, or by a limit."""
     if rules.partial and kind.is_lifted_by_partial:
         return True
-    return any(kind.is_accepted_by(limit.name) for limit in rules.limits)
+    has_images = score.association is None or bool(score.association.images)
+    return any(kind.is_accepted_by(limit.name, has_images=has_images) for limit in rules.limits)
 
 
 def text_of(missing: Iterable[Shortfall]) -> str | None:
@@ -111,34 +98,17 @@ def is_lifted_by_partial(score: Score) -> bool:
 
 def above_most(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
     """Yield a shortfall if the figure of a kind exceeds its largest complete value, or is unknown."""
-    calls = part.of_calls.text
+    calls = part.of_calls.text if kind.of_node is None else kind.of_node.value
     row = score.figure(kind.figure, subject=Subject.COMPLETENESS, part=calls)
     if most is None or row is None:
         return
+    index = score.index_of(row)
     if row.value is None and row.n:
-        text = UNKNOWN_FIGURE.format(title=title_of(kind.figure))
-        yield Shortfall(kind, part, most, None, text, score.index_of(row))
-    elif row.value is None and kind.figure in NOTHING_REQUIRED:
-        yield Shortfall(kind, part, most, None, NOTHING_REQUIRED[kind.figure], score.index_of(row))
+        yield Shortfall(kind, part, most, None, UNKNOWN_FIGURE.format(title=title_of(kind.figure)), index)
+    elif row.value is None and kind.text_of_nothing:
+        yield Shortfall(kind, part, most, None, kind.text_of_nothing, index)
     elif row.value is not None and row.value > most:
-        yield Shortfall(kind, part, most, row.value, filled_text(kind, row.value, calls), score.index_of(row))
-
-
-def uncovered_drive(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
-    """Yield a shortfall as `above_most`, whose text states the covered fraction of the drive and its longest gap."""
-    for item in above_most(kind, part, score, most):
-        yield item._replace(text=missing_text(score))
-
-
-def without_truth(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
-    """Yield a shortfall as `above_most`, unless the images are unknown and the estimates without truth are limited.
-
-    If the images are unknown, the images without truth are these estimates.
-    """
-    has_images = score.association is None or bool(score.association.images)
-    names = [limit.name for limit in limits_in(score)]
-    if has_images or "unmatched_max_share" not in names:
-        yield from above_most(kind, part, score, most)
+        yield Shortfall(kind, part, most, row.value, filled_text(kind, row.value, calls, score), index)
 
 
 def unknown_items(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
@@ -146,14 +116,6 @@ def unknown_items(kind: ShortfallKind, part: RowPart, score: Score, most: float 
     row = score.figure(JUDGED, subject=Subject.COMPLETENESS, part=part)
     if most is not None and (row is None or row.value is None):
         yield Shortfall(kind, part, most, None, why_unknown(part, row), score.index_of(row))
-
-
-def unmeasured_memory(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
-    """Yield a shortfall if the memory of a call was not measured."""
-    row = score.figure(JUDGED, subject=Subject.COMPLETENESS, part=part)
-    if most is not None and row is not None and row.value is not None and 1.0 - row.value > most:
-        value = 1.0 - row.value
-        yield Shortfall(kind, part, most, value, filled_text(kind, value, str(part.call)), score.index_of(row))
 
 
 def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
@@ -213,46 +175,16 @@ def unknown_state(kind: ShortfallKind, part: RowPart, score: Score, most: float 
             yield Shortfall(kind, STATES, limit.limit, None, NO_STATE.format(figure=kind.figure))
 
 
-def unanswered_pairs(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
-    """Yield a shortfall if an external localiser has not answered a pair."""
-    node = score.external
-    if most is None or node is None or node.task != Task.LOCALISATION or not node.answers.pairs:
-        return
-    value = node.answers.missing / node.answers.pairs
-    if value > most:
-        yield Shortfall(kind, part, most, value, filled_text(kind, value, None))
-
-
-def answered_twice(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
-    """Yield a shortfall if an external node has answered pairs several times, of which the first answer is judged.
-
-    The other answers are in no other figure of the trajectory or the map.
-    """
-    node = score.external
-    if most is None or node is None or part.what != SCOPE_OF[Task(node.task)]:
-        return
-    row = score.figure("calls_doubled", part=node.task)
-    value = None if row is None else row.value
-    if value is not None and value > most:
-        yield Shortfall(kind, part, most, value, filled_text(kind, value, None), score.index_of(row))
-
-
 Finder = Callable[[ShortfallKind, RowPart, Score, float | None], Iterator[Shortfall]]
 FINDERS: dict[str, Finder] = {
     JUDGED: unknown_items,
-    "missing": uncovered_drive,
-    IN_GAPS: uncovered_drive,
-    HIDDEN_CONDITIONS: uncovered_drive,
-    UNANSWERED: unanswered_pairs,
-    "images_without_truth": without_truth,
     "lost": unknown_state,
     "degraded": unknown_state,
     ERRORS_BEYOND: beyond_the_judged,
     STANDING: met_by_standing,
-    ANSWERED_TWICE: answered_twice,
-    UNMEASURED: unmeasured_memory,
 }
-"""Finders of the kinds of shortfalls whose finder is not `above_most`, by their figures."""
+"""Finders of the kinds of shortfalls that depend on more than the row of their figure. The last three depend on the
+limits of the score, each of which can have a shortfall. All other kinds have the finder `above_most`."""
 
 
 def limits_in(score: Score) -> tuple[Limit, ...]:
@@ -263,10 +195,10 @@ def limits_in(score: Score) -> tuple[Limit, ...]:
 # ---- texts
 
 
-def filled_text(kind: ShortfallKind, value: float, calls: str | None) -> str:
+def filled_text(kind: ShortfallKind, value: float, calls: str | None, score: Score) -> str:
     """Return the text of a kind of shortfall with the value of its figure and the kind of calls."""
-    template = TEXTS.get(kind.figure, "")
-    return template.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=calls)
+    covered = missing_text(score) if kind.text == COVERED else ""
+    return kind.text.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=calls, covered=covered)
 
 
 def standing_text(limit: Limit, share: Figure, moving: Figure, value: float | None) -> str:

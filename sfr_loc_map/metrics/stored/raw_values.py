@@ -13,13 +13,8 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.calls.call_score import AFTER_FIRST, FIRST
-from sfr_loc_map.metrics.completeness.shortfall_kinds import (
-    ANSWERED_TWICE,
-    SHORTFALLS,
-    UNANSWERED,
-    UNMEASURED,
-    ShortfallKind,
-)
+from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
+from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS, ShortfallKind
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.score.limits import LimitSection
@@ -35,7 +30,6 @@ DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 """Rounding of the errors of sub-trajectories and of map points in the data of the plots, m."""
 SIGMAS = 5.0  #: A quantile contradicts the sample if a sampled fraction deviates by more standard deviations than this.
 CORRELATED = 10.0  #: Number of correlated values that are equivalent to one independent value.
-OF_RECORDS = (UNANSWERED, ANSWERED_TWICE, UNMEASURED)  #: Shortfalls that have no row of their own.
 WITHOUT_RESULT: dict[str, tuple[str, Subject]] = {
     Scope.DRIVE: ("missing", Subject.TRAJECTORY),
     Scope.MAP: ("pairs_without_cloud", Subject.MAP),
@@ -46,7 +40,7 @@ WITHOUT_RESULT: dict[str, tuple[str, Subject]] = {
 def raw_contradiction(score: Score) -> str | None:
     """Return the first contradiction between the figures and the raw values of a score; None if there is none."""
     of_raw = (*_required(score), *_of_sub_trajectories(score), *_of_points(score), *_of_calls(score), *_of_axes(score))
-    of_table = (*_of_pairs(score), *_of_first_calls(score), *_of_counts(score), *_of_judged(score))
+    of_table = (*_of_pairs(score), *_of_first_calls(score), *_of_counts(score), *_of_judged(score), *_of_answers(score))
     return next(iter((*of_raw, *of_table)), None)
 
 
@@ -106,7 +100,7 @@ def _of_judged(score: Score) -> Iterator[str]:
         part = RowPart.of(row.part)
         if row.value is None:
             continue
-        kind = part.of_calls.text if part.what == Scope.CALLS else None
+        kind = part.of_calls.text if part.what in (Scope.CALLS, Scope.MEMORY) else None
         required = _required_shortfalls(score, part)
         for shortfall in required:
             if score.figure(shortfall.figure, part=kind) is None:
@@ -123,11 +117,20 @@ def _of_judged(score: Score) -> Iterator[str]:
 
 def _required_shortfalls(score: Score, part: RowPart) -> list[ShortfallKind]:
     """Return the shortfalls whose rows a part of a score always has."""
-    of_part = [kind for kind in SHORTFALLS if kind.scope == part.what and kind.figure not in OF_RECORDS]
+    of_part = [kind for kind in SHORTFALLS if kind.scope == part.what and kind.of_node is None]
     only, subject = WITHOUT_RESULT.get(part.what, ("", Subject.COMPLETENESS))
     if not score.has(subject):
         return [kind for kind in of_part if kind.figure == only]
     return [kind for kind in of_part if kind.figure != ERRORS_BEYOND]
+
+
+def _of_answers(score: Score) -> Iterator[str]:
+    """Yield the contradictions between the rows about the answers of an external node and its record."""
+    for row in () if score.external is None else answers_completeness(score.external):
+        stored = score.figure(row.figure, subject=row.subject, part=row.part)
+        if stored is None or (stored.n, stored.value) != (row.n, row.value):
+            value = "absent" if stored is None else f"{_text(stored.value)} of {stored.n}"
+            yield f"{row.label} is {value}, but the answers of the node give {_text(row.value)} of {row.n}"
 
 
 def _of_sub_trajectories(score: Score) -> Iterator[str]:
