@@ -227,3 +227,15 @@ def test_a_turn_of_a_truth_without_roll_and_pitch_is_refused() -> None:
     config = TrajectoryScoreConfig(conditions=("turn=5",))
     with pytest.raises(MetricsError, match="turn=DEG"):
         score_trajectory(Estimates.of(estimate), planar, config)
+
+
+def test_estimated_roll_and_pitch_of_a_planar_truth_are_no_turn_of_the_rover() -> None:
+    """The rover stands for three quarters of the drive. The roll of the estimate oscillates by 3 deg meanwhile."""
+    positions = np.zeros((COUNT, 3))
+    positions[:, 0] = np.maximum(0.0, np.arange(COUNT) - 0.75 * COUNT) * 0.05
+    level = np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1))
+    rolls = Rotation.from_euler("x", 3.0 * np.sin(0.37 * np.arange(COUNT))[:, None], degrees=True)
+    truth = Truth(STAMPS, positions, level, has_tilt=False)
+    score = scored(Trajectory(STAMPS, positions, rolls.as_quat()), truth)
+    standing = score.number("standing", "value", condition="time=5", part="sub-trajectories")
+    assert standing == pytest.approx(0.75, abs=0.15)

@@ -23,13 +23,15 @@ QUARTERS = (0.25, 0.5, 0.75, 1.0)
 
 
 def rows_of_moving(
-    condition: str, sub_trajectories: SubTrajectories, overlap: float, *, has_height: bool
+    condition: str, sub_trajectories: SubTrajectories, overlap: float, *, has_height: bool, has_tilt: bool
 ) -> Iterator[Figure]:
     """Yield the fraction of sub-trajectories of a stationary rover, and the errors of those in which it moves.
 
-    The errors are omitted if the rover is stationary in all sub-trajectories or in none.
+    `has_height` and `has_tilt` state whether the ground truth has heights, and roll and pitch. The errors are omitted
+    if the rover is stationary in all sub-trajectories or in none.
     """
-    moves, count = is_moving(sub_trajectories), len(sub_trajectories.starts)
+    moves = is_moving(sub_trajectories, has_tilt=has_tilt)
+    count = len(sub_trajectories.starts)
     standing = count - int(np.count_nonzero(moves))
     yield figure_row(STANDING, condition, SUB_TRAJECTORIES, n=count, value=share_of(standing, count))
     if not 0 < standing < count:
@@ -42,15 +44,24 @@ def rows_of_moving(
         yield error_row(kind, condition, MOVING, others, overlap)
 
 
-def is_moving(sub_trajectories: SubTrajectories) -> Mask:
-    """Return the sub-trajectories in which the rover moves or turns by a tenth of the largest motion or turn."""
-    starts, ends = sub_trajectories.starts, sub_trajectories.ends
+def is_moving(sub_trajectories: SubTrajectories, *, has_tilt: bool) -> Mask:
+    """Return the sub-trajectories in which the rover moves or turns by a tenth of the largest motion or turn.
+
+    If the ground truth has no roll and pitch, only the heading counts, because those of its poses are estimated.
+    """
+    starts = sub_trajectories.starts
+    ends = sub_trajectories.ends
     frames = [starts + np.rint(share * (ends - starts)).astype(np.int64) for share in QUARTERS]
     position = np.nan_to_num(sub_trajectories.poses.true_position)  # heights may be unknown
     moved_m = [np.linalg.norm(formulas.displacement(position, starts, at), axis=1) for at in frames]
     farthest_m = np.max(moved_m, axis=0)
     attitude = sub_trajectories.poses.true_attitude
-    turn_deg = np.nan_to_num(formulas.attitude_error_deg(attitude[ends], attitude[starts]))  # attitudes may be unknown
+    if has_tilt:
+        turn_deg = formulas.attitude_error_deg(attitude[ends], attitude[starts])
+    else:
+        heading = formulas.heading(attitude)
+        turn_deg = np.abs(formulas.heading_error_deg(heading[ends], heading[starts]))
+    turn_deg = np.nan_to_num(turn_deg)  # attitudes may be unknown
     least_deg = max(TURN_DEG, MOVING_SHARE * np.max(turn_deg, initial=0.0))
     return np.asarray((farthest_m > MOVING_SHARE * np.max(farthest_m, initial=0.0)) | (turn_deg > least_deg))
 

@@ -5,7 +5,7 @@ The formulas are in `metrics.formulas`. The same function scores files and live 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -147,11 +147,15 @@ def result_of_condition(
     """Return the part of a score from the sub-trajectories of one condition."""
     condition, starts, ends = chosen
     name = condition.setting
-    has_height = as_truth(truth).has_height
+    known = as_truth(truth)
     sub_trajectories = SubTrajectories(starts, ends, placed.poses, placed.errors_of(placed.poses, starts, ends))
     overlap = overlap_of(starts, ends, spacing)
-    of_other_frames = tuple(rows_of_other_frames(name, sub_trajectories, placed, has_height=has_height))
-    of_moving = rows_of_moving(name, sub_trajectories, overlap, has_height=has_height) if condition.is_of_time else ()
+    of_other_frames = tuple(rows_of_other_frames(name, sub_trajectories, placed, has_height=known.has_height))
+    of_moving: Iterable[Figure] = ()
+    if condition.is_of_time:
+        of_moving = rows_of_moving(
+            name, sub_trajectories, overlap, has_height=known.has_height, has_tilt=known.has_tilt
+        )
     return ConditionResult(
         figures=(
             *error_rows(name, sub_trajectories, overlap, placed, truth),
