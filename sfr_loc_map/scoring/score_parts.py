@@ -69,12 +69,12 @@ def drive_result(
     kept_errors: Collection[tuple[str, str]],
     *,
     details: bool = True,
-    under_way: bool = False,
+    is_live: bool = False,
     in_flight_ns: int = 0,
 ) -> TrajectoryResult:
     """Return the part of a score from a trajectory; `finding` is about the conventions of estimate and truth.
 
-    During a run (`under_way`), estimates may still lack a truth, and results of the last `in_flight_ns` may arrive.
+    A live run is scored even if no estimate has a ground truth. Results of the last `in_flight_ns` may still arrive.
     """
     scored = score_trajectory(
         drive.estimates,
@@ -82,7 +82,7 @@ def drive_result(
         config,
         image_stamps_ns=drive.image_stamps_ns,
         details=details,
-        under_way=under_way,
+        is_live=is_live,
         in_flight_ns=in_flight_ns,
         kept_errors=kept_errors,
     )

@@ -55,7 +55,7 @@ def score_trajectory(
     *,
     image_stamps_ns: IntArray | None = None,
     details: bool = True,
-    under_way: bool = False,
+    is_live: bool = False,
     in_flight_ns: int = 0,
     kept_errors: Collection[tuple[str, str]] = (),
 ) -> TrajectoryResult:
@@ -64,11 +64,11 @@ def score_trajectory(
     An estimate has to cover the images, or the true poses if the stamps of the images are unknown. Results of the last
     `in_flight_ns` are not required yet. `kept_errors` are the limited figures and their conditions, whose errors are
     all kept. With `details`, the frames are kept for plots as well. MetricsError if a condition is invalid, or if no
-    estimate has a ground truth and the run is not under way.
+    estimate has a ground truth, unless the run `is_live`: what a live run received is always scored.
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config, image_stamps_ns)
-    if not placed.association.matched and not under_way:
+    if not placed.association.matched and not is_live:
         raise MetricsError(nothing_matched(estimates.trajectory, truth))
     frames = placed.frames
     chosen = list(sub_trajectories_of(conditions, placed, config.spacing))

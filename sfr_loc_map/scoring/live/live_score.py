@@ -71,7 +71,7 @@ def score_so_far(received: Received, live: LiveRun, config: ScoreConfig, limits:
             received.convention_finding,
             all_kept(limits),
             details=live.details,
-            under_way=True,
+            is_live=True,
             in_flight_ns=live.in_flight_ns,
         )
     surface = received.map or result_without_cloud(run.unmapped_pairs)
