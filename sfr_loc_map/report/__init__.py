@@ -7,8 +7,9 @@ follows:
   `table_formats` writes tables for the terminal and as HTML, Markdown and CSV.
 - verdicts: `verdict_view` composes the displayed texts of a verdict for the table of verdicts, the results of the test
   report, `junit`, `control_document` and `limit_bars`.
-- details: `plotted_data` selects the plotted data. `score_plots` makes the plots of a page in the terms of `plots`, and
-  `printed_plot` those of the test report.
+- details: `plotted_data` selects the plotted data. `score_plots` composes the plots of a page (`drive_plots`,
+  `call_plots`, `map_plots`, in the terms of `plots`), and `printed_plot` makes those of the test report. `limit_lines`
+  draws limits.
 - records: `summary` makes the banner, the header and the first items to look at, `notes` the notes of tables, and
   `deviations` the deviations from the specification.
 

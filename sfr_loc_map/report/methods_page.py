@@ -14,8 +14,8 @@ from sfr_loc_map.metrics.table.catalogue import KINDS, OF_CALLS, TOTAL, Subject,
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report import plots
 from sfr_loc_map.report.comparison import optional_cell
+from sfr_loc_map.report.drive_plots import growth
 from sfr_loc_map.report.plotted_data import errors_by_range, path_errors, path_of
-from sfr_loc_map.report.score_plots import growth
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.tables import (

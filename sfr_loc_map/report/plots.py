@@ -23,6 +23,16 @@ Values = Sequence[float | None]
 TRAVELLED = "distance travelled (truth), m"
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
 TITLE_DISTANCE_PX = 8  #: Minimum distance of the title of an axis from its tick labels.
+STATES = {
+    "initialising": ("@two", "diamond"),
+    "tracking": ("@one", "circle"),
+    "degraded": ("@three", "triangle-up"),
+    "lost": ("@bad", "x"),
+    "mapped": ("@one", "circle"),
+    "fused": ("@three", "square"),
+    "other": ("@four", "square"),
+}
+"""Colour and mark of each state that a call reports."""
 AXES_IN_SPACE = ("xaxis", "yaxis", "zaxis")
 COLORS = ("@one", "@two", "@three", "@four", "@five")
 PALETTES = {
