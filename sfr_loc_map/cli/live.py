@@ -8,7 +8,7 @@ from typer import Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.former import FormerArgument, check_live
-from sfr_loc_map.cli.live_option import require_live
+from sfr_loc_map.cli.live_option import PortOption, require_live
 from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, RosRemapOption, refuse_given, require_ros
 from sfr_loc_map.config import build
 from sfr_loc_map.config_file import read_sections
@@ -38,7 +38,7 @@ def live(
     host: Annotated[
         str, Option(metavar="H", help="Address to listen on; except for loopback, --token is required.")
     ] = DEFAULT_HOST,
-    port: Annotated[int, Option(metavar="P", min=0, max=65535, help="Port; 0 selects a free port.")] = DEFAULT_PORT,
+    port: PortOption = DEFAULT_PORT,
     token: Annotated[str, Option(metavar="WORD", help="Token that each request must contain.")] = "",
     open_browser: Annotated[bool, Option("--open", help="Open the page in the browser.")] = False,
     terminal: Annotated[

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.live.page_process import PageProcess
 
 LiveOption = Annotated[bool, Option("--live", help="Show the run on a page (see sfr live).")]
-LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of the page; 0 selects a free port.")]
+PortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of the page; 0 selects a free port.")]
 
 
 def require_live() -> None:

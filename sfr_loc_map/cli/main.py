@@ -30,6 +30,7 @@ from sfr_loc_map.cli import (  # noqa: F401 - most join `app` when they are impo
     simulate,
     suite,
 )
+from sfr_loc_map.cli import record as record_command  # noqa: F401 - as above
 from sfr_loc_map.cli.app import PANELS, app, command_run
 from sfr_loc_map.errors import ExitCode, SfrError
 from sfr_loc_map.message_text import one_line, printable

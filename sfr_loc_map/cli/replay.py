@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.live_option import LiveOption, LivePortOption, live_page
+from sfr_loc_map.cli.live_option import LiveOption, PortOption, live_page
 from sfr_loc_map.cli.options import (
     ApplyDiagnosisOption,
     ConditionOption,
@@ -80,7 +80,7 @@ def replay(
     config: ConfigOption = None,
     remap: RemapOption = None,
     live: LiveOption = False,
-    live_port: LivePortOption = DEFAULT_PORT,
+    live_port: PortOption = DEFAULT_PORT,
     rate: Annotated[
         float,
         Option(

@@ -1,4 +1,4 @@
-"""`sfr run`: run the nodes without `ros2 launch`; `sfr record`: record topics to a bag that survives a crash."""
+"""`sfr run`: run the nodes without `ros2 launch`."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Annotated, Literal
 from typer import Argument, Context, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.live_option import LiveOption, LivePortOption, live_page
-from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, OverwriteOption, RosRemapOption, require_ros
-from sfr_loc_map.cli.output import output_folder, say
+from sfr_loc_map.cli.live_option import LiveOption, PortOption, live_page
+from sfr_loc_map.cli.options import GraphConfigOption, NamespaceOption, RosRemapOption, require_ros
+from sfr_loc_map.cli.output import say
 from sfr_loc_map.live.config import DEFAULT_PORT
 
 
@@ -46,7 +46,7 @@ def run(
         bool, Option("--respawn", help="Restart crashed nodes; by default a crash stops all nodes.")
     ] = False,
     live: LiveOption = False,
-    live_port: LivePortOption = DEFAULT_PORT,
+    live_port: PortOption = DEFAULT_PORT,
 ) -> None:
     """Run each node in its own process until Ctrl-C, SIGTERM or SIGHUP; exit 2 if a node ends earlier."""
     require_ros("run")
@@ -69,39 +69,3 @@ def run(
         )
         with live_page(context, namespace, topic_rules(arguments)) as page, shown_on(page):
             run_nodes(nodes, arguments, lambda text: say(f"sfr run: {text}", err=True), respawn=respawn)
-
-
-@app.command(
-    epilog=examples(
-        "sfr record drive",
-        "sfr record drive /loc/left/image_rect /loc/left/camera_info --duration 60 --zstd",
-        "sfr record everything --all --namespace rover1",
-    )
-)
-def record(
-    out: Annotated[Path, Argument(metavar="OUT", help="Folder of the bag (mcap).")],
-    topics: Annotated[
-        list[str] | None, Argument(metavar="TOPIC", help="Topics; default: the inputs and outputs of the nodes.")
-    ] = None,
-    everything: Annotated[bool, Option("--all", help="Record all topics.")] = False,
-    namespace: NamespaceOption = "",
-    duration: Annotated[float | None, Option(min=0.0, metavar="S", help="Duration; default: until Ctrl-C.")] = None,
-    zstd: Annotated[bool, Option("--zstd", help="Compress with zstd.")] = False,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Record topics. Messages are written to disk every half second, so that a crash loses at most half a second."""
-    require_ros("record")
-    from sfr_loc_map.graph.record import RecordOptions
-    from sfr_loc_map.graph.record import record as run_recorder
-
-    options = RecordOptions(tuple(topics or ()), everything, namespace, duration, zstd)
-    with output_folder(out, overwrite=overwrite, resumable=True) as place:
-        if place != out:
-            say(f"records into {place}, which replaces {out} at the end", err=True)
-        counts = run_recorder(place, options, lambda text: say(text, err=True))
-    count, lost = (sum(getattr(topic, name) for topic in counts.values()) for name in ("count", "lost"))
-    propose("sfr", "info", out, why="checks that it is complete")
-    say(f"{out}: {count} messages of {sum(topic.count > 0 for topic in counts.values())} topics, {lost} lost")
-    for name, topic in counts.items():
-        if topic.lost:
-            say(f"  {topic.lost} of {name} lost in transport", err=True)

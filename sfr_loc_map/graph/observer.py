@@ -59,6 +59,7 @@ class GraphObserver(Peer):
         super().__init__(f"sfr_doctor_{os.getpid()}")
         self._name_in_suite = {"/" + found.strip("/"): "/" + name.strip("/") for found, name in remap.items()}
         self._name_in_graph = {name.strip("/"): found for found, name in self._name_in_suite.items()}
+        self._namespace = ""  # of the observed nodes, found by `observe`
         self._stamps: dict[str, list[int]] = {}
         self._messages = defaultdict[str, list[Any]](list)
         self._lost: dict[str, int] = {}  # lost messages by topic, after the observation
