@@ -4,7 +4,7 @@ A limit such as `position_bound_m: {limit: 0.1, prob: 0.95, confidence: 0.95, in
 tolerance bound (`metrics.statistics.tolerance`) of independent errors. The interpretation defines these errors
 [ECSS-E-ST-60-10C, 4.1.4.2]:
 
-- temporal: the fraction `prob` of the sub-trajectories of every drive meets the limit. Each drive is proved separately.
+- temporal: the fraction `prob` of the sub-trajectories of every drive meets the limit. Each drive is judged separately.
 - ensemble: the fraction `prob` of all drives meets the limit throughout. A drive is represented by its largest error.
 - mixed: the fraction `prob` of the sub-trajectories of all drives meets the limit. A drive is represented by one of its
   sub-trajectories.
