@@ -188,8 +188,9 @@ class _Table:
             return np.array([parse_stamp_ns(text) for text in self.texts("stamp_ns")], np.int64)
 
     def method(self) -> MethodRecord | None:
-        """Return the method that the first row names; None without one."""
+        """Return the method that the rows name; None without one. InputError if the rows name several methods."""
         first = self.rows[0]
+        self._check_one_method()
         if not (name := first.get("method")):
             return None
         about = {field: first.get(column) or None for column, field in OF_METHOD.items()}
@@ -197,6 +198,16 @@ class _Table:
             text = f"method_kind is '{about['kind'] or ''}': one of {', '.join(MethodKind)} is required"
             raise InputError(f"statistics '{self.path}': {text}")
         return msgspec.convert({"name": name, **about}, MethodRecord)
+
+    def _check_one_method(self) -> None:
+        """Raise InputError if rows name different methods: a file has the calls of one run."""
+        named = {tuple(row.get(column) or "" for column in METHOD_NAMES) for row in self.rows}
+        if len(named) > 1:
+            methods = ", ".join(sorted({" ".join(filter(None, names[:2])) or "no method" for names in named}))
+            raise InputError(
+                f"statistics '{self.path}': its rows name different methods or configurations ({methods}): give the "
+                "unchanged calls of one run"
+            )
 
     def matrix(self, names: Sequence[str]) -> FloatArray:
         """Return columns `(N, names)` of numbers, NaN where a cell is empty."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.calls.call_record import CallRecord, findings_of, first_reported
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.call_meter import METHOD
@@ -69,24 +69,35 @@ def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: Fl
 
     `covariance` `(N, 21)` has the upper triangles that were published with the poses. The covariance of a pose is the
     published one, or that of its call if none is published (`is_covariance_reported`). A pose is lost if the state of
-    its call or its covariance reports a loss.
+    its call or its covariance reports a loss, or if its call initialises again after the first tracked pose.
     """
     states = np.full(len(trajectory), "", object)
+    has_call = np.zeros(len(trajectory), np.bool_)
     steps = of_calls = None
     if stats is not None:
         rows = stats.localised_rows(trajectory.stamps_ns)
         states = np.array([*stats.calls.states, ""], object)[rows]
+        has_call = rows >= 0
         steps = _steps_between(trajectory.stamps_ns, stats, rows)
         of_calls = _values_at(stats.covariance, rows)
     covariance = first_reported(covariance, of_calls)
-    lost, degraded = states == TrackingState.LOST, states == TrackingState.DEGRADED
+    lost = (states == TrackingState.LOST) | initialises_again(states, trajectory.stamps_ns)
+    degraded = states == TrackingState.DEGRADED
     is_known = np.asarray(states != "", np.bool_)
     is_lost_known = is_known
     if covariance is not None:
         lost = lost | lost_by_covariance(covariance)
-        is_lost_known = is_known | np.isfinite(covariance).all(axis=1)
+        is_lost_known = is_known | (~has_call & np.isfinite(covariance).all(axis=1))
     estimates = Estimates.of(trajectory, lost, degraded, covariance, steps)
     return replace(estimates, is_lost_known=is_lost_known, is_degraded_known=is_known)
+
+
+def initialises_again(states: NDArray[np.object_], stamps_ns: IntArray) -> Mask:
+    """Return which poses `(N,)` are initialised after a tracked or degraded pose: the motion in between is unknown."""
+    is_tracked = np.isin(states, (TrackingState.TRACKING, TrackingState.DEGRADED))
+    if not is_tracked.any():
+        return np.zeros(len(states), np.bool_)
+    return np.asarray((states == TrackingState.INITIALISING) & (stamps_ns > stamps_ns[is_tracked].min()))
 
 
 def _steps_between(stamps_ns: IntArray, stats: CallStats, rows: NDArray[np.intp]) -> FloatArray | None:

@@ -15,15 +15,16 @@ from collections.abc import Callable, Iterator
 
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
-from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
+from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Reading, label_of
+from sfr_loc_map.metrics.judging.limit_scope import tasks_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
 from sfr_loc_map.metrics.score.caveats import caveats_of
 from sfr_loc_map.metrics.score.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.table.catalogue import STANDING, TOTAL, Subject
-from sfr_loc_map.metrics.table.row_part import MOVING, SUB_TRAJECTORIES, RowPart
+from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, STANDING, TOTAL, Subject
+from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope
 from sfr_loc_map.report.tables import METRE, fitting, number
 from sfr_loc_map.report.verdict_view import VerdictView
 
@@ -31,6 +32,10 @@ PATH_WITHOUT_IMAGES = 0.01
 """Fraction of the true path without images that is accepted, because the truth begins and ends near an image."""
 MAX_STANDING = 0.1  #: Accepted fraction of sub-trajectories with a stationary rover.
 STAGES = (CallKind.MAPPING, CallKind.FUSION)  #: Calls that are stages of the mapping call of the document.
+TASK_NAMES = {Scope.DRIVE: "localisation", Scope.MAP: "mapping"}
+KINDS_OF = {Scope.DRIVE: (CallKind.LOCALISATION,), Scope.MAP: (CallKind.MAPPING_CALL, CallKind.MAPPING)}
+"""Calls of each task. Findings are recorded with calls, and the states of poses with those of a localiser."""
+UNKNOWN_WITHOUT_CALLS = {Scope.DRIVE: "Its findings and the states of its poses", Scope.MAP: "Its findings"}
 
 
 def deviations_of(score: Score) -> Iterator[str]:
@@ -218,9 +223,21 @@ def _unjudged_map(score: Score) -> Iterator[str]:
 
 
 def _unknown_calls(score: Score) -> Iterator[str]:
-    """Yield a sentence if the calls of a judged drive are unknown."""
-    if score.calls is None and score.association is not None and score.verdicts:
-        yield "The calls of the run are unknown. Its findings and the states of its poses are therefore unknown, too."
+    """Yield the judged tasks whose calls are unknown, completely or in part."""
+    if not score.verdicts:
+        return
+    for task in tasks_of(score):
+        name = TASK_NAMES[task]
+        found = [score.figure(JUDGED, part=RowPart(Scope.CALLS, kind)) for kind in KINDS_OF[task]]
+        judged = [row.value for row in found if row is not None]
+        if not judged:
+            without = UNKNOWN_WITHOUT_CALLS[task]
+            yield f"The {name} calls of the run are unknown. {without} are therefore unknown, too."
+        elif None in judged:
+            yield f"It is unknown whether all pairs have a {name} call, because the expected pairs are unknown."
+        elif (share := 1.0 - max(value for value in judged if value is not None)) > 0.0:
+            text = f"{100.0 * share:.3g} % of the pairs have no measured {name} call."
+            yield f"{text} Findings and states at these pairs are unknown."
 
 
 def _external_node(score: Score) -> Iterator[str]:
@@ -230,9 +247,24 @@ def _external_node(score: Score) -> Iterator[str]:
 
 
 def _declared_truth(score: Score) -> Iterator[str]:
-    """Yield the properties of the ground truth that were declared by the user."""
+    """Yield the settings that select the ground truth or change its poses."""
     if score.truth is not None and score.truth.declared:
         yield f"The ground truth was read with {', '.join(score.truth.declared)}; the recording does not state this."
+
+
+def _frames_beyond(score: Score) -> Iterator[str]:
+    """Yield the fraction of the frames with errors far above the judged errors, by condition and figure."""
+    for condition in score.conditions:
+        for share in score.rows(ERRORS_BEYOND, condition=condition):
+            if not share.value or share.part is None:
+                continue
+            others = score.figure(share.part, condition=condition, part=OTHER_FRAMES)
+            largest = None if others is None else others.max
+            size = "" if largest is None or others is None else f" up to {largest:.3g} {others.unit}"
+            yield (
+                f"{100.0 * share.value:.3g} % of the frames, at which no judged sub-trajectory over "
+                f"{label_of(condition)} starts or ends, have a {share.part} error{size}, far above the judged errors."
+            )
 
 
 def _truth_elsewhere(score: Score) -> Iterator[str]:
@@ -268,6 +300,7 @@ DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (
     _duplicates,
     _unjudged_map,
     _unknown_calls,
+    _frames_beyond,
     _external_node,
     _declared_truth,
     _truth_elsewhere,

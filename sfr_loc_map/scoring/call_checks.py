@@ -9,20 +9,25 @@ import numpy as np
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.frames.association import nearness_ns
 from sfr_loc_map.metrics.table.records import MethodRecord
+from sfr_loc_map.stamp_pairing import nearest_stamps
 from sfr_loc_map.suite_names import Task
 
 SAME_POSITION_M = 0.002  #: Tolerance for positions that were rounded to 1 mm twice.
 
 
 def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> None:
-    """Raise InputError if calls with positions have other or missing positions at the stamps of an estimate."""
+    """Raise InputError if calls with positions have other or missing positions than the estimates that belong to them.
+
+    A call belongs to the nearest estimate, as a call belongs to the nearest image in the count of missing calls.
+    """
     stamps_ns, rows = np.unique(trajectory.stamps_ns, return_index=True)
     for item in stats:
         if item.positions is None or not len(stamps_ns):
             continue
-        place = np.minimum(np.searchsorted(stamps_ns, item.calls.stamps_ns), len(stamps_ns) - 1)
-        is_given = stamps_ns[place] == item.calls.stamps_ns
+        place, apart_ns = nearest_stamps(item.calls.stamps_ns, stamps_ns)
+        is_given = apart_ns <= nearness_ns(stamps_ns)
         localised = item.positions[is_given & item.calls.is_localisation]
         without = int(np.count_nonzero(~np.isfinite(localised).all(axis=1)))
         if without:

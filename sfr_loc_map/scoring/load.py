@@ -142,7 +142,8 @@ def _read_estimate(
         found = LoadedTrajectory(Path(IN_MEMORY), estimate)
     if found.by_index:
         found = found.with_stamps_of(true)
-    check_one_estimate(found.trajectory, stats)
+    is_same_run = target is not None and inputs.target_run is None
+    check_one_estimate(found.trajectory, [*stats, target] if is_same_run and target is not None else stats)
     estimates = estimates_of_calls(found.trajectory, stats, target)
     if found.covariance is not None and estimates.covariance is None:
         estimates = replace(estimates, covariance=found.covariance[:, *UPPER])

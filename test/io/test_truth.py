@@ -229,6 +229,14 @@ def test_an_absolute_name_of_the_truth_matches_exactly(tmp_path: Path, poses: Tr
         read_truth(bag, TruthConfig(source=source))
 
 
+def test_a_truth_on_another_topic_states_the_selection(tmp_path: Path, poses: Trajectory) -> None:
+    """The recording may have its own true poses as well, so that the selection is a property of the truth."""
+    own = [("/ground_truth/odometry", *rest) for _, *rest in messages("odometry", poses)]
+    bag = write_messages(tmp_path / "bag", [*own, *messages("pose", poses)])
+    assert read_truth(bag).declared == ()
+    assert read_truth(bag, TruthConfig(source="/vrpn/pose")).declared[0] == "truth.source=/vrpn/pose"
+
+
 def test_truth_that_is_not_there_names_what_could_be(tmp_path: Path, poses: Trajectory) -> None:
     place = write_messages(tmp_path / "x", messages("pose", poses))
     with pytest.raises(InputError, match=r"name their topic .*: /vrpn/pose"):

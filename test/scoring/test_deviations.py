@@ -91,9 +91,31 @@ def test_unknown_calls_are_a_deviation(tmp_path: Path, files: tuple[Path, Path],
     for options, is_deviation in (((), True), (("--stats", stats), False)):
         assert sfr("score", *files, "--limits", rules, "--json", score, "--overwrite", *options).code == 0
         assert sfr("report", score, "--test-report", page, "--overwrite").code == 0
-        assert ("The calls of the run are unknown" in page.read_text()) == is_deviation
+        assert ("The localisation calls of the run are unknown" in page.read_text()) == is_deviation
         of_any_run = "the calls (--stats) have no positions" in page.read_text().lower()
         assert of_any_run != is_deviation, "these calls have nothing in common with the estimate but stamps"
+
+
+def test_calls_of_a_part_of_the_pairs_are_a_deviation(judge: Judge, images: Path, localised: Trajectory) -> None:
+    """A finding in a call that is not listed would be hidden."""
+    estimate, report = judge.poses("estimate.csv", localised), judge.folder / "t.html"
+    for stamps, is_deviation in ((localised.stamps_ns, False), (localised.stamps_ns[:10], True)):
+        score = judge.folder / "score.json"
+        rules = judge.limits(f"minimum_independent: 1\n{OVER_5_M}1\n")
+        options = ("--stats", judge.calls(stamps), "--limits", rules, "--json", score, "--overwrite")
+        assert judge.sfr("score", estimate, images / "all", *options).code == 0
+        assert judge.sfr("report", score, "--test-report", report, "--overwrite").code == 0
+        assert ("of the pairs have no measured localisation call" in report.read_text()) == is_deviation
+
+
+def test_unknown_calls_of_a_map_are_a_deviation(tmp_path: Path, sfr: Sfr) -> None:
+    folder, cloud, score = write_folder(tmp_path / "data", 0, 1), tmp_path / "c.ply", tmp_path / "s.json"
+    points = true_cloud()
+    save_cloud(cloud, replace(points, xyz=points.xyz + np.float32(0.001)))
+    rules, page = limits(tmp_path, {"map": {"coverage_min": 0.1}}), tmp_path / "r.html"
+    assert sfr("score", cloud, folder, "--limits", rules, "--json", score).code == 0
+    sfr("report", score, "--test-report", page)
+    assert "The mapping calls of the run are unknown" in page.read_text()
 
 
 def test_a_sparse_truth_and_unknown_images_are_conditions_of_the_verdict(tmp_path: Path, sfr: Sfr) -> None:

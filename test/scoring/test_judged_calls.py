@@ -14,7 +14,7 @@ from helpers import score_rows
 from helpers.cli_result import Sfr
 from helpers.judge import POSES, Judge
 from helpers.made_scene import write_folder
-from helpers.scored_drives import COUNT, POSITION, SHORT, limits, straight, write_calls
+from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, SHORT, limits, straight, write_calls, write_calls_of
 from sfr_loc_map.calls.call_files import save_stats
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -131,6 +131,7 @@ def test_calls_belong_to_the_estimate_that_they_gave(tmp_path: Path, sfr: Sfr) -
     cases = {
         "as written": (drive, 0),
         "in mm": (replace(drive, positions=np.round(drive.positions, 3)), 0),
+        "stamps differ by 1 ns, and one pose": (replace(drive, stamps_ns=drive.stamps_ns + 1, positions=away), 2),
         "one pose differs": (replace(drive, positions=away), 2),
     }
     rules = limits(tmp_path, {**POSITION, "completeness": {"poses_of_truth_max_share": 1.0}})
@@ -139,6 +140,9 @@ def test_calls_belong_to_the_estimate_that_they_gave(tmp_path: Path, sfr: Sfr) -
         done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules, "--stats", stats)
         assert done.code == code, (name, done.err)
     assert "belong to another estimate: at 1 of 300 stamps" in done.err
+    timing = ("--target", "board", "--target-timing", stats)
+    assert sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", *timing).code == 2
+    assert sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", *timing, "--target-run", "Tuesday").code == 0
     header, *lines = stats.read_text().splitlines()
     places = [header.split(",").index(f"position_{axis}_m") for axis in "xyz"]
     emptied = [",".join("" if n in places else cell for n, cell in enumerate(line.split(","))) for line in lines]
@@ -163,6 +167,27 @@ def test_without_calls_a_limit_on_them_is_incomplete(
     done = sfr("score", *files, "--limits", limits(tmp_path, content), "--json", score)
     assert (done.code, json.loads(score.read_text())["verdict"]) == (3, "incomplete")
     assert "give the calls of the run (option stats)" in done.out
+
+
+@pytest.mark.parametrize(("place", "code"), [(slice(0, 10), 0), (slice(100, 150), 1), (slice(100, 110), 1)])
+def test_a_pose_that_is_initialised_after_a_tracked_pose_is_lost(
+    tmp_path: Path, files: tuple[Path, Path], sfr: Sfr, place: slice, code: int
+) -> None:
+    states = np.full(COUNT, "tracking", object)
+    states[place] = "initialising"
+    rows = [f"{row * PERIOD_NS},0.1,{state}" for row, state in enumerate(states)]
+    (tmp_path / "c.csv").write_text("\n".join(["stamp_ns,processing_time_s,state", *rows]) + "\n")
+    rules = limits(tmp_path, {**POSITION, "completeness": {"lost_max_share": 0.02}})
+    assert sfr("score", *files, "--limits", rules, "--stats", tmp_path / "c.csv").code == code
+
+
+def test_calls_of_several_methods_in_one_file_are_refused(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    stats = write_calls_of(tmp_path / "calls.csv", "mine")
+    first, second, *others = stats.read_text().splitlines(keepends=True)
+    stats.write_text("".join([first, second, *(line.replace("mine", "theirs") for line in others)]))
+    done = sfr("score", *files, "--stats", stats)
+    assert done.code == 2
+    assert "name different methods or configurations (mine 1, theirs 1)" in done.err
 
 
 FAILING = """

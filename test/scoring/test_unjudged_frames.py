@@ -72,6 +72,8 @@ def test_wrong_frames_between_the_starts_are_no_pass(tmp_path: Path, sfr: Sfr, e
 def test_one_wrong_frame_in_a_hundred_and_an_honest_drive_pass(tmp_path: Path, sfr: Sfr) -> None:
     assert judged_frames(honest(), tmp_path, sfr)[0] == 0
     assert judged_frames(with_wrong(between_the_starts()[::100]), tmp_path, sfr)[0] == 0
+    sfr("report", tmp_path / "s.json", "--test-report", tmp_path / "r.html")
+    assert "have a position error up to 2.24 m, far above" in (tmp_path / "r.html").read_text()
 
 
 def test_a_limit_may_allow_it_and_a_loose_limit_is_met_by_all_frames(tmp_path: Path, sfr: Sfr) -> None:

@@ -49,7 +49,7 @@ def truth_of_rb(recorded: RecordedTruth, config: TrackedBodyConfig = DEFAULT_TRU
         has_height=checked.has_height,
         has_tilt=checked.has_tilt or not has_attitude,
         read_from=recorded.read_from,
-        declared=config.declared,
+        declared=(*recorded.selected_by, *config.declared),
     )
 
 

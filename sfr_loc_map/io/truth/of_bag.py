@@ -38,7 +38,8 @@ def recorded_in_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> RecordedTr
     if config.frame and not config.source:
         if uses_record:
             raise _no_times_of_recording(f"frame {config.frame} on /tf of bag '{bag.path}'")
-        return RecordedTruth(_tf_poses(bag, config.frame), f"{bag.path}, frame {config.frame} on /tf")
+        read_from = f"{bag.path}, frame {config.frame} on /tf"
+        return RecordedTruth(_tf_poses(bag, config.frame), read_from, selected_by=(f"truth.frame={config.frame}",))
     if config.frame:
         _log.warning(f"truth.frame={config.frame} ignored: truth.source={config.source} has priority")
     bag = bag.stamped_by(config.stamps)
@@ -59,7 +60,9 @@ def recorded_in_bag(bag: Bag, config: TruthConfig = DEFAULT_TRUTH) -> RecordedTr
         )
     check_clock(poses.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'")
     kind = topic.msgtype.rpartition("/")[2]
-    return RecordedTruth(poses, f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses", variances)
+    read_from = f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses"
+    selected_by = () if topic.bag_name.endswith(TRUE_POSES) else (f"truth.source={topic.bag_name}",)
+    return RecordedTruth(poses, read_from, variances, selected_by=selected_by)
 
 
 def _no_times_of_recording(where: str) -> InputError:

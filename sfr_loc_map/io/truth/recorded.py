@@ -19,6 +19,7 @@ class RecordedTruth:
     read_from: str  #: File, topic or frame of the poses, for messages and reports.
     variances: FloatArray | None = None  #: `(N, 6)` of x, y, z, roll, pitch, yaw, m^2 and rad^2; NaN or None: unknown.
     T_rb_body: Transform | None = None  #: Pose of the tracked body in RB, if the source gives it.
+    selected_by: tuple[str, ...] = ()  #: Settings that select these poses in place of the topic of true poses.
 
     def where(self, kept: Mask | IntArray) -> RecordedTruth:
         """Return the poses that a mask `(N,)` selects, or those of rows `(M,)` in the order of the rows."""
