@@ -59,6 +59,7 @@ def info(
     from sfr_loc_map.doctor.examination import examine
     from sfr_loc_map.doctor.fixes import with_fix
     from sfr_loc_map.doctor.observation import observe
+    from sfr_loc_map.io.bag.files import is_bag
     from sfr_loc_map.io.source_config import SourceConfig, config_beside
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.mapping.config import MappingConfig
@@ -85,7 +86,8 @@ def info(
         issues = with_fix(source, sections, path, issues, words)
     found = IssueList(seen.subject, issues)
     facts = {"configuration": None if path is None else str(path)} | facts_of(source, how)
-    if "cannot be read" in facts and not found.blocking:
+    is_unreadable = is_bag(source) and not facts["topics"]  # no topic could be read
+    if "cannot be read" in facts and (is_unreadable or not found.blocking):
         raise InputError(facts["cannot be read"])
     start = ["--start", "truth"] if seen.truth_has_attitude else []
     after = ["sfr", "replay", str(source), *given_words(context, "config"), *start, "--out", "out"]
