@@ -49,9 +49,10 @@ def rig_in_body(
     not contain "optical" and the z axis points up, the axes are x forward, y left, z up, as in simulators.
 
     The rover's frame is `base_frame`, or the first of `BASE_FRAMES` that is connected to the camera. Frame names may
-    have a prefix (`rover1/base_link`).
+    have a prefix (`rover1/base_link`). Slashes at the ends of names are ignored.
     """
-    for frame in (sb_frame, camera_frame.strip("/")):
+    base_frame, camera_frame, sb_frame = (name.strip("/") for name in (base_frame, camera_frame, sb_frame))
+    for frame in (sb_frame, camera_frame):
         joined = frames.joined_to(frame) if frame else []
         bases = _frames_of_names(joined, (base_frame,) if base_frame else BASE_FRAMES)
         T_base_frame = frames.find(bases[0], frame) if bases else None

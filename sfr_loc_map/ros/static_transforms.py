@@ -11,6 +11,7 @@ from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.bag.frames import add_transform
 from sfr_loc_map.ros.messages import header_msg, pose_msg, tf_message_type, transform_msg
 from sfr_loc_map.ros.qos import TF_STATIC_QOS
 from sfr_loc_map.topics import TF_STATIC
@@ -19,10 +20,8 @@ from sfr_loc_map.topics import TF_STATIC
 def add_static_transforms(message: Any, tree: FrameTree) -> None:  # noqa: ANN401 - tf2_msgs need not be there
     """Add the transforms of a tf2_msgs/TFMessage to a tree; transforms that are not rigid motions are ignored."""
     for item in message.transforms:
-        p, q = item.transform.translation, item.transform.rotation
         with suppress(GeometryError):
-            pose = Transform.from_quat((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
-            tree.add(item.header.frame_id, item.child_frame_id, pose)
+            add_transform(tree, item)
 
 
 def publish_extrinsics(node: Node, T_rb_sb: Transform) -> None:

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.plausibility import plausible_poses
 from sfr_loc_map.geometry.rotation import quat_multiply, quat_rotate
 from sfr_loc_map.geometry.stamped_poses import sampled
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.message_stamps import stamp_of
 
 MAX_CHAINS = 1000  #: Maximum number of frame chains that are searched at the same time.
@@ -122,6 +124,18 @@ def chain_poses(frames: Mapping[str, Frame], chain: Sequence[str], stamps_of: st
         positions = position_in_parent + quat_rotate(quat_in_parent, positions)
         quats = quat_multiply(quat_in_parent, quats)
     return Trajectory(stamps, positions, quats)
+
+
+def pose_of(position: Any, orientation: Any) -> Transform:  # noqa: ANN401 - of a message of any library
+    """Return the transform of a position (or translation) and a quaternion of a message."""
+    quat = orientation
+    return Transform.from_quat((position.x, position.y, position.z), (quat.x, quat.y, quat.z, quat.w))
+
+
+def add_transform(tree: FrameTree, item: Any) -> None:  # noqa: ANN401 - a TransformStamped of any library
+    """Add a static transform to a tree, without slashes at the ends of frames; GeometryError if it is not rigid."""
+    pose = pose_of(item.transform.translation, item.transform.rotation)
+    tree.add(item.header.frame_id.strip("/"), item.child_frame_id.strip("/"), pose)
 
 
 def pose_row(message: Any, pose: Any) -> PoseRow:  # noqa: ANN401 - messages

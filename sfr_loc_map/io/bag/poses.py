@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -15,17 +14,11 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import Bag, Topic
-from sfr_loc_map.io.bag.frames import Frame, FrameSeries, pose_row, trajectory_of, valid_indices
+from sfr_loc_map.io.bag.frames import Frame, FrameSeries, add_transform, pose_row, trajectory_of, valid_indices
 from sfr_loc_map.json_yaml import parse_json
 from sfr_loc_map.message_types import STRING, TF
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import configuration_topic
-
-
-def pose_of(position: Any, orientation: Any) -> Transform:  # noqa: ANN401 - of a message of any library
-    """Return the transform of a position (or translation) and a quaternion of a message."""
-    quat = orientation
-    return Transform.from_quat((position.x, position.y, position.z), (quat.x, quat.y, quat.z, quat.w))
 
 
 def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
@@ -50,8 +43,7 @@ def read_frame_tree(bag: Bag) -> FrameTree:
     for _, _, message in () if topic is None else bag.messages([topic]):
         for item in message.transforms:
             with refusing(f"/tf_static of bag '{bag.path}': '{item.child_frame_id}'", "record it again"):
-                pose = pose_of(item.transform.translation, item.transform.rotation)
-            frames.add(item.header.frame_id.strip("/"), item.child_frame_id.strip("/"), pose)
+                add_transform(frames, item)
     return frames
 
 

@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import Bag, restamped
-from sfr_loc_map.io.bag.poses import pose_of
+from sfr_loc_map.io.bag.frames import pose_of
 from sfr_loc_map.io.clouds.point_image import points_image
 from sfr_loc_map.io.images.codec import SampleDepth
 from sfr_loc_map.io.images.files import check_size

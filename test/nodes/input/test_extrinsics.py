@@ -44,3 +44,10 @@ def test_extrinsics_follow_from_the_frames_of_drivers(driver: str) -> None:
     np.testing.assert_allclose(extrinsics.T_rb_sb.translation, (0.1, 0.0, 0.5), atol=1e-12)  # half a baseline right
     np.testing.assert_allclose(extrinsics.T_rb_sb.rotation, np.eye(3), atol=1e-12)
     assert Transform.from_quat((0, 0, 0), OPTICAL).rotation == pytest.approx(OPTICAL_IN_BODY)
+
+
+def test_slashes_before_the_names_of_frames_are_ignored() -> None:
+    extrinsics = Extrinsics(ExtrinsicsConfig(), "/base_link", "locsb")
+    add_static_transforms(tf("/base_link", "/camera_optical", (0.1, 0.0, 0.5), OPTICAL), extrinsics._tree)
+    extrinsics.search("camera_optical", 0.12, lambda _: None)
+    assert extrinsics.T_rb_sb is not None
