@@ -94,7 +94,7 @@ def _too_few(frame: StereoFrame) -> Findings:
     """Return the findings of too few landmarks, with the causes in the images."""
     return (
         frozenset({Finding.FEW_LANDMARKS})
-        | _found(Finding.UNTEXTURED, not frame.is_textured)
+        | _found(Finding.UNTEXTURED, not frame.was_received_textured())
         | _found(Finding.FROZEN_AND_FEW, frame.has_frozen_image)
     )
 

@@ -9,7 +9,6 @@ the call of its pair.
 from __future__ import annotations
 
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -31,8 +30,6 @@ from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.stereo_matching import match_corners
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 
-BACKGROUND = ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
-"""Thread in which keyframes are processed, started with the first keyframe."""
 KEYFRAME_FLOW = 0.05
 """Median optical flow since the last keyframe that triggers a new keyframe, as a fraction of the image width. A value
 of 0.08 changes the errors by a few percent (measurements/localiser_trials.md)."""

@@ -46,7 +46,7 @@ takes and returns values. `findings` contains the consequences of all findings, 
 
 from __future__ import annotations
 
-from concurrent.futures import Future, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -80,14 +80,7 @@ from sfr_loc_map.localisation.ground.memory import GroundMemory
 from sfr_loc_map.localisation.ground.motion_tools import MotionTools
 from sfr_loc_map.localisation.ground.selection import Ground, GroundSelector
 from sfr_loc_map.localisation.guards import ShearMean
-from sfr_loc_map.localisation.keyframes import (
-    BACKGROUND,
-    KEYFRAME_FLOW,
-    KeyframeJob,
-    KeyframeMaker,
-    KeyframeResult,
-    max_corners,
-)
+from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult, max_corners
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.pair_statistics import accepted_statistics, displayed, residual_statistics
 from sfr_loc_map.localisation.relocalisation import RESTART_AFTER, RecoveryImages, Relocaliser
@@ -162,6 +155,8 @@ class Localiser:
             MotionTools(self._tracker, self._relocaliser, rig.camera, (rig.height, rig.width), config.min_tracked)
         )
         self._keyframes = KeyframeMaker(rig, config)
+        # one thread, started with the first keyframe, which ends with this object
+        self._background = ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
         self._pending: Future[KeyframeResult] | None = None
         self.reset(start)
 
@@ -219,7 +214,7 @@ class Localiser:
         assert outcome.keyframe is None or self._state.landmark_map is not None
         estimate = self._estimate(pair.stamp_ns, self._state, outcome, clock)
         if outcome.keyframe is not None:
-            self._pending = BACKGROUND.submit(self._keyframes.make, outcome.keyframe)
+            self._pending = self._background.submit(self._keyframes.make, outcome.keyframe)
         return estimate
 
     # ---- the stages of a pair

@@ -19,12 +19,10 @@ levels has a standard deviation of 1 after averaging over 8 x 8 px."""
 class StereoFrame(NamedTuple):
     """A stereo pair, prepared for tracking."""
 
-    stamp_ns: int  #: Stamp of the pair.
-    image: GreyImage  #: `(H, W)` uint8, left image with its stale parts blanked.
+    pair: StereoPair  #: The pair with its stale parts blanked.
+    received: StereoPair  #: The pair as it was received.
     left: Pyramid  #: Pyramid of the left image.
     right: Pyramid  #: Pyramid of the right image.
-    #: Whether both images have texture. Stale parts count, because only the localiser blanked them.
-    is_textured: bool
     has_frozen_image: bool  #: Whether one image is frozen, and therefore blanked.
 
     @classmethod
@@ -33,12 +31,22 @@ class StereoFrame(NamedTuple):
 
         `received` is the pair before its stale parts were blanked; None if nothing was blanked.
         """
-        received = received or pair
         left, right = both(build_pyramid, (pair.left,), (pair.right,))
-        received_left = left if received.left is pair.left else build_pyramid(received.left)
-        received_right = right if received.right is pair.right else build_pyramid(received.right)
-        textured = is_textured(received_left) and is_textured(received_right)
-        return cls(pair.stamp_ns, pair.left, left, right, textured, has_frozen_image)
+        return cls(pair, received or pair, left, right, has_frozen_image)
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the pair."""
+        return self.pair.stamp_ns
+
+    @property
+    def image(self) -> GreyImage:
+        """Left image `(H, W)` uint8 with its stale parts blanked."""
+        return self.pair.left
+
+    def was_received_textured(self) -> bool:
+        """Return whether both received images have texture. Stale parts count, because the localiser blanked them."""
+        return all(is_textured(build_pyramid(image)) for image in (self.received.left, self.received.right))
 
 
 def is_textured(image: Pyramid) -> bool:
