@@ -60,7 +60,7 @@ from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation import guards, stale_images, trajectory, warm_up
-from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.backend.online_calibration import DriftEstimate, OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import (
@@ -556,8 +556,8 @@ class Localiser:
 
         The sum of the drift corrections continues, because the errors of the attitude that it causes remain.
         """
-        followed_px = state.calibration.followed_px
-        calibration = OnlineCalibration(self._camera, self._config.window_keyframes, followed_px=followed_px)
+        drift = DriftEstimate(followed_px=state.calibration.drift.followed_px)
+        calibration = OnlineCalibration(self._camera, self._config.window_keyframes, drift=drift)
         return replace(state, landmark_map=None, calibration=calibration, has_diverged=True)
 
     def _with_pose_from_outside(self, state: State, stamp_ns: int) -> State:

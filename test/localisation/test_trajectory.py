@@ -14,11 +14,15 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation import trajectory
-from sfr_loc_map.localisation.backend.online_calibration import FIRST_SIGMA_PX, OnlineCalibration, YawEstimate
+from sfr_loc_map.localisation.backend.online_calibration import (
+    FIRST_SIGMA_PX,
+    DriftEstimate,
+    OnlineCalibration,
+    YawEstimate,
+)
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.findings import Inflation
-from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
@@ -178,7 +182,7 @@ def test_a_yaw_found_late_leaves_the_path_before_it_uncertain() -> None:
     assert np.trace(of_path(path, exact)) == pytest.approx(
         (1.0 + SOURCES.unsettled_yaw_ratio**2) * (0.5 * PER_PX * LENGTH) ** 2 + common**2
     )
-    corrected = replace(exact, offset=RightOffset(u=0.5))
+    corrected = replace(exact, yaw=exact.yaw._replace(corrected_px=0.5))
     path = move(path, 2, 2.0 * STEP, corrected)
     assert np.trace(of_path(path, corrected)) == pytest.approx((0.5 * PER_PX * LENGTH) ** 2 + (2 * common) ** 2)
 
@@ -387,7 +391,7 @@ def test_the_noise_of_two_images_is_added_between_a_pose_from_outside_and_the_pr
 def test_drift_corrections_before_a_pose_from_outside_leave_its_attitude_certain(at: int) -> None:
     """The external pose is for an earlier pair, for the last pair, or later than the last pair."""
     model = model_of(IN_CAMERA)
-    followed = OnlineCalibration(RIG.camera, 7, followed_px=20.0)
+    followed = OnlineCalibration(RIG.camera, 7, drift=DriftEstimate(followed_px=20.0))
 
     def attitude(path: PathState, known: OnlineCalibration) -> float:
         position = path.last.T_world_left.translation
@@ -399,6 +403,6 @@ def test_drift_corrections_before_a_pose_from_outside_leave_its_attitude_certain
     after = attitude(path, followed)
     per_px2 = (SOURCES.followed_attitude_ratio / RIG.fx) ** 2
     assert before - after > 0.9 * per_px2 * 20.0**2
-    further = replace(followed, followed_px=30.0)
+    further = replace(followed, drift=DriftEstimate(followed_px=30.0))
     path = move(path, 5, 3.0 * STEP, further)
     assert attitude(path, further) - after == pytest.approx(per_px2 * 10.0**2, rel=0.05)

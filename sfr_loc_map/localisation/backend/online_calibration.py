@@ -135,115 +135,99 @@ class LensResidual(NamedTuple):
 
 
 class YawEstimate(NamedTuple):
-    """Kalman filter of a constant yaw of the right camera, px at the image centre."""
+    """Kalman filter of a constant yaw of the right camera, px at the image centre, and its correction.
+
+    The estimate is corrected if it is significant. The correction approaches the estimate in small steps, because each
+    step moves the pose.
+    """
 
     mean_px: float = 0.0
     variance_px2: float = FIRST_SIGMA_PX**2
     target_px: float = 0.0  #: Yaw to be corrected: the mean if it is significant, else 0.
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OnlineCalibration:
-    """Rotation error of the right camera. Offsets and shifts are in pixels.
-
-    Each pair updates the drift (`with_shift`) and the residual disparities (`with_lens_residuals`). Each keyframe
-    updates pitch and roll (`with_matches`) and the constant yaw (`with_yaw_offset`). The values of the yaw are, in px:
-
-    | value | meaning |
-    |---|---|
-    | `yaw.mean_px`, `yaw_sigma_px` | estimate of the constant yaw, and its standard deviation |
-    | `yaw.target_px` | this estimate if it is significant, otherwise 0 |
-    | `corrected_px` | corrected part of the constant yaw, which approaches `yaw.target_px` in small steps |
-    | `remaining_px` | part that is still to be corrected: `yaw.target_px - corrected_px` |
-    | `drift_px` | estimated drift, which is corrected completely |
-    | `offset.u` | correction of the right observations: `corrected_px + drift_px` |
-    | `followed_px` | sum of the absolute drift corrections, for the uncertainty of the attitude |
-    """
-
-    camera: StereoCamera
-    window_keyframes: int
-    """Number of keyframes of a window. The variance of a window's yaw is multiplied by this number, because consecutive
-    windows share observations."""
-    offset: RightOffset = RightOffset()  #: Correction of the right observations.
-    drift_px: float = 0.0
-    followed_px: float = 0.0
-    shifts: tuple[float, ...] = ()  #: Shifts of the last right images relative to the landmarks.
-    pairs_since_drift: int = AFTER_DRIFT_PAIRS
-    yaw: YawEstimate = YawEstimate()
-    lens: LensResidual = field(default_factory=LensResidual.none)
-    #: `(2, 2)` information matrix of pitch and roll.
-    information: FloatArray = field(default_factory=lambda: np.diag(VERTICAL_PRIOR))
-    information_vector: FloatArray = field(default_factory=lambda: np.zeros(2))
+    corrected_px: float = 0.0  #: Part of the yaw that is corrected.
 
     @property
-    def is_drifting(self) -> bool:
-        """Whether the right camera has drifted within the last `AFTER_DRIFT_PAIRS` pairs."""
-        return self.pairs_since_drift < AFTER_DRIFT_PAIRS
-
-    @property
-    def yaw_sigma_px(self) -> float:
+    def sigma_px(self) -> float:
         """Standard deviation of the yaw."""
-        return float(np.sqrt(self.yaw.variance_px2))
-
-    @property
-    def corrected_px(self) -> float:
-        """Part of the constant yaw that is corrected."""
-        return self.offset.u - self.drift_px
+        return float(np.sqrt(self.variance_px2))
 
     @property
     def remaining_px(self) -> float:
-        """Part of the constant yaw that is still to be corrected."""
-        return self.yaw.target_px - self.corrected_px
+        """Part of the yaw that is still to be corrected."""
+        return self.target_px - self.corrected_px
+
+    def with_window(self, found: OffsetEstimate, window_keyframes: int) -> YawEstimate:
+        """Return the yaw after the adjustment of a window, which shows an offset in addition to the correction.
+
+        The variance of the offset is multiplied by the number of keyframes of a window, because consecutive windows
+        share observations.
+        """
+        predicted_px2 = self.variance_px2 + YAW_WALK_PX**2
+        gain = predicted_px2 / (predicted_px2 + found.variance * float(window_keyframes))
+        mean_px = self.mean_px + gain * (self.corrected_px + found.px - self.mean_px)
+        variance_px2 = predicted_px2 * (1.0 - gain)
+        is_significant = abs(mean_px) > DETECTION_SIGMAS * float(np.sqrt(variance_px2))
+        target_px = mean_px if is_significant else 0.0
+        return YawEstimate(mean_px, variance_px2, target_px, self.corrected_px)
+
+    def corrected(self) -> YawEstimate:
+        """Return the yaw after one step of the correction."""
+        most_px = max(MAX_CORRECTION_PX, CORRECTION_GAIN * abs(self.remaining_px))
+        step_px = float(np.clip(self.remaining_px, -most_px, most_px))
+        return self._replace(corrected_px=self.corrected_px + step_px)
+
+
+class DriftEstimate(NamedTuple):
+    """Change of the yaw within a window, detected from the shifts of consecutive pairs and corrected completely."""
+
+    px: float = 0.0  #: Sum of the corrections.
+    followed_px: float = 0.0  #: Sum of the absolute corrections, for the uncertainty of the attitude.
+    shifts: tuple[float, ...] = ()  #: Shifts of the last right images relative to the landmarks, px.
+    pairs_since: int = AFTER_DRIFT_PAIRS  #: Number of pairs since the last correction.
 
     @property
-    def is_settled(self) -> bool:
-        """Whether the right camera is stable: it has no drift and no large yaw that is still to be corrected."""
-        return not self.is_drifting and abs(self.remaining_px) <= UNSETTLED_PX
+    def is_recent(self) -> bool:
+        """Whether the right camera has drifted within the last `AFTER_DRIFT_PAIRS` pairs."""
+        return self.pairs_since < AFTER_DRIFT_PAIRS
 
-    def after_restart(self) -> OnlineCalibration:
-        """Discard the shifts of earlier pairs, because they were measured relative to other landmarks."""
-        return replace(self, shifts=())
-
-    def with_lens_residuals(self, shift: RightShift) -> OnlineCalibration:
-        """Add the residual disparities of a pair."""
-        return replace(self, lens=self.lens.with_pair(shift.uv, shift.disparity, self.camera))
-
-    def with_shift(self, shift: RightShift) -> tuple[OnlineCalibration, float]:
+    def with_shift(self, px: float) -> tuple[DriftEstimate, float]:
         """Add the shift of the right image of a pair relative to the landmarks; return the new drift, px, or 0.
 
         A line fitted to the shifts of the last pairs gives the current shift and its standard error. The fit
         distinguishes a steady drift from noise and from the shift of a single pair (vibration, unsynchronised cameras).
         """
-        shifts = (*self.shifts, shift.px)[-MAX_SHIFTS:]
-        quiet = replace(self, shifts=shifts, pairs_since_drift=self.pairs_since_drift + 1)
+        shifts = (*self.shifts, px)[-MAX_SHIFTS:]
+        quiet = self._replace(shifts=shifts, pairs_since=self.pairs_since + 1)
         if len(shifts) < MIN_SHIFTS:
             return quiet, 0.0
         drift_px, sigma_px = _end_of_line(np.array(shifts))
         if abs(drift_px) < DRIFT_FLOOR_PX + DRIFT_SIGMAS * sigma_px:
             return quiet, 0.0
-        variance_px2 = self.yaw.variance_px2 + (FOLLOWED_ERROR_RATIO * drift_px) ** 2
-        followed = replace(
-            self,
-            shifts=tuple((np.array(shifts) - drift_px).tolist()),
-            pairs_since_drift=0,
-            drift_px=self.drift_px + drift_px,
-            followed_px=self.followed_px + abs(drift_px),
-            offset=self.offset._replace(u=self.offset.u + drift_px),
-            yaw=self.yaw._replace(variance_px2=variance_px2),
-        )
-        return followed, drift_px
+        relative = tuple((np.array(shifts) - drift_px).tolist())
+        return DriftEstimate(self.px + drift_px, self.followed_px + abs(drift_px), relative, pairs_since=0), drift_px
 
-    def with_matches(self, right_uv: FloatArray, vertical_disparity: FloatArray) -> OnlineCalibration:
-        """Update pitch and roll with the stereo matches of a keyframe.
+    def after_restart(self) -> DriftEstimate:
+        """Discard the shifts of earlier pairs, because they were measured relative to other landmarks."""
+        return self._replace(shifts=())
 
-        The right pixels are `(N, 2)`; the vertical disparities `(N,)` are positive where the right pixel is lower.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VerticalEstimate:
+    """Pitch and roll of the right camera, a least-squares estimate from the vertical disparities of all keyframes."""
+
+    v_px: float = 0.0  #: Offset of the right image at its centre (pitch).
+    roll_px: float = 0.0  #: Roll, px at one focal length from the image centre.
+    information: FloatArray = field(default_factory=lambda: np.diag(VERTICAL_PRIOR))  #: `(2, 2)` of pitch and roll.
+    information_vector: FloatArray = field(default_factory=lambda: np.zeros(2))
+
+    def with_matches(self, xy: FloatArray, disparity: FloatArray) -> VerticalEstimate:
+        """Add the vertical disparities `(N,)`, px, of stereo matches at normalised right coordinates `(N, 2)`.
+
+        The disparities are free of the effect of the yaw.
         """
-        if len(vertical_disparity) < MIN_MATCHES:
-            return self
-        x, y = self.camera.normalised(right_uv).T
+        x, y = xy.T
         design = np.column_stack((1.0 + y * y, x))
-        without_yaw = vertical_disparity - self.offset.u * x * y
-        residual = without_yaw - design @ np.array([self.offset.v, self.offset.roll])
+        residual = disparity - design @ np.array([self.v_px, self.roll_px])
         change = np.array([float(np.median(residual)), 0.0])
         prior = np.diag(VERTICAL_PRIOR)
         for _ in range(VERTICAL_ITERATIONS):  # robust weights use this keyframe alone
@@ -252,29 +236,74 @@ class OnlineCalibration:
             change = np.linalg.solve(prior + weighted @ design, weighted @ residual)
         # All keyframes contribute, because matches on one side of the image hardly constrain the other side.
         information = RETENTION * self.information + weighted @ design
-        vector = RETENTION * self.information_vector + weighted @ without_yaw
-        v, roll = map(float, np.linalg.solve(information, vector))
-        return replace(
-            self, information=information, information_vector=vector, offset=self.offset._replace(v=v, roll=roll)
-        )
+        vector = RETENTION * self.information_vector + weighted @ disparity
+        v_px, roll_px = map(float, np.linalg.solve(information, vector))
+        return VerticalEstimate(v_px, roll_px, information, vector)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OnlineCalibration:
+    """Rotation error of the right camera: four estimates, in pixels.
+
+    | estimate | is updated by | from |
+    |---|---|---|
+    | `vertical` (pitch, roll) | each keyframe (`with_matches`) | vertical disparities of its stereo matches |
+    | `yaw` (constant part) | each keyframe (`with_yaw_offset`) | the adjusted window |
+    | `drift` (change of the yaw) | each pair (`with_shift`) | the shift of the right image relative to the landmarks |
+    | `lens` | each pair (`with_lens_residuals`) | residual disparities by image block |
+    """
+
+    camera: StereoCamera
+    window_keyframes: int  #: Number of keyframes of a window.
+    vertical: VerticalEstimate = field(default_factory=VerticalEstimate)
+    yaw: YawEstimate = YawEstimate()
+    drift: DriftEstimate = DriftEstimate()
+    lens: LensResidual = field(default_factory=LensResidual.none)
+
+    @property
+    def offset(self) -> RightOffset:
+        """Correction of the right observations."""
+        return RightOffset(self.yaw.corrected_px + self.drift.px, self.vertical.v_px, self.vertical.roll_px)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the right camera is stable: it has no drift and no large yaw that is still to be corrected."""
+        return not self.drift.is_recent and abs(self.yaw.remaining_px) <= UNSETTLED_PX
+
+    def after_restart(self) -> OnlineCalibration:
+        """Return the calibration in a new window."""
+        return replace(self, drift=self.drift.after_restart())
+
+    def with_lens_residuals(self, shift: RightShift) -> OnlineCalibration:
+        """Add the residual disparities of a pair."""
+        return replace(self, lens=self.lens.with_pair(shift.uv, shift.disparity, self.camera))
+
+    def with_shift(self, shift: RightShift) -> tuple[OnlineCalibration, float]:
+        """Add the shift of the right image of a pair relative to the landmarks; return the new drift, px, or 0."""
+        drift, drift_px = self.drift.with_shift(shift.px)
+        if drift_px == 0.0:
+            return replace(self, drift=drift), 0.0
+        variance_px2 = self.yaw.variance_px2 + (FOLLOWED_ERROR_RATIO * drift_px) ** 2
+        return replace(self, drift=drift, yaw=self.yaw._replace(variance_px2=variance_px2)), drift_px
+
+    def with_matches(self, right_uv: FloatArray, vertical_disparity: FloatArray) -> OnlineCalibration:
+        """Update pitch and roll with the stereo matches of a keyframe.
+
+        The right pixels are `(N, 2)`; the vertical disparities `(N,)` are positive where the right pixel is lower.
+        """
+        if len(vertical_disparity) < MIN_MATCHES:
+            return self
+        xy = self.camera.normalised(right_uv)
+        without_yaw = vertical_disparity - self.offset.u * xy[:, 0] * xy[:, 1]
+        return replace(self, vertical=self.vertical.with_matches(xy, without_yaw))
 
     def with_yaw_offset(self, found: OffsetEstimate) -> tuple[OnlineCalibration, float]:
         """Update the yaw with the remaining offset of an adjusted window; return the change of the correction, px."""
-        predicted_px2 = self.yaw.variance_px2 + YAW_WALK_PX**2
-        gain = predicted_px2 / (predicted_px2 + found.variance * float(self.window_keyframes))
-        before_px = self.corrected_px
-        mean_px = self.yaw.mean_px + gain * (before_px + found.px - self.yaw.mean_px)
-        variance_px2 = predicted_px2 * (1.0 - gain)
-        is_significant = abs(mean_px) > DETECTION_SIGMAS * float(np.sqrt(variance_px2))
-        yaw = YawEstimate(mean_px, variance_px2, mean_px if is_significant else 0.0)
-        remaining_px = yaw.target_px - before_px
+        yaw = self.yaw.with_window(found, self.window_keyframes)
         # An uncorrected yaw dominates the residual disparities and hides lens errors.
-        lens = LensResidual.none() if abs(remaining_px) > UNSETTLED_PX else self.lens
-        # Steps are small, because each of them moves the pose.
-        most_px = max(MAX_CORRECTION_PX, CORRECTION_GAIN * abs(remaining_px))
-        corrected_px = before_px + float(np.clip(remaining_px, -most_px, most_px))
-        offset = self.offset._replace(u=corrected_px + self.drift_px)
-        return replace(self, yaw=yaw, lens=lens, offset=offset), corrected_px - before_px
+        lens = LensResidual.none() if abs(yaw.remaining_px) > UNSETTLED_PX else self.lens
+        corrected = yaw.corrected()
+        return replace(self, yaw=corrected, lens=lens), corrected.corrected_px - yaw.corrected_px
 
 
 def _end_of_line(shifts: FloatArray) -> tuple[float, float]:

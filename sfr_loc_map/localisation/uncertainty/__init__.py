@@ -16,7 +16,7 @@ Names in the formulas: f is the focal length, px, and b the baseline, m. Z is th
 the map in a pose, of the tracked landmarks in a step. `given_keyframes` is the covariance of a pose given the
 keyframes, the inverse of `Tracks.information`. `yaw_sigma_px`, `target_px` and `remaining_px` are the standard
 deviation of the right camera's yaw, the yaw to be corrected, and its part that is not corrected yet
-(`OnlineCalibration`). Other names are fields of `ErrorSources`, or are explained beside the formula.
+(`online_calibration.YawEstimate`). Other names are fields of `ErrorSources`, or are explained beside the formula.
 
 **The covariance of a pose** of the left camera in the world is the sum of seven terms (`PoseTerms`):
 
@@ -54,7 +54,7 @@ error arose to the present position (`LocatedCovariance`).
 | `directed` | residual disparities (`OnlineCalibration.lens`), findings | step | external pose |
 | `disparity` | yaw of the windows (`OnlineCalibration.yaw`) | step, keyframe | external pose |
 | `attitude` | yaw of the windows | keyframe | start of the run |
-| | drift corrections (`OnlineCalibration.followed_px`) | drift correction | external pose |
+| | drift corrections (`OnlineCalibration.drift`) | drift correction | external pose |
 
 An external pose does not end the attitude error of an uncertain yaw, because the yaw also bends the path after it.
 

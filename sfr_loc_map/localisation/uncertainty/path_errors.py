@@ -94,8 +94,8 @@ def sums_after_step(
     directed = before.directed.plus(bending)
     return PathSums(
         bias=before.bias + m_per_px,
-        corrected=before.corrected + m_per_px * calibration.corrected_px,
-        followed_px=calibration.followed_px,
+        corrected=before.corrected + m_per_px * calibration.yaw.corrected_px,
+        followed_px=calibration.drift.followed_px,
         directed=directed if ambiguity is None else directed.plus(ambiguity),
     )
 

@@ -48,8 +48,8 @@ def pose_terms(
 
 def _disparity_term(sums: PathSums, calibration: OnlineCalibration, sources: ErrorSources) -> FloatArray:
     """Return the term `disparity`: a constant disparity error, and the path before the yaw was corrected."""
-    unsettled_px = sources.unsettled_yaw_ratio * calibration.remaining_px
-    common_px2 = sources.disparity_px**2 + calibration.yaw_sigma_px**2 + unsettled_px**2
+    unsettled_px = sources.unsettled_yaw_ratio * calibration.yaw.remaining_px
+    common_px2 = sources.disparity_px**2 + calibration.yaw.sigma_px**2 + unsettled_px**2
     uncorrected = calibration.yaw.target_px * sums.bias - sums.corrected
     term = np.zeros((6, 6))
     term[:3, :3] = common_px2 * np.outer(sums.bias, sums.bias) + np.outer(uncorrected, uncorrected)
@@ -59,7 +59,7 @@ def _disparity_term(sums: PathSums, calibration: OnlineCalibration, sources: Err
 def _attitude_term(sums: PathSums, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
     """Return the term `attitude`: a yaw of the right camera bends the path, and so does an error of its drift."""
     sources = model.sources
-    bent_px = sources.bent_attitude_ratio * np.hypot(calibration.yaw_sigma_px, calibration.yaw.target_px)
+    bent_px = sources.bent_attitude_ratio * np.hypot(calibration.yaw.sigma_px, calibration.yaw.target_px)
     attitude_px = np.hypot(bent_px, sources.followed_attitude_ratio * sums.followed_px)
     term = np.zeros((6, 6))
     term[3:, 3:] = np.eye(3) * (attitude_px / model.fx) ** 2

@@ -137,7 +137,9 @@ def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibra
     The remaining yaw enters a step in full. In the pose it is multiplied by `unsettled_yaw_ratio`, because `pose`
     also contains `uncorrected`. The depth Z is the median depth of the landmarks, m.
     """
-    disparity_px = np.sqrt(model.sources.disparity_px**2 + calibration.yaw_sigma_px**2 + calibration.remaining_px**2)
+    disparity_px = np.sqrt(
+        model.sources.disparity_px**2 + calibration.yaw.sigma_px**2 + calibration.yaw.remaining_px**2
+    )
     scaled = disparity_px * depth_m / model.focal_baseline * step.displacement
     turned = model.lens_turn_per_m(calibration) * np.copysign(step.size.metres, step.vector[0])
     return np.concatenate((step.R_rb_world @ scaled, np.full(3, turned)))
