@@ -141,13 +141,18 @@ def report(
 
 
 def _read_scores(paths: list[Path]) -> list[Score]:
-    """Return the scores of files, each judged by its limits; a score whose limits are unavailable has a caveat."""
+    """Return the scores of files, each judged by its limits; a score whose limits are unavailable has a caveat.
+
+    ConfigError if a file is given twice.
+    """
     from sfr_loc_map.metrics.judging.several_scores import each_by_its_limits
     from sfr_loc_map.metrics.stored.score_json import load_score
     from sfr_loc_map.scoring.provenance import limits_not_seen
 
     scores = []
     for path in paths:
+        if paths.count(path) > 1:
+            raise ConfigError(f"'{path}' is given {paths.count(path)} times: give each score once")
         score = load_score(path)
         if (unseen := limits_not_seen(score, str(path))) is not None:
             warn(unseen)

@@ -1,6 +1,6 @@
 """Tables of a check without a ground truth (`sfr check`), from its figures.
 
-Each line of a table shows the figures with the same condition and part. Cells name their keys in the figures.
+Each line of a table shows the figures with the same condition and part. The cell of a number has its key in the JSON.
 """
 
 from __future__ import annotations
@@ -26,10 +26,7 @@ CALIBRATION_NAMES = {
 
 
 def check_tables(figures: Sequence[Figure], advice: Mapping[str, str]) -> list[Table]:
-    """Return the tables of the figures of a check and of its advice by angle; tables without rows are omitted.
-
-    Cells name keys in the figures.
-    """
+    """Return the tables of the figures of a check and of its advice by angle; tables without rows are omitted."""
     tables = (
         agreement_table(figures),
         closure_table(figures),

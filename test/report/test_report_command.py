@@ -58,3 +58,11 @@ def test_a_comparison_of_suites_is_a_page(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, words)
     assert isinstance(result.exception, ConfigError)
     assert "a comparison is a page" in str(result.exception)
+
+
+def test_a_score_that_is_given_twice_is_refused(tmp_path: Path) -> None:
+    score, report = tmp_path / "score.json", tmp_path / "t.html"
+    score.write_text(to_json(whole_score()))
+    result = CliRunner().invoke(app, ["report", str(score), str(score), "--test-report", str(report)])
+    assert isinstance(result.exception, ConfigError)
+    assert not report.exists()
