@@ -271,7 +271,7 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
 
     def __repr__(self) -> str:
         from sfr_loc_map.report.score_tables import row_title
-        from sfr_loc_map.report.tables import UNKNOWN
+        from sfr_loc_map.tables.model import UNKNOWN
 
         texts = [self.verdict or "no verdict"]
         for row in (self.judged_row("position"), self.judged_row("point_error")):
@@ -282,7 +282,7 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
 
     def _repr_html_(self) -> str:
         from sfr_loc_map.report.score_tables import summary_tables
-        from sfr_loc_map.report.table_formats import to_html
+        from sfr_loc_map.tables.formats import to_html
 
         return f"<b>{self.verdict or 'no verdict'}</b>" + "".join(to_html(table) for table in summary_tables(self))
 

@@ -20,7 +20,8 @@ LAYERS = {
     "metrics": ("geometry", "The figures of the specification, and the verdicts by limits"),
     "faults": ("geometry io", "Faults that are injected into the stereo pairs of a source"),
     "simulation": ("geometry io", "Stereo pairs of a Mars-like scene with exact truth"),
-    "report": ("geometry mapping metrics", "Views of scores and other results; a view computes no verdict"),
+    "tables": ("metrics", "The model of a table, and its formats: terminal, HTML, Markdown and CSV"),
+    "report": ("geometry mapping metrics tables", "Views of scores and other results; a view computes no verdict"),
     "ros": ("geometry io localisation mapping", "What every program with a ROS node requires"),
     "calls": (
         "geometry io localisation mapping metrics",
@@ -31,7 +32,7 @@ LAYERS = {
         "calls geometry io kernels localisation mapping methods metrics",
         "A localiser or mapper over a complete source, and its files",
     ),
-    "source_setup": ("geometry io localisation mapping metrics report", "The content of a source, and its `sfr.yaml`"),
+    "source_setup": ("geometry io localisation mapping metrics tables", "The content of a source, and its `sfr.yaml`"),
     "scoring": ("calls geometry io mapping metrics", "A score with its provenance from files, memory or topics"),
     "doctor": ("geometry io source_setup", "The issues of a recording or graph from an observation"),
     "evidence": (
@@ -44,7 +45,7 @@ LAYERS = {
     ),
     "graph": ("doctor geometry io ros", "Programs that observe or record a running graph"),
     "live": (
-        "calls geometry io localisation mapping metrics nodes report ros",
+        "calls geometry io localisation mapping metrics nodes report ros tables",
         "Views of a run in progress, and their connection to the nodes",
     ),
     "replay": (
@@ -53,16 +54,16 @@ LAYERS = {
     ),
     "bench": ("faults geometry io localisation mapping methods metrics runs", "Benchmarks, one drive after the other"),
     "suite": (
-        "calls evidence faults geometry io localisation mapping methods metrics report runs scoring simulation",
+        "calls evidence faults geometry io localisation mapping methods metrics report runs scoring simulation tables",
         "Many runs on Dask, and their pooled results",
     ),
     "cli": (
         "bench calls doctor evidence faults geometry graph io live localisation mapping methods metrics nodes "
-        "replay report ros runs scoring simulation source_setup suite",
+        "replay report ros runs scoring simulation source_setup suite tables",
         "The subcommands of `sfr`",
     ),
     "__main__": ("cli", "`python -m sfr_loc_map`"),
-    "api_types": ("calls geometry io localisation metrics report", "The types of the Python interface"),
+    "api_types": ("calls geometry io localisation metrics report tables", "The types of the Python interface"),
     "api": (
         "api_types calls geometry io localisation mapping methods metrics runs scoring",
         "The functions of Python users",

@@ -11,7 +11,7 @@ from sfr_loc_map.errors import FailedVerdictError
 
 if TYPE_CHECKING:
     from sfr_loc_map.issues import Issue
-    from sfr_loc_map.report.tables import Table
+    from sfr_loc_map.tables.model import Table
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from sfr_loc_map.io.source_files import has_only_data_set, source_of_file
 from sfr_loc_map.message_text import one_line, printable
 
 if TYPE_CHECKING:
-    from sfr_loc_map.report.tables import Table
+    from sfr_loc_map.tables.model import Table
 
 STANDARD_OUTPUT = "-"
 HTML_SUFFIXES = (".html", ".htm")
@@ -118,7 +118,7 @@ def make_folder(path: Path, option: str) -> None:
 def show(content: object, place: str | None, tables: Iterable[Table]) -> None:
     """Write a record as JSON to the file of `--json` and print the tables; with `-`, print only the JSON."""
     from sfr_loc_map.metrics.stored.score_json import json_line
-    from sfr_loc_map.report.table_formats import print_tables
+    from sfr_loc_map.tables.formats import print_tables
 
     if place == STANDARD_OUTPUT:
         current_run().prints_json = True

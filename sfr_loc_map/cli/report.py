@@ -166,7 +166,7 @@ def _write_score(score: Score, page: Path, json_path: str | None) -> None:
     from sfr_loc_map.metrics.stored.score_json import to_dict
     from sfr_loc_map.report.page import render_page
     from sfr_loc_map.report.score_tables import score_markdown, score_tables
-    from sfr_loc_map.report.table_formats import to_csv
+    from sfr_loc_map.tables.formats import to_csv
 
     if page.suffix == ".md":
         text = score_markdown(score)

@@ -19,7 +19,7 @@ from sfr_loc_map.report.limit_bars import limit_bars
 from sfr_loc_map.report.plotted_data import error_sizes
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.summary import banner_of
-from sfr_loc_map.report.tables import Cell, Table
+from sfr_loc_map.tables.model import Cell, Table
 
 NO_SCORE_SHOWN: dict[str, Any] = {"overall": None, "tables": [], "limits": [], "errors": None}
 """Content of a page before the first score."""

@@ -23,8 +23,8 @@ from sfr_loc_map.live.shown_score import ShownScore
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.message_text import one_line, printable
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.report.table_formats import to_rich
-from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number
+from sfr_loc_map.tables.formats import to_rich
+from sfr_loc_map.tables.model import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number
 
 PERIOD_S = 0.5  #: Period of the screen.
 LINE_PERIOD_S = 1.0  #: Period of the lines without a terminal.

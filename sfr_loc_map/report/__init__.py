@@ -3,8 +3,8 @@
 A *figure* is a row of the table of figures of a score, a *plot* is a drawing. The parts of a score are shown as
 follows:
 
-- figures: `score_tables` selects the rows of each table (`VIEWS`), `tables` is the model of a table, and
-  `table_formats` writes tables for the terminal and as HTML, Markdown and CSV.
+- figures: `score_tables` selects the rows of each table (`VIEWS`). The package `tables` has the model of a table, and
+  writes tables for the terminal and as HTML, Markdown and CSV.
 - verdicts: `verdict_view` composes the displayed texts of a verdict for the table of verdicts, the results of the test
   report, `junit`, `control_document` and `limit_bars`.
 - details: `plotted_data` selects the plotted data. `score_plots` composes the plots of a page (`drive_plots`,

@@ -1,14 +1,3 @@
 from .page import render_page as render_page
 from .page import write_page as write_page
 from .score_tables import score_markdown as score_markdown
-from .table_formats import print_tables as print_tables
-from .table_formats import to_csv as to_csv
-from .table_formats import to_html as to_html
-from .table_formats import to_markdown as to_markdown
-from .table_formats import to_rich as to_rich
-from .tables import Cell as Cell
-from .tables import CellKind as CellKind
-from .tables import Column as Column
-from .tables import Table as Table
-from .tables import Unit as Unit
-from .tables import number as number

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sfr_loc_map.report.tables import Cell, Column, Row, Table, Unit
+from sfr_loc_map.tables.model import Cell, Column, Row, Table, Unit
 
 ResultColumn = tuple[str, str, str]
 """Heading without the unit, symbol of the displayed unit, and path of keys within an entry."""

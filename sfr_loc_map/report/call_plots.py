@@ -10,7 +10,7 @@ from sfr_loc_map.report.limit_lines import error_axis, limit_lines
 from sfr_loc_map.report.notes import HOST
 from sfr_loc_map.report.plots import STATES, Plot, Trace, axis, line, marks, scaled
 from sfr_loc_map.report.plotted_data import limits_on
-from sfr_loc_map.report.tables import MIB
+from sfr_loc_map.tables.model import MIB
 
 
 def timeline(score: Score, kind: CallKind) -> list[Plot]:

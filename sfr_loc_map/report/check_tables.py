@@ -14,7 +14,7 @@ from sfr_loc_map.mapping.multiview.projection import SHIFT_PX
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.table.catalogue import REVISITED_PLACES
 from sfr_loc_map.metrics.table.rows import Figure
-from sfr_loc_map.report.tables import ABSENT, METRE, NONE, PERCENT, Cell, Column, Table, Unit, fitting
+from sfr_loc_map.tables.model import ABSENT, METRE, NONE, PERCENT, Cell, Column, Table, Unit, fitting
 
 CALIBRATION_NAMES = {
     "right_camera": "right camera, ",

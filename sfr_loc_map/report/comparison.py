@@ -8,8 +8,8 @@ from __future__ import annotations
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.stored.comparison import SIGNIFICANT, Comparison
 from sfr_loc_map.metrics.table.catalogue import title_of
-from sfr_loc_map.report.tables import ABSENT, NONE, Cell, Column, Row, Table, Unit, fitting
 from sfr_loc_map.report.verdict_view import limited_name, unit_of_numbers
+from sfr_loc_map.tables.model import ABSENT, NONE, Cell, Column, Row, Table, Unit, fitting
 
 FIRST_TABLES = ("pairs", "methods")  #: Tables above the plots of a page.
 

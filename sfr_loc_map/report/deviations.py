@@ -25,8 +25,8 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, STANDING, TOTAL, Subject
 from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope
-from sfr_loc_map.report.tables import METRE, fitting, number
 from sfr_loc_map.report.verdict_view import VerdictView
+from sfr_loc_map.tables.model import METRE, fitting, number
 
 PATH_WITHOUT_IMAGES = 0.01
 """Fraction of the true path without images that is accepted, because the truth begins and ends near an image."""

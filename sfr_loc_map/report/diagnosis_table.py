@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sfr_loc_map.metrics.diagnosis.convention_diagnosis import Diagnosis
-from sfr_loc_map.report.tables import Cell, Column, Table
+from sfr_loc_map.tables.model import Cell, Column, Table
 
 MAX_HYPOTHESES = 5  #: Number of shown mismatches, those with the smallest remaining disagreement.
 

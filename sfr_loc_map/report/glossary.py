@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.report.tables import Cell, Column, Table
+from sfr_loc_map.tables.model import Cell, Column, Table
 
 TERMS: Mapping[str, str] = {
     "sub-trajectory": "the part of the drive from a start to the frame at which the condition is met",

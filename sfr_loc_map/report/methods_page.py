@@ -18,7 +18,7 @@ from sfr_loc_map.report.drive_plots import growth
 from sfr_loc_map.report.plotted_data import errors_by_range, path_errors, path_of
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text
 from sfr_loc_map.report.summary import banner_of
-from sfr_loc_map.report.tables import (
+from sfr_loc_map.tables.model import (
     ABSENT,
     MARKS,
     MIB,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from sfr_loc_map.metrics.config import Reading, label_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.report.tables import UNKNOWN, number
 from sfr_loc_map.report.verdict_view import name_of
+from sfr_loc_map.tables.model import UNKNOWN, number
 
 HOST = "host"  #: First word of the name of a clock of the host.
 EXACT = "The truth is assumed exact; --set truth.sigma_m=M and truth.sigma_deg=DEG of sfr score set its noise."

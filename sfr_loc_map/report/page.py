@@ -32,8 +32,8 @@ from sfr_loc_map.report.summary import (
     restrictions_of,
     run_facts,
 )
-from sfr_loc_map.report.table_formats import to_html
-from sfr_loc_map.report.tables import Table
+from sfr_loc_map.tables.formats import to_html
+from sfr_loc_map.tables.model import Table
 
 if TYPE_CHECKING:  # slow import
     from jinja2 import Environment

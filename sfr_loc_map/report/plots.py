@@ -13,7 +13,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from sfr_loc_map.message_text import printable
-from sfr_loc_map.report.tables import METRE, fitting
+from sfr_loc_map.tables.model import METRE, fitting
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -19,7 +19,7 @@ from sfr_loc_map.report.plotted_data import (
     map_of,
     plotted_conditions,
 )
-from sfr_loc_map.report.tables import number
+from sfr_loc_map.tables.model import number
 
 
 class Drawing(NamedTuple):

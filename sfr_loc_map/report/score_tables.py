@@ -1,7 +1,7 @@
 """The tables of a score: views of the rows of its table of figures. Each cell names its key in the JSON.
 
 A predicate selects the rows of each table (`VIEWS`), and `figure_table` lays them out. Rows that no view selects are in
-a final table, so that every report contains every row of the score. `report.table_formats` writes a table as text,
+a final table, so that every report contains every row of the score. `tables.formats` writes a table as text,
 HTML, Markdown or CSV.
 """
 
@@ -22,8 +22,9 @@ from sfr_loc_map.metrics.table.row_part import DIRECTIONS, Place
 from sfr_loc_map.metrics.table.rows import NUMBERS, Figure
 from sfr_loc_map.report import notes
 from sfr_loc_map.report.glossary import glossary
-from sfr_loc_map.report.table_formats import to_markdown
-from sfr_loc_map.report.tables import (
+from sfr_loc_map.report.verdict_view import unit_of_numbers, verdict_views
+from sfr_loc_map.tables.formats import to_markdown
+from sfr_loc_map.tables.model import (
     ABSENT,
     MIB,
     MILLISECOND,
@@ -37,7 +38,6 @@ from sfr_loc_map.report.tables import (
     Unit,
     number,
 )
-from sfr_loc_map.report.verdict_view import unit_of_numbers, verdict_views
 
 UNNAMED = "not named"
 CALL_PARTS = (None, FIRST, AFTER_FIRST)  #: Parts of the times of complete calls on this host.

@@ -22,8 +22,8 @@ from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.catalogue import Subject
 from sfr_loc_map.report.notes import EXACT, truth_text
 from sfr_loc_map.report.plotted_data import error_sizes, plotted_conditions
-from sfr_loc_map.report.tables import METRE, OPEN, UNKNOWN, VERDICTS, fitting, number
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
+from sfr_loc_map.tables.model import METRE, OPEN, UNKNOWN, VERDICTS, fitting, number
 
 TRUTH_FILES, READ_ROLES = ("truth_file",), ("configuration", "calibration")
 TRUTH_ROLES, RESULT_ROLES = ("truth", "map_truth"), ("estimate", "cloud")

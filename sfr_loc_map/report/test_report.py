@@ -26,8 +26,8 @@ from sfr_loc_map.report.page import from_template
 from sfr_loc_map.report.printed_plot import DRAWING, PrintedPlot, printed_plots
 from sfr_loc_map.report.score_tables import table_of
 from sfr_loc_map.report.summary import NO_VERDICT, Banner, banner_of
-from sfr_loc_map.report.tables import OPEN, UNKNOWN, Table
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
+from sfr_loc_map.tables.model import OPEN, UNKNOWN, Table
 
 TABLES = ("headline", "covered", "readings")  #: Tables of figures below the results.
 DOCUMENT = "Clarification of performance metrics for SFR Breadboarding"

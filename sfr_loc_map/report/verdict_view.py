@@ -18,7 +18,7 @@ from sfr_loc_map.metrics.score.limits import BOUND
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import KINDS, clause_of, defines, is_fraction, statistic_title, title_of
-from sfr_loc_map.report.tables import (
+from sfr_loc_map.tables.model import (
     ABSENT,
     MIB,
     NONE,

@@ -38,14 +38,14 @@ from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.printed_plot import printed_plots
 from sfr_loc_map.report.score_plots import score_plots
 from sfr_loc_map.report.score_tables import score_markdown, score_tables, summary_tables, undefined_of
-from sfr_loc_map.report.table_formats import to_csv, to_rich
-from sfr_loc_map.report.tables import Table
 from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.suite.pages.tables import result_table
 from sfr_loc_map.suite.search.specification import CHOICES
 from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.pooling import DriveScore, pool
 from sfr_loc_map.suite.statistics.summary import ScoredJob
+from sfr_loc_map.tables.formats import to_csv, to_rich
+from sfr_loc_map.tables.model import Table
 
 SLIP = FigureKind(
     "slip",

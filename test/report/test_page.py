@@ -22,7 +22,7 @@ from sfr_loc_map.report.path_plot import Curve, path_plot
 from sfr_loc_map.report.plots import PALETTES, to_figure
 from sfr_loc_map.report.printed_plot import printed_plots
 from sfr_loc_map.report.score_plots import score_plots
-from sfr_loc_map.report.tables import MILLIMETRE, number
+from sfr_loc_map.tables.model import MILLIMETRE, number
 
 CHROMIUM = Path("/usr/bin/chromium")
 SWITCHES = (

@@ -14,8 +14,8 @@ from sfr_loc_map.metrics.table.catalogue import Subject
 from sfr_loc_map.metrics.table.records import Association
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.report.score_tables import page_tables, score_markdown, score_tables, summary_tables
-from sfr_loc_map.report.table_formats import to_csv
-from sfr_loc_map.report.tables import Table
+from sfr_loc_map.tables.formats import to_csv
+from sfr_loc_map.tables.model import Table
 
 
 def table(score: Score, name: str) -> Table:

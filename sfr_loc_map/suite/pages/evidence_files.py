@@ -21,7 +21,6 @@ from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.check_tables import check_tables
-from sfr_loc_map.report.tables import Table
 from sfr_loc_map.report.test_report import AdditionalEvidence
 from sfr_loc_map.suite.pages.search_page import case_table
 from sfr_loc_map.suite.pages.tables import budget_tables
@@ -29,6 +28,7 @@ from sfr_loc_map.suite.search.record import SCHEMA as SEARCH_SCHEMA
 from sfr_loc_map.suite.search.record import SearchRecord, ratio_text
 from sfr_loc_map.suite.statistics.budget import Budget
 from sfr_loc_map.suite.statistics.summary import SCHEMA as SUITE_SCHEMA
+from sfr_loc_map.tables.model import Table
 
 
 class CheckFile(msgspec.Struct):

@@ -9,8 +9,8 @@ from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.report.page import render_overview
 from sfr_loc_map.report.plots import Plot, axis, colour_bar, log_axis, marks, plain, span
 from sfr_loc_map.report.summary import Banner
-from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
 from sfr_loc_map.suite.search.record import CoverageRecord, PointRecord, SearchRecord
+from sfr_loc_map.tables.model import ABSENT, Cell, Column, Table
 
 WORST_SHOWN = 20  #: Maximum number of points in the table of the worst points.
 CELLS_SHOWN = 30  #: Maximum number of untested cells in the table.

@@ -13,8 +13,6 @@ from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.metrics.table.catalogue import KINDS, TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.table.row_part import ANY, Scope
 from sfr_loc_map.metrics.table.rows import Figure
-from sfr_loc_map.report.tables import MIB, MILLIMETRE, MILLISECOND, PERCENT, Cell, Column, Table, Unit, fitting, number
-from sfr_loc_map.report.typed_tables import RowColumn, heads, intervals, numbers, table_of, words
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.suite.running.job import SHORT_KEY
 from sfr_loc_map.suite.running.job_outcome import WorkerRecord
@@ -25,6 +23,8 @@ from sfr_loc_map.suite.statistics.figures import map_error_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
 from sfr_loc_map.suite.statistics.history import MIN_REFERENCE, Change, History
 from sfr_loc_map.suite.statistics.summary import Group, JobCounts, ReplacedTruth, ScoredJob, Summary
+from sfr_loc_map.tables.model import MIB, MILLIMETRE, MILLISECOND, PERCENT, Cell, Column, Table, Unit, fitting, number
+from sfr_loc_map.tables.typed import RowColumn, heads, intervals, numbers, table_of, words
 
 PAGES = "pages"  #: Folder of the pages of single results, beside the page of the suite.
 MAX_PAGES = 200  #: Maximum number of pages of results. `sfr report` makes pages of the other scores.

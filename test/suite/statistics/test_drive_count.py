@@ -10,10 +10,10 @@ from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.report.table_formats import to_markdown
 from sfr_loc_map.suite.pages.tables import drive_count_table
 from sfr_loc_map.suite.statistics.drive_count import drive_counts
 from sfr_loc_map.suite.statistics.summary import ScoredJob
+from sfr_loc_map.tables.formats import to_markdown
 
 
 def limits_with(**entry: object) -> object:

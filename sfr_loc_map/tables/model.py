@@ -1,4 +1,4 @@
-"""Tables of figures: numbers with units, and a model of tables, which `report.table_formats` writes.
+"""The model of a table: numbers with units, cells, columns and rows.
 
 The columns and rows of a table are laid out where the table is made: for a score in `report.score_tables`, for other
 results in the module of the result.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from sfr_loc_map.metrics.statistics.intervals import Interval
-from sfr_loc_map.report.tables import ABSENT, NONE, Cell, Column, Table, Unit
+from sfr_loc_map.tables.model import ABSENT, NONE, Cell, Column, Table, Unit
 
 Row = TypeVar("Row")
 RowUnit = Unit | Callable[[Row], Unit]

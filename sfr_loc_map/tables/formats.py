@@ -14,7 +14,7 @@ from html import escape
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from sfr_loc_map.report.tables import OPEN, VERDICTS, Cell, CellKind, Column, Table
+from sfr_loc_map.tables.model import OPEN, VERDICTS, Cell, CellKind, Column, Table
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

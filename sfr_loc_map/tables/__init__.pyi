@@ -1,0 +1,11 @@
+from .formats import print_tables as print_tables
+from .formats import to_csv as to_csv
+from .formats import to_html as to_html
+from .formats import to_markdown as to_markdown
+from .formats import to_rich as to_rich
+from .model import Cell as Cell
+from .model import CellKind as CellKind
+from .model import Column as Column
+from .model import Table as Table
+from .model import Unit as Unit
+from .model import number as number
