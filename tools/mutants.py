@@ -264,7 +264,7 @@ MUTATIONS = (
     Mutation(EXPECTED_ITEMS, "self.has_estimate & self.has_truth", "self.has_estimate"),
     Mutation("metrics/completeness/drive.py", "DOUBLED_SHARE = 0.1 ", "DOUBLED_SHARE = 0.6 "),
     Mutation(EXPECTED_ITEMS, "stamps_ns.max() - in_flight_ns", "stamps_ns.max() - 2 * in_flight_ns"),
-    Mutation(EXPECTED_ITEMS, "max(expected_pairs - mapped, 0), expected_pairs", "0, expected_pairs"),
+    Mutation(EXPECTED_ITEMS, "missing = max(expected_pairs - mapped, 0)", "missing = 0"),
     Mutation(EXPECTED_ITEMS, "max(known, default=None)", "min(known, default=None)"),
     Mutation(EXPECTED_ITEMS, "not_finite, points + not_finite)", "not_finite, points)"),
     Mutation(EXPECTED_ITEMS, "np.isfinite(measured)", "~np.isinf(measured)"),

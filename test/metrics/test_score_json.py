@@ -203,3 +203,16 @@ def test_sigma_of_one_sub_trajectory_is_written_as_null() -> None:
         "mean_plus_3sigma": None,
     }
     assert from_dict(written).figures == (row,)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("condition", "5 m"), ("clause", "4.3.4"), ("subject", "map"), ("figure", "slip")]
+)
+def test_a_row_with_a_key_that_its_figure_cannot_have_is_refused(key: str, value: str) -> None:
+    content = to_dict(score())
+    content["figures"][0][key] = value
+    content["content_sha256"] = hash_of_values(content)
+    with pytest.raises(
+        InputError, match=f"^file.json contradicts itself: .*{value if key == 'figure' else 'position'}"
+    ):
+        from_dict(content, "file.json")

@@ -251,8 +251,9 @@ def map_completeness(
     `repeated` is the number of points whose pixel or position is that of an earlier point.
     """
     mapped = len(np.unique(point_pairs))
-    yield expected_row(RowPart(Scope.MAP), mapped, expected_pairs)
-    yield from share_rows("pairs_without_cloud", max(expected_pairs - mapped, 0), expected_pairs)
+    missing = max(expected_pairs - mapped, 0)
+    yield expected_row(RowPart(Scope.MAP), expected_pairs - missing, expected_pairs)
+    yield from share_rows("pairs_without_cloud", missing, expected_pairs)
     yield from share_rows("points_without_truth", without_truth, points)
     yield from share_rows("points_not_finite", not_finite, points + not_finite)
     yield from share_rows("points_repeated", repeated, points)

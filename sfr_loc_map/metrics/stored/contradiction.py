@@ -1,7 +1,8 @@
 """Check that a stored score does not contradict itself.
 
-Mean + 3 sigma must follow from mean and sigma, the figures from the raw values (`raw_values`), and tolerance bounds and
-verdicts from figures and rules. `score_json` also compares the hash of the values of a file.
+Rows must have the keys of a figure of the catalogue. Mean + 3 sigma must follow from mean and sigma, the figures from
+the raw values (`raw_values`), and tolerance bounds and verdicts from figures and rules. `score_json` also compares the
+hash of the values of a file.
 """
 
 from __future__ import annotations
@@ -9,11 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.formulas import mean_plus_3sigma
 from sfr_loc_map.metrics.judging.judge import with_verdicts
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.stored.raw_values import raw_contradiction
+from sfr_loc_map.metrics.table.catalogue import KINDS, clause_of
 from sfr_loc_map.metrics.table.rows import Figure
 
 ROUNDING = 1e-9  #: Relative tolerance between a stored and a derived number.
@@ -22,6 +26,8 @@ ROUNDING = 1e-9  #: Relative tolerance between a stored and a derived number.
 def stored_contradiction(score: Score) -> str | None:
     """Return the first contradiction between a stored score and its figures and rules; None if there is none."""
     for row in score.figures:
+        if (problem := fault_of_keys(row)) is not None:
+            return problem
         if row.mean is None or row.sigma is None or row.mean_plus_3sigma is None:
             continue
         expected = mean_plus_3sigma(row.mean, row.sigma)
@@ -47,6 +53,21 @@ def stored_contradiction(score: Score) -> str | None:
         if mine != theirs:
             return f"{field} is {_text(mine)}, but the figures give {_text(theirs)}"
     return None
+
+
+def fault_of_keys(row: Figure) -> str | None:
+    """Return why the keys of a row are not those of a figure of the catalogue; None if they are."""
+    if row.figure not in KINDS:
+        return f"the row {row.label} has no figure of the catalogue"
+    if row.subject is not KINDS[row.figure].subject:
+        return f"subject of {row.label} is {row.subject}, but the figure is about {KINDS[row.figure].subject}"
+    if row.clause != clause_of(row.figure, row.part):
+        return f"clause of {row.label} is '{row.clause}', but '{clause_of(row.figure, row.part)}' defines the figure"
+    try:
+        is_condition = row.condition is None or Condition.parse(row.condition).setting == row.condition
+    except MetricsError:
+        is_condition = False
+    return None if is_condition else f"condition of {row.label} is '{row.condition}', but distance=5 is the form"
 
 
 def json_name(field: str) -> str:

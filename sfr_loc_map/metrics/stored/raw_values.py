@@ -111,7 +111,7 @@ def _of_judged(score: Score) -> Iterator[str]:
             continue
         # no lower bound for the answers of an external node
         low = 0.0 if part.what == Scope.CALLS and score.external is not None else 1.0 - sum(absent)
-        if not low - EXACT <= min(row.value, 1.0) <= 1.0 - max(absent) + EXACT:
+        if not low - EXACT <= row.value <= 1.0 - max(absent) + EXACT:
             yield f"{row.label} is {_text(row.value)}, but the missing items give {_text(1.0 - sum(absent))}"
 
 
