@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 import tempfile
 import time
@@ -20,7 +19,7 @@ from sfr_loc_map.signals import stopping
 from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
 
 FIRST_TOPICS = (ESTIMATE, TRUE_POSES, REPORT)
-"""Topics to which the node of a page subscribes at its start, of whatever a viewer displays."""
+"""Topics to which the node of a page subscribes at its start, whichever media its viewers display."""
 
 
 class PageProcess(AbstractContextManager["PageProcess"]):
@@ -30,15 +29,15 @@ class PageProcess(AbstractContextManager["PageProcess"]):
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:
-        self._folder = Path(tempfile.mkdtemp(prefix="sfr-live-"))
-        path = self._folder / "end.json"
+        self._folder = tempfile.TemporaryDirectory(prefix="sfr-live-", ignore_cleanup_errors=True)
+        path = Path(self._folder.name) / "end.json"
         self._end, self._end_file = RunEnd(), EndFile(path)
         self.has_run_ended = False  #: Whether a run that the page shows is over.
         self._process = node_process("live.main", (*arguments, "--end-file", str(path)))
 
     def __exit__(self, *_: object) -> None:
         end_processes([self._process])
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._folder.cleanup()
 
     @property
     def node_name(self) -> str:

@@ -177,7 +177,7 @@ def _now(live: dict[str, Any]) -> Iterator[str]:
     if (row := live["localisation"]) is not None:
         word = _state_text(row) or "state unknown"
         place = " ".join(f"{value:z.2f}" for value in row["position_m"])
-        yield f"pose {row['n'] + 1}: {word}, at {place} m, {number(row['distance_m'], unit=METRE)} m driven"
+        yield f"pose {row['n'] + 1}: {word}, at {place} m, {number(row['distance_m'], unit=METRE)} m travelled"
         if (error := row["error_m"]) is not None:
             unit = fitting(METRE, *error)
             yield f"error x y z: {' '.join(number(value, unit=unit, signed=True) for value in error)} {unit.symbol}"
