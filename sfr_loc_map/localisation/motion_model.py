@@ -8,7 +8,7 @@ from typing import NamedTuple
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
-from sfr_loc_map.localisation.motion_size import Speed, size_of
+from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 from sfr_loc_map.message_stamps import NS_PER_S
 
@@ -43,8 +43,7 @@ class MotionSince(NamedTuple):
     """Motion of the left camera since the last known pose."""
 
     T_last_now: Transform
-    metres: float  #: Length.
-    radians: float  #: Angle.
+    size: MotionSize
     seconds: float  #: Time; 0 before the first pair.
 
 
@@ -97,14 +96,15 @@ class LastPose:
     def since_last(self, stamp_ns: int, T_world_left: Transform) -> MotionSince:
         """Return the motion from the last known pose to a pose at a stamp."""
         T_last_now = self.T_world_left.inverse() @ T_world_left
-        return MotionSince(T_last_now, *size_of(T_last_now), self.unobserved_s(stamp_ns))
+        return MotionSince(T_last_now, size_of(T_last_now), self.unobserved_s(stamp_ns))
 
     def tracked(self, stamp_ns: int, T_world_left: Transform, since: MotionSince, *, was_known: bool) -> LastPose:
         """Return the pose of a tracked pair. The speed is updated only if the previous pose was known."""
         speed = self.speed
         if was_known:
             seconds = since.seconds
-            speed = Speed(since.metres / seconds, since.radians / seconds) if seconds > 0.0 else Speed(0.0, 0.0)
+            size = since.size
+            speed = Speed(size.metres / seconds, size.radians / seconds) if seconds > 0.0 else Speed(0.0, 0.0)
         return LastPose(T_world_left, since.T_last_now, stamp_ns, stamp_ns, stamp_ns - self.tracked_ns, speed)
 
     def at_stamp(self, stamp_ns: int | None) -> LastPose:

@@ -142,7 +142,7 @@ def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[Pa
     added = inflation_of(
         pair.inflation,
         unobserved=unobserved_size(path.last.speed, since.seconds, model.bounds),
-        moved=MotionSize(since.metres, since.radians),
+        moved=since.size,
         other_distance=pair.other_distance,
         sources=model.sources,
     )

@@ -1,9 +1,9 @@
 """Cases of the ground's motion, and their consequences.
 
 `case_of` returns the case of a pair: the first row of `CASES` whose condition is true. `EFFECTS` lists for each case
-the reported finding and what the memory learns. `UNIDENTIFIED_EFFECTS` lists the differences while the ground is not
-identified. A new case requires a member of `Case`, a row in `CASES`, a row in
-`EFFECTS`, and a branch of `GroundSelector._selection`.
+the reported finding and what the memory learns, and `UNIDENTIFIED_EFFECTS` the differences while the ground is not
+identified. A new case requires a member of `Case`, a row in `CASES`, a row in `EFFECTS`, and a branch of
+`GroundSelector._selection`.
 """
 
 from __future__ import annotations
@@ -87,7 +87,6 @@ EFFECTS: Final = {
     Case.ONE_MOTION: Effect(sign=Sign.AGREES),
 }
 """Consequences of each case. `GroundMemory.after` applies them to the memory."""
-
 
 UNIDENTIFIED_EFFECTS: Final = {
     Case.OWN_BODY: Effect(Finding.AMBIGUOUS, fault=Fault.SUSPECTED),

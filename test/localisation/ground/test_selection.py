@@ -174,6 +174,22 @@ def test_a_second_motion_may_be_the_ground_until_the_ground_is_identified() -> N
         assert Inflation.AMBIGUITY not in decide(effect_of(case, identified).findings).inflation
 
 
+def test_the_ground_must_be_identified_again_after_a_lost_pair() -> None:
+    """The landmarks that are found again may be those of an object."""
+
+    def phase() -> Phase:
+        return by._state.ground_memory.identification.phase
+
+    by = Localiser(LOC_RIG, LocalisationConfig(), true_pose(0))
+    run(DRIVE[:8], by)
+    assert phase() is Phase.IDENTIFIED
+    black = np.zeros_like(DRIVE[8].left)
+    assert run([StereoPair(DRIVE[8].stamp_ns, black, black)], by)[0].state is TrackingState.LOST
+    assert phase() is Phase.LEARNING
+    assert {item.state for item in run(DRIVE[9:14], by)} == {TrackingState.TRACKING}
+    assert phase() is Phase.IDENTIFIED
+
+
 @pytest.mark.sample
 def test_a_body_that_hides_most_of_the_first_image_is_no_silent_error() -> None:
     """The pose of the second pair follows a few landmarks beside the body, and is wrong by 12 cm."""
