@@ -72,12 +72,10 @@ def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: Fl
     its call or its covariance reports a loss, or if its call initialises again after the first tracked pose.
     """
     states = np.full(len(trajectory), "", object)
-    has_call = np.zeros(len(trajectory), np.bool_)
     steps = of_calls = None
     if stats is not None:
         rows = stats.localised_rows(trajectory.stamps_ns)
         states = np.array([*stats.calls.states, ""], object)[rows]
-        has_call = rows >= 0
         steps = _steps_between(trajectory.stamps_ns, stats, rows)
         of_calls = _values_at(stats.covariance, rows)
     covariance = first_reported(covariance, of_calls)
@@ -87,7 +85,7 @@ def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: Fl
     is_lost_known = is_known
     if covariance is not None:
         lost = lost | lost_by_covariance(covariance)
-        is_lost_known = is_known | (~has_call & np.isfinite(covariance).all(axis=1))
+        is_lost_known = is_known | np.isfinite(covariance).all(axis=1)
     estimates = Estimates.of(trajectory, lost, degraded, covariance, steps)
     return replace(estimates, is_lost_known=is_lost_known, is_degraded_known=is_known)
 

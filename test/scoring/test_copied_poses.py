@@ -50,6 +50,23 @@ def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_move
     assert sfr("score", *paths, "--limits", labelled).code == 0, "a simulated estimate without an error says so"
 
 
+@pytest.mark.parametrize(("allowed", "code"), [(0.0, 3), (0.5, 3), (1.0, 0)])
+def test_true_poses_at_the_judged_frames_are_accepted_only_by_a_limit_above_their_fraction(
+    tmp_path: Path, sfr: Sfr, allowed: float, code: int
+) -> None:
+    """All other poses have a noise of 10 mm, so that few steps between neighbouring poses are those of the truth."""
+    paths, truth = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(0.0)
+    positions = wandering(1e-2).positions
+    positions[::10] = truth.positions[::10]
+    for path, poses in zip(paths, (positions, truth.positions), strict=True):
+        save_trajectory(path, Trajectory(truth.stamps_ns, poses, truth.quats_xyzw))
+    completeness = {"poses_of_truth_max_share": allowed, "errors_beyond_max_share": 1.0}
+    frames = {**LOOSE, "trajectory": [{"condition": "frames=50", "position_max_m": 1.0}]}
+    rules = limits(tmp_path, {**frames, "completeness": completeness})
+    done = sfr("score", *paths, "--limits", rules)
+    assert done.code == code, done.out + done.err
+
+
 def test_a_copy_of_eight_poses_is_found(tmp_path: Path, sfr: Sfr) -> None:
     paths, whole = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(0.0)
     every = COUNT // 8

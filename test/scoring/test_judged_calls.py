@@ -169,6 +169,18 @@ def test_without_calls_a_limit_on_them_is_incomplete(
     assert "give the calls of the run (option stats)" in done.out
 
 
+@pytest.mark.parametrize(("allowed", "code"), [(0, 3), (0.5, 3), (0.9, 0), (1, 0)])
+def test_a_limit_on_missing_calls_accepts_unmeasured_memory_up_to_its_fraction(
+    tmp_path: Path, files: tuple[Path, Path], sfr: Sfr, allowed: float, code: int
+) -> None:
+    """The memory of four of five calls was not measured, the time of all was."""
+    rows = [f"{row * PERIOD_NS},0.1,tracking,{'' if row % 5 else 1000}" for row in range(COUNT)]
+    header = "stamp_ns,processing_time_s,state,peak_rss_bytes"
+    (tmp_path / "c.csv").write_text("\n".join([header, *rows]) + "\n")
+    content = {"memory": {"localisation_peak_bytes": 1e6}, "completeness": {"calls_missing_max_share": allowed}}
+    assert sfr("score", *files, "--limits", limits(tmp_path, content), "--stats", tmp_path / "c.csv").code == code
+
+
 @pytest.mark.parametrize(("place", "code"), [(slice(0, 10), 0), (slice(100, 150), 1), (slice(100, 110), 1)])
 def test_a_pose_that_is_initialised_after_a_tracked_pose_is_lost(
     tmp_path: Path, files: tuple[Path, Path], sfr: Sfr, place: slice, code: int

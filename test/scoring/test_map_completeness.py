@@ -51,6 +51,22 @@ def test_a_map_is_complete_before_it_passes(judge: Judge, source: Path, cloud: P
     assert (result.code, json.loads(report.read_text())["verdict"]) == expected, result.err
 
 
+@pytest.mark.clause("4.3.4")
+@pytest.mark.parametrize(("least", "code"), [(0.5, 3), (0.1, 0)])
+def test_a_limit_on_the_coverage_of_all_pairs_accepts_only_its_own_share_of_one_pair(
+    judge: Judge, source: Path, cloud: Path, least: float, code: int
+) -> None:
+    """One of the pairs has a tenth of its points, but the coverage of all pairs is above the limit."""
+    given = load_cloud(cloud).cloud
+    assert given is not None
+    is_kept = (given.v >= SKY_ROWS) & ((given.pair != 1) | (given.u % 7 == 0))
+    columns = (getattr(given, name)[is_kept] for name in ("xyz", "sigma", "intensity", "u", "v", "pair"))
+    save_cloud(cloud, PointCloud(*columns, fused=False))
+    rules = judge.limits(f"map: {{coverage_min: {least}}}\n")
+    result = judge.sfr("score", cloud, source, "--limits", rules)
+    assert result.code == code, result.out + result.err
+
+
 def test_points_of_a_map_that_are_repeated_are_no_more_points(tmp_path: Path, sfr: Sfr) -> None:
     """A tenth of the points is 0.5 m too far away; the others, each twenty times, hide them from the 95 % quantile."""
     folder, path = write_folder(tmp_path / "nav", 0, 1), tmp_path / "cloud.ply"

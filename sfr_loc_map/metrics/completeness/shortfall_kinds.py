@@ -14,6 +14,7 @@ To add a scope, add it to `row_part.Scope`, compute its row `judged` in `expecte
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind
@@ -33,9 +34,13 @@ class ShortfallKind(NamedTuple):
     #: longest gap of a drive) are inserted. Empty if the finder of the kind composes the text.
     text: str = ""
     most_without_limits: float | None = None  #: The largest complete value if the score has no limits.
-    accepted_by: tuple[str, ...] = ()  #: Limits that accept the shortfall, besides the limit on the figure.
-    #: Limits that also accept the shortfall of a drive whose images are unknown.
+    #: Limits on related figures. The fraction that such a limit allows is also complete for this figure.
+    accepted_by: tuple[str, ...] = ()
+    #: Limits that judge the same items for a drive whose images are unknown.
     accepted_without_images_by: tuple[str, ...] = ()
+    #: Whether a limit of `accepted_by` that allows any fraction accepts each value, because the figure counts other
+    #: items than the limited figure.
+    counts_other_items: bool = False
     is_lifted_by_partial: bool = True  #: Whether `--partial` accepts the shortfall: missing data, but not wrong data.
     is_limited: bool = True  #: Whether a limits file can have a limit on the figure.
     is_of_expected: bool = False  #: Whether the figure is a fraction of the expected items, as the row `judged`.
@@ -49,10 +54,15 @@ class ShortfallKind(NamedTuple):
         """The name of the limit on the figure; None if the figure cannot be limited."""
         return f"{self.figure}_max_share" if self.is_limited else None
 
-    def is_accepted_by(self, limit_name: str, *, has_images: bool) -> bool:
-        """Return whether a limit of this name replaces the largest complete value."""
-        others = self.accepted_by if has_images else (*self.accepted_by, *self.accepted_without_images_by)
-        return self.most is not None and limit_name in (self.limit_name, *others)
+    def allowed_fraction(self, limit_name: str, limit: float, *, has_images: bool) -> float:
+        """Return the fraction that a limit allows for the figure, 0 for a limit on another figure."""
+        own = (self.limit_name,) if has_images else (self.limit_name, *self.accepted_without_images_by)
+        if limit_name in own:  # the limit judges the items of the figure
+            return math.inf
+        if limit_name not in self.accepted_by:
+            return 0.0
+        fraction = 1.0 - limit if limit_name.endswith("_min") else limit
+        return math.inf if self.counts_other_items and fraction > 0.0 else fraction
 
 
 JUDGED = "judged"  #: Figure of the fraction of the expected items of a scope that is judged.
@@ -92,6 +102,7 @@ SHORTFALLS = (
         COVERED,
         most_without_limits=0.0,
         accepted_by=MISSING,
+        counts_other_items=True,
         is_limited=False,
     ),
     ShortfallKind(

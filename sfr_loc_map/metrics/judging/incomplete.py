@@ -69,18 +69,21 @@ def incompleteness(score: Score) -> list[Shortfall]:
     found: list[Shortfall] = []
     for part in parts:
         for kind in SHORTFALLS:
-            if kind.scope in (None, part.what) and not is_accepted(kind, rules, score):
-                most = kind.most if rules.limits else kind.most_without_limits
+            if kind.scope in (None, part.what):
+                most = largest_complete(kind, rules, score)
                 found += FINDERS.get(kind.figure, above_most)(kind, part, score, most)
     return found
 
 
-def is_accepted(kind: ShortfallKind, rules: Rules, score: Score) -> bool:
-    """Return whether the rules of a score accept a kind of shortfall: by partial judging, or by a limit."""
-    if rules.partial and kind.is_lifted_by_partial:
-        return True
+def largest_complete(kind: ShortfallKind, rules: Rules, score: Score) -> float | None:
+    """Return the largest value of a figure with which the scope is complete by the rules of a score; None for any."""
+    most = kind.most if rules.limits else kind.most_without_limits
+    if most is None or (rules.partial and kind.is_lifted_by_partial):
+        return None
     has_images = score.association is None or bool(score.association.images)
-    return any(kind.is_accepted_by(limit.name, has_images=has_images) for limit in rules.limits)
+    for limit in rules.limits:
+        most = max(most, kind.allowed_fraction(limit.name, limit.limit, has_images=has_images))
+    return most if most < 1.0 or kind.figure == JUDGED else None
 
 
 def text_of(missing: Iterable[Shortfall]) -> str | None:
