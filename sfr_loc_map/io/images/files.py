@@ -14,6 +14,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.images.codec import SampleDepth, read_samples
 from sfr_loc_map.io.tables.stamps import check_order
+from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
 _log = logging.getLogger(__name__)
 NAMED_FILES = 3  #: Maximum number of missing files in a message.
@@ -32,20 +33,35 @@ class ImagePair:
 
 
 def complete_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], tuple[int, ...]]:
-    """Return the pairs that have both images, and the stamps of the other pairs, which are reported in a warning."""
+    """Return the pairs that have both images, and the stamps of the other pairs.
+
+    Warnings report the other pairs, and images beside those of the pairs that `name` does not list.
+    """
     check_order([entry.stamp_ns for entry in entries], name, strict=True)
-    missing = [file for entry in entries for file in (entry.left, entry.right) if not file.is_file()]
+    files = [file for entry in entries for file in (entry.left, entry.right)]
+    missing = [file for file in files if not file.is_file()]
     if not missing:
+        _report_unlisted(files, name)
         return list(entries), ()
     absent = set(missing)
     incomplete_ns = {entry.stamp_ns for entry in entries if entry.left in absent or entry.right in absent}
     complete = [entry for entry in entries if entry.stamp_ns not in incomplete_ns]
     rest = f" and {len(missing) - NAMED_FILES} more" if len(missing) > NAMED_FILES else ""
-    files = f"{', '.join(map(str, missing[:NAMED_FILES]))}{rest}"
+    shown = f"{', '.join(map(str, missing[:NAMED_FILES]))}{rest}"
     if not complete:
-        raise InputError(f"{name} lists missing images: {files}; restore them")
-    _log.warning("%s: %d of %d pairs skipped, missing images: %s", name, len(incomplete_ns), len(entries), files)
+        raise InputError(f"{name} lists missing images: {shown}; restore them")
+    _log.warning("%s: %d of %d pairs skipped, missing images: %s", name, len(incomplete_ns), len(entries), shown)
+    _report_unlisted(files, name)
     return complete, tuple(sorted(incomplete_ns))
+
+
+def _report_unlisted(files: Sequence[Path], name: str) -> None:
+    """Report the other images in the folders of image files that `name` lists; hidden files are ignored."""
+    listed = set(files)
+    beside = sorted(file for folder in {file.parent for file in files} if folder.is_dir() for file in folder.iterdir())
+    images = [file for file in beside if file.suffix.lower() in IMAGE_ENDINGS and not file.name.startswith(".")]
+    if unlisted := [file for file in images if file not in listed]:
+        _log.warning("%s: unlisted images ignored: %d, the first: %s", name, len(unlisted), unlisted[0])
 
 
 def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:

@@ -10,11 +10,13 @@ import pytest
 
 from helpers.cli_result import Sfr
 from helpers.kalibr_chains import CHAINS, LENSES, kalibr
+from helpers.made_worlds import make_world, write_folder
 from helpers.message_bags import write_messages
 from helpers.pose_tables import COUNT, drive, rows, seconds
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.clouds.cloud_file import load_cloud
+from sfr_loc_map.io.convert import ConvertOptions, Layout, convert
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, source_config
@@ -193,3 +195,19 @@ def test_a_pointer_to_a_cloud_is_named(tmp_path: Path, ending: str) -> None:
     (tmp_path / f"x{ending}").write_text(POINTER)
     with pytest.raises(InputError, match="git lfs pull replaces"):
         load_cloud(tmp_path / f"x{ending}")
+
+
+@pytest.mark.parametrize("layout", ["sfr", "kitti", "euroc"])
+def test_images_that_a_list_does_not_name_are_reported(
+    tmp_path: Path, layout: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    options = ConvertOptions() if layout == "sfr" else ConvertOptions(layout=Layout(layout))
+    convert(open_source(write_folder(tmp_path / "made", make_world(), nav=False)), tmp_path / "x", options)
+    caplog.clear()
+    open_source(tmp_path / "x")
+    assert "unlisted" not in caplog.text
+    image = next(file for file in sorted((tmp_path / "x").rglob("*.png")))
+    image.with_name("999999.png").write_bytes(image.read_bytes())
+    image.with_name("._999999.png").write_bytes(b"hidden")
+    open_source(tmp_path / "x")
+    assert "unlisted images ignored: 1, the first: " in caplog.text
