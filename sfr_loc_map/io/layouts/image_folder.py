@@ -17,7 +17,7 @@ from sfr_loc_map.io.layouts.configured_drive import configured_drive
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.stamps import TIMES, parse_decimal, time_unit
+from sfr_loc_map.io.tables.stamps import TIMES, check_padded, parse_decimal, time_unit
 from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
 SIDES_OF = (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("image_left", "image_right"), ("l", "r"))
@@ -62,10 +62,10 @@ def _sides(path: Path) -> tuple[Path, Path] | None:
 
 
 def _images(folder: Path) -> list[Path]:
+    """Return the images in a folder or in its folder `data`, without hidden files (`._NAME.png` of macOS)."""
     inner = folder / "data"
-    return sorted(
-        file for file in (inner if inner.is_dir() else folder).iterdir() if file.suffix.lower() in IMAGE_ENDINGS
-    )
+    files = (inner if inner.is_dir() else folder).iterdir()
+    return sorted(file for file in files if file.suffix.lower() in IMAGE_ENDINGS and not file.name.startswith("."))
 
 
 def _by_stamp(folder: Path) -> dict[int, Path]:
@@ -73,6 +73,7 @@ def _by_stamp(folder: Path) -> dict[int, Path]:
     files = _images(folder)
     wrong = [file.name for file in files if not (file.stem.isascii() and file.stem.replace(".", "", 1).isdecimal())]
     stems = sorted((file.stem for file in files), key=lambda stem: (len(stem.partition(".")[0]), stem))
+    check_padded(stems, f"images of '{folder}'")
     unit = "" if wrong else time_unit(stems, is_seconds=False)
     if not unit:
         shown = wrong[0] if wrong else ", ".join(stems[:3])

@@ -25,7 +25,7 @@ from sfr_loc_map.io.tables.pose_columns import (
     TrajectoryFormat,
 )
 from sfr_loc_map.io.tables.row_layouts import columns_of_layout
-from sfr_loc_map.io.tables.stamps import TIMES, UTC_UNIT, time_unit
+from sfr_loc_map.io.tables.stamps import TIMES, UTC_UNIT, check_padded, time_unit
 from sfr_loc_map.io.tables.table_head import TableHead, is_number, is_time
 from sfr_loc_map.message_stamps import NS_PER_S
 
@@ -104,10 +104,13 @@ def _check_decimal_marks(found: PoseColumns, head: TableHead) -> None:
 
 def _with_time_unit(found: PoseColumns, head: TableHead) -> PoseColumns:
     """Return the columns with the unit of the stamps, which is inferred from their magnitude if it is not given."""
-    if STAMP not in found or found.units.get(STAMP):
+    if STAMP not in found:
         return found
     column = found.index_of[STAMP]
     texts = [cells[column] for cells in head.rows if len(cells) > column]
+    check_padded(texts, head.name)
+    if found.units.get(STAMP):
+        return found
     if texts and not is_number(texts[0]) and is_time(texts[0]):
         return replace(found, units={**found.units, STAMP: UTC_UNIT}, inferred=UTC_UNIT)
     is_seconds = found.format is TrajectoryFormat.TUM

@@ -35,6 +35,8 @@ SECONDS_OR_MILLISECONDS = 1.0  #: Shortest step of stamps that a sensor may have
 LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps in seconds.
 EARLIEST_DAY = 1e4  #: Days of Excel, MATLAB and Julian dates are larger numbers.
 LONGEST_STEP_DAY = 1e-4  #: Longest step of a sensor, days (9 s).
+FRACTION_DIGITS = (6, 9)  #: Numbers of digits of microseconds and nanoseconds in a second.
+SURELY_UNPADDED = 50  #: Number of decimal fractions of which one would begin with 0 (with a probability of 99.5 %).
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 _BELOW_MICROSECONDS = re.compile(r"[.,][0-9]{6}([0-9]{1,3})")
 
@@ -175,6 +177,26 @@ def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
     if unit == "s" and not is_seconds and magnitude < EARLIEST_CLOCK_S:  # the unit may also be milliseconds
         return ""
     return unit or ("s" if is_seconds and magnitude >= EARLIEST_CLOCK_S and step <= LONGEST_STEP_S else "")
+
+
+def check_padded(texts: Sequence[str], name: str) -> None:
+    """Raise InputError if stamps are probably seconds, a point, and nanoseconds or microseconds without leading zeros.
+
+    `1700000000.5000000` is then 5 ms after the second. Such fractions have different lengths and never begin with 0,
+    and shorter ones may end in 0.
+    """
+    fractions = [fraction for text in texts if len(fraction := text.strip().partition(".")[2]) > 1]
+    longest = max(map(len, fractions), default=0)
+    shorter = [fraction for fraction in fractions if len(fraction) < longest]
+    if not shorter or not all(map(str.isdecimal, fractions)) or any(fraction[0] == "0" for fraction in fractions):
+        return
+    ends_in_zero = any(fraction[-1] == "0" for fraction in shorter)
+    if longest in FRACTION_DIGITS and (ends_in_zero or len(fractions) >= SURELY_UNPADDED):
+        example = next(text for text in texts if text.strip().endswith(shorter[0]))
+        raise InputError(
+            f"{name}: the fractions of seconds have different lengths and no leading zeros, such as "
+            f"'{example.strip()}': they are probably whole nanoseconds or microseconds: write them with leading zeros"
+        )
 
 
 def _unit_of_step(step: float) -> str:

@@ -65,6 +65,7 @@ ESTIMATE_OPTION, TRUTH_OPTION = "--columns 'estimate:COLUMNS'", "--columns 'trut
 CONFIGURED_OPTION = "--set 'truth.columns=COLUMNS'"  #: For a truth that `truth.source` names.
 MAX_EQUAL = 2  #: Largest mean number of poses with one stamp; some tools write each pose twice.
 RUN_ROWS = 10  #: Smallest number of rows of a run; rows in random order have shorter runs.
+LONGEST_TIME_STEP_NS = 10 * NS_PER_S  #: Longest step of whole seconds in a file of times; longer steps are of ms or us.
 MOST_NAMED = 8  #: Maximum number of columns that a message lists.
 FORMAT_NAMES = {  # all formats but COLUMNS, whose name is that of the detected columns
     TrajectoryFormat.CSV: "csv of the suite",
@@ -353,6 +354,12 @@ def read_times(path: Path, count: int | None = None) -> IntArray:
     table = parse_table(blocks, f"'{path}'", "seconds", (0,), stamp=parse_seconds)
     if count not in (None, len(table.lines)):
         raise InputError(f"'{path}' has {len(table.lines)} times for {count} poses: one time for each pose is required")
+    steps_ns = np.diff(table.stamps_ns)
+    if len(steps_ns) > 1 and np.median(steps_ns) > LONGEST_TIME_STEP_NS and not (table.stamps_ns % NS_PER_S).any():
+        raise InputError(
+            f"'{path}' has whole numbers that are {np.median(steps_ns) / NS_PER_S:g} apart: seconds are required; are "
+            "the times in milliseconds or microseconds?"
+        )
     return table.stamps_ns
 
 

@@ -183,6 +183,30 @@ def test_stamps_with_too_few_digits_are_refused(tmp_path: Path, form: str) -> No
         read_trajectory_file(tmp_path / "t.txt")
 
 
+@pytest.mark.parametrize("unit", [1_000, 1])
+def test_fractions_without_leading_zeros_are_refused(tmp_path: Path, unit: int) -> None:
+    rng = np.random.default_rng(1)
+    stamps_ns = np.arange(200) * 37_000_000 + rng.integers(0, 1_000_000, 200)
+    lines = [f"{ns // 10**9 + 1_700_000_000}.{ns % 10**9 // unit} {ns} 2 3 0 0 0 1\n" for ns in stamps_ns.tolist()]
+    (tmp_path / "t.txt").write_text("".join(lines))
+    with pytest.raises(InputError, match="no leading zeros"):
+        read_trajectory_file(tmp_path / "t.txt")
+
+
+@pytest.mark.parametrize("step_s", [0.1, 0.037, 0.05, 1 / 3])
+def test_decimals_as_python_writes_them_are_read(tmp_path: Path, step_s: float) -> None:
+    stamps_s = [1_700_000_000.0 + k * step_s for k in range(100)]
+    (tmp_path / "t.txt").write_text("".join(f"{stamp} {k} 2 3 0 0 0 1\n" for k, stamp in enumerate(stamps_s)))
+    assert len(read_trajectory_file(tmp_path / "t.txt").trajectory) == len(stamps_s)
+
+
+def test_times_in_milliseconds_are_refused(tmp_path: Path) -> None:
+    save_trajectory(tmp_path / "t.kitti", curve())
+    (tmp_path / "t.times.txt").write_text("".join(f"{100 * k}\n" for k in range(30)))
+    with pytest.raises(InputError, match="seconds are required"):
+        read_trajectory_file(tmp_path / "t.kitti")
+
+
 RUN_S = np.arange(0.0, 20.0, 0.1)
 READABLE_S = {
     "upwards": RUN_S,
