@@ -357,6 +357,14 @@ def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(
     found = json.loads(run.out)
     assert (run.code, found["verdict"]) == (code, verdict)
     assert f"verdict: {verdict}. 2 of 2 jobs have a result" in run.err
+    deviations = {item["text"]: item["results"] for item in found["deviations"]}
+    page = (tmp_path / "out" / "report.html").read_text()
+    for text, applies in (
+        ("(--partial)", "partial" in settings),
+        ("allow missing_max_share 0.6", "completeness" in str(settings)),
+    ):
+        assert any(text in key and count == 2 for key, count in deviations.items()) == applies
+        assert (text in page) == applies
     incomplete = [drive["source"] for drive in found["drives"] if "incomplete" in drive]
     assert incomplete == ([] if verdict == "pass" else ["drive0.csv"])
     if incomplete:

@@ -22,13 +22,19 @@ from sfr_loc_map.suite.statistics.drive_count import DriveCount
 from sfr_loc_map.suite.statistics.figures import map_error_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict
 from sfr_loc_map.suite.statistics.history import MIN_REFERENCE, Change, History
-from sfr_loc_map.suite.statistics.summary import Group, JobCounts, ReplacedTruth, ScoredJob, Summary
+from sfr_loc_map.suite.statistics.summary import CommonDeviation, Group, JobCounts, ReplacedTruth, ScoredJob, Summary
 from sfr_loc_map.tables.model import MIB, MILLIMETRE, MILLISECOND, PERCENT, Cell, Column, Table, Unit, fitting, number
 from sfr_loc_map.tables.typed import RowColumn, heads, intervals, numbers, table_of, words
 
 PAGES = "pages"  #: Folder of the pages of single results, beside the page of the suite.
 MAX_PAGES = 200  #: Maximum number of pages of results. `sfr report` makes pages of the other scores.
-FIRST_TABLES = ("verdicts", "failures", "counts", "groups")  #: Tables above the plots of the page of a suite.
+FIRST_TABLES = (
+    "verdicts",
+    "failures",
+    "deviations",
+    "counts",
+    "groups",
+)  #: Tables above the plots of the page of a suite.
 NAMED = 5  #: Maximum number of named jobs of a change.
 DECIDED = "the sequential tests decided all limits before this job"
 SUITE_JSON = "suite.json"
@@ -44,6 +50,7 @@ def suite_tables(summary: Summary) -> list[Table]:
         verdict_table(summary),
         table_of("failures", "Jobs without a result", FAILURES, failure_rows(summary)),
         *budget_tables(summary.budgets),
+        table_of("deviations", "Deviations of the results", DEVIATIONS, summary.deviations),
         table_of("counts", "Jobs", COUNTS, [CountRow(summary.counts, len(summary.refusals))]),
         group_table(summary.groups),
         copies_table(summary.copies),
@@ -185,6 +192,13 @@ def copies_table(copies: Sequence[Sequence[str]]) -> Table:
         "count as one drive in intervals, tests and numbers of drives. Of their errors, only the largest are pooled."
     )
     return table_of("copies", "Sources that are copies of one drive", COPIES, copies, note)
+
+
+DEVIATIONS: tuple[RowColumn[CommonDeviation], ...] = (
+    heads("deviation", lambda row: row.text),
+    numbers("results", lambda row: row.results),
+    words("first result", lambda row: row.first),
+)
 
 
 TRUTHS: tuple[RowColumn[ReplacedTruth], ...] = (

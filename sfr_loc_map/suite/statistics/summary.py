@@ -5,6 +5,7 @@ The results with the same task, configuration and faults form a group.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -22,6 +23,7 @@ from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.rows import Figure
+from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.suite.running.job import GroupKey, Job
 from sfr_loc_map.suite.running.job_outcome import JobFailure, JobState, WorkerRecord
 from sfr_loc_map.suite.running.specification import Refusal
@@ -32,6 +34,7 @@ from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
 from sfr_loc_map.suite.statistics.pooling import AXES, DriveScore, axis_row, pool
 
+NUMBER = re.compile(r"\d+(\.\d+)?(e[+-]?\d+)?")
 SCHEMA = "sfr-suite/1"  #: Other programs read this version: its keys are fixed.
 
 
@@ -74,6 +77,14 @@ class ReplacedTruth:
 
     source: str  #: Name of the source.
     path: str  #: File of the ground truth (`truth.source` in `sfr.yaml`).
+
+
+class CommonDeviation(Struct, frozen=True, kw_only=True):
+    """A deviation of one or more results from the document, or data of them that is not judged."""
+
+    text: str  #: The deviation of the first of these results. The numbers of other results may differ.
+    results: int  #: Number of results with this deviation.
+    first: str  #: Label of the first of these results.
 
 
 class Group(Struct, frozen=True, kw_only=True):
@@ -147,6 +158,17 @@ class Summary:
         return [item for group in self.groups for item in group.verdicts if item.figure is not None]
 
     @property
+    def deviations(self) -> tuple[CommonDeviation, ...]:
+        """The deviations of all results. Sentences that differ only in numbers are one deviation."""
+        found: dict[str, CommonDeviation] = {}
+        for result in self.results:
+            sentences = {NUMBER.sub("0", text): text for text in deviations_of(result.score)}
+            for kind, text in sentences.items():
+                known = found.get(kind) or CommonDeviation(text=text, results=0, first=result.job.label)
+                found[kind] = msgspec.structs.replace(known, results=known.results + 1)
+        return tuple(found.values())
+
+    @property
     def is_decided(self) -> bool:
         """Whether sequential tests have decided all limits, so no more drives are required."""
         return are_decided(self.groups, self.planned_groups)
@@ -168,7 +190,8 @@ class Summary:
 
     def to_dict(self) -> dict[str, object]:
         """Return the summary as JSON values; each result has its names, figures, verdicts and the file of its score."""
-        named = ("verdict", "groups", "failures", "refusals", "workers", "budgets", "copies", "replaced_truths")
+        rows = ("deviations", "groups", "failures", "refusals", "workers", "budgets", "copies", "replaced_truths")
+        named = ("verdict", *rows)
         parts = {name: to_plain(getattr(self, name)) for name in named}
         results = [
             result.names()
