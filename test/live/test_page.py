@@ -42,7 +42,7 @@ FIGURES = """[...document.querySelectorAll('#figure-table td[data-key]')]
     .map((cell) => [cell.dataset.key, cell.textContent])"""
 RESET = "[...document.querySelectorAll('.buttons button')].find((b) => b.textContent.startsWith('reset'))"
 AHEAD_S = 300.0
-SHOWN = ("headline", "verdicts", "covered", "map-covered", "readings")  #: Tables that are not folded.
+SHOWN = ("headline", "verdicts")  #: Tables that are not folded.
 
 
 def text(place: str) -> str:

@@ -4,7 +4,7 @@ import { byId, element } from "./dom.js";
 import { helpButton, isDefined } from "./terms.js";
 
 const STYLES = { pass: "pass", fail: "fail" }; // of a verdict; all others are open
-const FIRST = ["headline", "verdicts", "covered", "map-covered", "readings"]; // other tables are folded
+const FIRST = ["verdicts", "headline"]; // other tables are folded
 
 /** Show the first tables, the warnings, and the other tables folded. */
 export function showFigures(run) {
