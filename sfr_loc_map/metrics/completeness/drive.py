@@ -113,19 +113,24 @@ def drive_completeness(
     if image_stamps_ns is not None and len(image_stamps_ns):
         association = msgspec.structs.replace(association, images=len(expected_ns))
     coverage = coverage_of(expected_ns, estimates_ns, frames_ns, path.stamps_ns, association)
-    gaps = evident = gaps_of(expected_ns, ~coverage.has_estimate)
-    evidently_missing = coverage.missing_share
-    if not association.images:
+    gaps = gaps_of(expected_ns, ~coverage.has_estimate)
+    if association.images:
+        evident = gaps
+        share_in_gaps = coverage.missing / coverage.expected
+        path_share = path_without_images(expected_ns, path, max_gap_of(association))
+    else:
         evident = long_gaps(estimates_ns, path.stamps_ns)
-        evidently_missing = missing_path(evident, estimates_ns, path)
+        share_in_gaps = missing_path(evident, estimates_ns, path)
+        path_share = None
         gaps = gaps.with_others(evident)
-    longest = LongestGap.of(gaps, path)
-    rows = [*coverage_rows(coverage, association, len(estimates_ns)), *longest_gap_rows(longest)]
     hidden = sum(is_in_a_gap(condition, evident, path) for condition in conditions)
-    rows.append(figure_row(IN_GAPS, value=evidently_missing))
-    rows.append(figure_row(HIDDEN_CONDITIONS, n=len(conditions), value=share_of(hidden, len(conditions))))
-    path_share = path_without_images(expected_ns, path, max_gap_of(association)) if association.images else None
-    rows.append(figure_row("path_without_images", n=association.images or 0, value=path_share))
+    rows = [
+        *coverage_rows(coverage, association, len(estimates_ns)),
+        *longest_gap_rows(LongestGap.of(gaps, path)),
+        figure_row(IN_GAPS, value=share_in_gaps),
+        figure_row(HIDDEN_CONDITIONS, n=len(conditions), value=share_of(hidden, len(conditions))),
+        figure_row("path_without_images", n=association.images or 0, value=path_share),
+    ]
     return association, rows
 
 

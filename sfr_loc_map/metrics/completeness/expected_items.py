@@ -12,7 +12,9 @@ expected items (`n`, null if it is unknown) and the fraction of them that is jud
 | `live` | messages of the live run | was received | `dropped` | - |
 | `suite` | planned results | has a score | all that is not judged | - |
 
-During a run, images and pairs are expected as soon as their result is due (`settled`).
+During a run, images and pairs are expected as soon as their result is due (`settled`). A call for a set of pairs is
+expected once, at any pair.
+
 Items that are expected and have a result, but no ground truth, are neither judged nor missing (`images_without_truth`,
 `points_without_truth`). This file has one section for each subject, in the order of this table. `drive` makes the other
 rows of a drive, which are about the gaps between its estimates. `shortfall_kinds` states when a subject is incomplete.
@@ -93,6 +95,18 @@ def settled(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> Int
     return np.asarray(stamps_ns[stamps_ns <= due_ns])
 
 
+def expected_without_images(estimates_ns: IntArray, true_ns: IntArray, association: Association) -> IntArray:
+    """Return the stamps of true poses, and of the estimates before, after and in gaps of the truth; inputs ascend.
+
+    If the images are unknown, these estimates count as images without a truth.
+    """
+    if len(true_ns) < 2:
+        return true_ns
+    near_ns = nearness_ns(estimates_ns, tolerance_of(association))
+    is_covered = is_spanned(estimates_ns, true_ns, near_ns, association)
+    return np.union1d(true_ns, estimates_ns[~is_covered])
+
+
 class Coverage(NamedTuple):
     """The ascending expected stamps of a drive, and which of them have an estimate and a ground truth."""
 
@@ -119,23 +133,6 @@ class Coverage(NamedTuple):
     def without_truth(self) -> int:
         """The number of expected stamps without a ground truth."""
         return int(np.count_nonzero(~self.has_truth))
-
-    @property
-    def missing_share(self) -> float:
-        """The fraction of the expected stamps that have no estimate; 1 if no stamp is expected."""
-        return self.missing / self.expected if self.expected else 1.0
-
-
-def expected_without_images(estimates_ns: IntArray, true_ns: IntArray, association: Association) -> IntArray:
-    """Return the stamps of true poses, and of the estimates before, after and in gaps of the truth; inputs ascend.
-
-    If the images are unknown, these estimates count as images without a truth.
-    """
-    if len(true_ns) < 2:
-        return true_ns
-    near_ns = nearness_ns(estimates_ns, tolerance_of(association))
-    is_covered = is_spanned(estimates_ns, true_ns, near_ns, association)
-    return np.union1d(true_ns, estimates_ns[~is_covered])
 
 
 def coverage_of(
