@@ -16,7 +16,7 @@ from helpers.made_scene import write_bag, write_folder
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 
 Edit = Callable[[str, int, Any], Any]
-"""Takes topic, number of the message on it and message; returns the message to write, or None to leave it out."""
+"""Takes a topic, the number of the message on the topic, and the message; returns the message to write, or None."""
 
 
 def good_folder(path: Path) -> Path:

@@ -15,7 +15,7 @@ REACH_M = 5.0
 
 
 class HazardAccuracy(NamedTuple):
-    """Cells whose truth is known, and hazards of them; one where the map has no points is missed."""
+    """Counts of cells with a known truth and of their hazards; a hazard without points of the map is missed."""
 
     cells: int
     hazards: int

@@ -20,16 +20,16 @@ STEP_M = 0.15
 LONG = 101  #: Images of the source `images`, 15 m.
 SKY_ROWS = 30  #: Uppermost rows of the mapping pairs of the source `source` that see no surface.
 FEW_INDEPENDENT = "minimum_independent: 2\n"
-#: A limits file with a limit over 5 m, which the test appends.
+#: Limits file with a limit over 5 m; the test appends the number.
 OVER_5_M = "trajectory:\n- condition: distance=5\n  position_mean_plus_3sigma_m: "
 
 
 class Judge:
-    """The drive, its estimate, and the folder of the files that the command judges."""
+    """Writes the drive and an estimate to a folder, and scores them with `sfr score`."""
 
     def __init__(self, sfr: Sfr, folder: Path) -> None:
         self.sfr, self.folder = sfr, folder
-        place = np.arange(POSES)  # a bend over hills: height, roll and pitch of a plane would not be judged
+        place = np.arange(POSES)  # a bend over hills, because height, roll and pitch of a plane are not judged
         heading = Rotation.from_euler("ZY", np.column_stack((0.4 * np.sin(0.02 * place), 0.05 * np.sin(0.05 * place))))
         self.steps = heading.apply(np.tile([STEP_M, 0.0, 0.0], (POSES, 1)))
         self.heading = heading
@@ -55,7 +55,7 @@ class Judge:
     def __call__(
         self, *options: Any, limits: str | None = None, estimate: Trajectory | None = None, truth: Any = None
     ) -> tuple[Result, dict[str, Any]]:
-        """Score an estimate; return what the command gave, and its JSON."""
+        """Score an estimate; return the result of the command and its JSON."""
         made = self.poses("estimate.csv", self.estimate if estimate is None else estimate)
         true = truth if isinstance(truth, Path) else self.poses("truth.csv", self.truth if truth is None else truth)
         judged = [] if limits is None else ["--limits", self.limits(limits)]

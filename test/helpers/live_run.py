@@ -51,7 +51,7 @@ LIMITS = {
 
 
 def pose_pair(number: int, received_s: float, *, lost: bool = False) -> tuple[PoseSample, PoseSample]:
-    """Truth and estimate of a frame, 0.1 m apart on an arc; the estimate scaled by 0.4 % and turned a little."""
+    """Return truth and estimate of a frame on an arc with steps of 0.1 m; the estimate is scaled by 0.4 %."""
     angle, stamp_ns = 0.005 * number, (number + 1) * STEP_NS
     truth = (20.0 * math.sin(angle), 20.0 * (1 - math.cos(angle)), 0.0)
     wobble = 0.002 * math.sin(0.7 * number)
@@ -65,18 +65,18 @@ def pose_pair(number: int, received_s: float, *, lost: bool = False) -> tuple[Po
 
 
 def poses(count: int, begin_s: float) -> Iterator[PoseSample]:
-    """Truth and estimates at 10 Hz."""
+    """Yield truth and estimates at 10 Hz."""
     for number in range(count):
         yield from pose_pair(number, begin_s + 0.1 * number)
 
 
 def frame(number: int, now_s: float, *, lost: bool = False) -> list[Update]:
-    """Poses of a frame, and when its image was published."""
+    """Return the poses of a frame and the stamp of its image."""
     return [ImageStamp("loc/left", (number + 1) * STEP_NS, now_s), *pose_pair(number, now_s, lost=lost)]
 
 
 def scored(count: int, config: ScoreConfig | None = None) -> Score:
-    """What the monitor publishes of the first poses."""
+    """Return the score that the monitor publishes after the first poses."""
     on_a_plane = TrackedBodyConfig(unknown="none")
     score = MonitorScore(config or ScoreConfig(), parse_limits(LIMITS, "made"), on_a_plane)
     for pose in poses(count, 0.0):
@@ -89,7 +89,7 @@ def scored(count: int, config: ScoreConfig | None = None) -> Score:
 
 
 def report(count: int, received_s: float) -> PublishedScore:
-    """The same as the topic has it."""
+    """Return the published form of this score."""
     return PublishedScore(to_json(scored(count)), received_s)
 
 
@@ -114,7 +114,7 @@ def health(node: str, received_s: float, level: Level = Level.OK, message: str =
 
 
 def tracks() -> np.ndarray:
-    """Twenty feature tracks, of which one is an outlier and one was not found."""
+    """Return twenty feature tracks `(20, 5)`; one track has no position in the present image."""
     rows = np.random.default_rng(6).uniform(20.0, 220.0, (20, 5)).astype(np.float32)
     rows[:, 4] = np.linspace(0.0, 1.0, 20)
     rows[3] = [np.nan, np.nan, 50.0, 60.0, np.nan]
@@ -122,7 +122,7 @@ def tracks() -> np.ndarray:
 
 
 def images(stamp_ns: int, now_s: float) -> list[ImageSample]:
-    """Images of both cameras of localisation, the left one with its tracks."""
+    """Return the images of both localisation cameras; the left image has its tracks."""
     v, u = np.mgrid[:240, :320]
     pixels = (127 + 60 * np.sin(u / 9.0) + 60 * np.cos(v / 7.0)).astype(np.uint8)
     shown: list[ImageSample] = []
@@ -135,7 +135,7 @@ def images(stamp_ns: int, now_s: float) -> list[ImageSample]:
 
 
 def grid_with_hazard(stamp_ns: int, now_s: float, count: int = 60_000) -> ElevationSample:
-    """The grid of a cloud, with a hazard."""
+    """Return the elevation grid of a random cloud, with a hazard layer."""
     rng = np.random.default_rng(5)
     xy = rng.uniform((-1.0, -6.0), (12.0, 6.0), (count, 2))
     points = np.column_stack([xy, 0.2 * np.sin(xy[:, 0]) + 0.1 * np.cos(2 * xy[:, 1])])
@@ -147,7 +147,7 @@ def grid_with_hazard(stamp_ns: int, now_s: float, count: int = 60_000) -> Elevat
 
 
 def fill(state: LiveState, frames: int = 60) -> None:
-    """Put a whole run of this moment into a state, with the report of all tables."""
+    """Put all updates of a run that ends now into a state, with a score that has every table."""
     from helpers.made_scores import whole_score
 
     now_s = time.time()
@@ -164,7 +164,7 @@ def fill(state: LiveState, frames: int = 60) -> None:
 
 
 def updates(count: int, begin_s: float) -> Iterator[Update]:
-    """A whole run that ends at `begin_s + 0.1 * count`."""
+    """Yield the updates of a run that ends at `begin_s + 0.1 * count`."""
     end_s = begin_s + 0.1 * count
     yield from poses(count, begin_s)
     yield call(count - 1, end_s)

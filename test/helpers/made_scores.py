@@ -35,7 +35,7 @@ HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 
 
 def drive(frames: int) -> tuple[Estimates, Trajectory]:
-    """A bend of steps of 0.1 m, an estimate that wanders off it by millimetres and says so in its covariance."""
+    """Return an estimate and its truth: a bend with steps of 0.1 m, and a random walk of 1 mm a step."""
     rng = np.random.default_rng(3)
     stamps = START_NS + np.arange(frames) * 500_000_000
     heading = np.linspace(0.0, 2.0, frames)
@@ -139,7 +139,7 @@ def of_drive(score: Score) -> Score:
 
 
 def without(score: Score, *subjects: str) -> Score:
-    """The score without the figures about some subjects, and what is said of them."""
+    """Return the score without the figures and details of some subjects."""
     gone = {"trajectory": ("association", "truth"), "map": ("cloud",), "timing": ("calls",)}
     absent = dict.fromkeys([name for subject in subjects for name in gone.get(subject, ())])
     figures = tuple(row for row in score.figures if row.subject not in subjects)
@@ -158,7 +158,7 @@ def json_of(score: Score) -> dict[str, Any]:
 
 
 def dig(value: Any, key: str) -> Any:
-    """What a key such as `figures.0.mean` leads to in JSON values."""
+    """Return the JSON value at a key such as `figures.0.mean`."""
     for part in key.split("."):
         value = value[int(part) if isinstance(value, list) else part]
     return value

@@ -37,7 +37,7 @@ JOB = Job(
 
 
 def results(folder: Path) -> dict[str, object]:
-    """Return the scores of a suite without what differs from run to run."""
+    """Return the scores of a suite without times, memory and other values that differ from run to run."""
     scores = {}
     for path in sorted((folder / "results").glob("*.json")):
         score = json.loads(path.read_text())

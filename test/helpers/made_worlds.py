@@ -38,7 +38,7 @@ def random_pair(rng: np.random.Generator, stamp_ns: int, shape: tuple[int, int])
 
 
 def make_world(count: int = 4, seed: int = 0, width: int = 24, height: int = 16) -> World:
-    """Return noise images with awkward numbers everywhere; the first mapping pair has truth, the second none."""
+    """Return images of noise and random poses; only the first of two mapping pairs has a ground truth."""
     rng = np.random.default_rng(seed)
     loc_rig = StereoRig(width, height, 20.1, 20.3, 11.7, 7.9, 0.12, random_pose(rng))
     nav_rig = StereoRig(width + 2, height, 33.3, 33.3, 12.5, 8.25, 0.15)
@@ -123,7 +123,7 @@ def blob(at: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 
 def centre_of(image: np.ndarray) -> np.ndarray:
-    """Return where (u, v) the spot of an image is."""
+    """Return the position (u, v) of the spot of an image, px."""
     weights = np.where(image > 20, image, 0).astype(float)
     v, u = np.mgrid[: image.shape[0], : image.shape[1]]
     return np.array([(weights * u).sum(), (weights * v).sum()]) / weights.sum()

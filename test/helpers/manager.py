@@ -30,13 +30,13 @@ Position = tuple[float, ...]
 
 
 def localised(indices: list[int], **settings: Any) -> list[Position]:
-    """Return the positions that the localiser finds offline."""
+    """Return the positions that the localiser estimates offline."""
     localiser = Localiser(LOC_RIG, LocalisationConfig(**settings), Transform.identity())
     return [tuple(localiser.process(loc_pair(index)).T_ds_rb.translation) for index in indices]
 
 
 class Manager(Peer):
-    """A peer that drives one node."""
+    """A peer that changes the state and the parameters of one node, and sends it pairs."""
 
     def __init__(self, node: str = "localisation_node") -> None:
         super().__init__()
@@ -59,14 +59,14 @@ class Manager(Peer):
         return str(self.ask(GetState, "get_state", GetState.Request()).current_state.label)
 
     def set(self, **values: float | int) -> str:
-        """Set parameters, `__` for a dot; return why not, empty where it was done."""
+        """Set parameters, with `__` for a dot; return the reason of a refusal, or an empty text."""
         parameters = [Parameter(name.replace("__", "."), value=v).to_parameter_msg() for name, v in values.items()]
         request = SetParametersAtomically.Request(parameters=parameters)
         result = self.ask(SetParametersAtomically, "set_parameters_atomically", request).result
         return "" if result.successful else str(result.reason)
 
     def play(self, index: int, shift_ns: int = 0) -> Position:
-        """Send a pair and return the position that comes back; wait for what the call says of itself, too."""
+        """Send a pair, wait for its odometry and for the diagnostics of its call, and return the position."""
         count, pair = len(self.odometry), loc_pair(index)
         stamp_ns = pair.stamp_ns + shift_ns
         send_pair(self, "loc", StereoPair(stamp_ns, pair.left, pair.right))
@@ -85,14 +85,14 @@ class Manager(Peer):
         return int(self.last_values()["stamp_ns"]) if calls(self.diagnostics) else -1
 
     def refused(self, words: str) -> None:
-        """Wait until input is reported that cannot be used."""
+        """Wait until the node reports a problem with these words."""
         self.until(lambda: words in problems(self.diagnostics), f"'{words}'")
 
     def health(self) -> list[DiagnosticStatus]:
         return [s for array in self.diagnostics for s in array.status if s.name == f"{self.name}: health"]
 
     def well(self, level: Level, words: str = "") -> DiagnosticStatus:
-        """Wait for a health of this level with such words."""
+        """Wait for a health status of this level whose message contains the words."""
 
         def found() -> DiagnosticStatus | None:
             last = self.health()[-1:]
@@ -102,7 +102,7 @@ class Manager(Peer):
 
 
 class LocalNode:
-    """A node in the test's process, spun with the peer; what it logs is captured."""
+    """A node in the process of the test, spun together with the peer; its log is captured."""
 
     def __init__(self, peer: Peer, capture: Capture, kind: type[ManagedNode[Any]], *arguments: str) -> None:
         self._peer, self._capture, self._text = peer, capture, ""

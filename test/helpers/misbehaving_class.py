@@ -47,7 +47,7 @@ class Lazy:
 
 
 class Misbehaving:
-    """Stands still, but for what its configuration says."""
+    """A stationary localiser, except for the misbehaviour that its configuration names."""
 
     version = "0"
 
@@ -253,7 +253,7 @@ class Misbehaving:
         return self.cheats(pair, doors())
 
     def guesses(self, pair: Any) -> Any:
-        """By guesses, what is open already, its surroundings, a link, and a search."""
+        """Look for the truth at guessed paths, in open files, in the environment, behind a link, and by a search."""
 
         def doors() -> Iterator[str | Path]:
             yield from (f"/proc/self/fd/{number}" for number in range(3, 50))

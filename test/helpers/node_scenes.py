@@ -75,6 +75,6 @@ def sent(message: Any) -> Any:
 
 
 def disparity_of(message: DisparityImage) -> np.ndarray:
-    """Return a disparity image `(H, W)` float32, pixels, NaN where none, by the definition of its message."""
+    """Return the disparities `(H, W)` float32 of a DisparityImage, px; NaN outside of its valid range."""
     values = np.frombuffer(message.image.data, "<f4").reshape(message.image.height, message.image.width)
     return np.where(values < message.min_disparity, np.float32(np.nan), values)

@@ -12,7 +12,7 @@ ASK_AGAIN_S = 3.0
 
 
 class Peer:
-    """A node in the test's process."""
+    """A node in the process of a test. `until` and `spin` execute its callbacks."""
 
     def __init__(self) -> None:
         import rclpy
@@ -22,7 +22,7 @@ class Peer:
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.qos: Any = 50
-        """Of publishers."""
+        """Quality of service of new publishers."""
         self._publishers: dict[str, Any] = {}
         self._watched: list[Process] = []
 
@@ -42,9 +42,9 @@ class Peer:
         return taken
 
     def publish(self, kind: type[Any], topic: str, message: Any, *, arrival: bool = False) -> None:
-        """Publish a message or its serialised form, once somebody listens.
+        """Publish a message or its serialised form as soon as the topic has a subscription.
 
-        Messages on different topics have no order of their own: with `arrival` this one is waited for.
+        Messages on different topics arrive in any order. With `arrival`, wait until this message was received.
         """
         from rclpy.duration import Duration
 
@@ -63,7 +63,7 @@ class Peer:
         return self.answer(client, Trigger.Request(), again=False)
 
     def answer(self, client: Any, request: Any, *, again: bool) -> Any:
-        """Return the answer of a service; ask again where none comes, as of a node that has not found its asker yet."""
+        """Return the response of a service; with `again`, repeat a request that was lost during discovery."""
         self.until(client.service_is_ready, f"service {client.srv_name}")
         futures = [client.call_async(request)]
         asked = time.monotonic()
@@ -76,9 +76,9 @@ class Peer:
         return self.until(answered, f"answer of {client.srv_name}").result()
 
     def wait_until_known_to(self, node: str) -> None:
-        """Wait until a node knows all readers of this one, so that nothing it publishes is missed.
+        """Wait until a node has discovered all subscriptions of this peer, so that no message is missed.
 
-        They are announced in the order in which they were made; that of the answer's reader is the last.
+        Subscriptions are announced in the order of their creation; that of the response is the last.
         """
         from rcl_interfaces.srv import ListParameters
 
@@ -94,11 +94,11 @@ class Peer:
         return found
 
     def watch(self, process: Process) -> None:
-        """Say what a process wrote where something is awaited in vain."""
+        """Add the output of a process to the error of a wait that fails."""
         self._watched.append(process)
 
     def spin(self, seconds: float, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Receive for some time, or until a condition holds."""
+        """Execute callbacks for some time, or until a condition holds."""
         end = time.monotonic() + seconds
         while time.monotonic() < end and not is_over():
             self.executor.spin_once(timeout_sec=0.02)

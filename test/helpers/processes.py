@@ -72,7 +72,7 @@ def node_process(folder: Path, name: str, *arguments: str) -> Process:
 
 
 def nodes_of(pid: int) -> list[int]:
-    """Return the processes of our nodes that a process has started."""
+    """Return the process ids of the suite's nodes that a process has started."""
     found = []
     for child in psutil.Process(pid).children():
         with suppress(psutil.NoSuchProcess):
@@ -82,17 +82,17 @@ def nodes_of(pid: int) -> list[int]:
 
 
 def handles_signals(pid: int) -> bool:
-    """Tell whether a process has its own handler of SIGTERM, as nodes have from their first module on."""
+    """Return whether a process handles SIGTERM, as a node does after the import of its first module."""
     (line,) = [line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("SigCgt:")]
     return bool(int(line.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
 
 
 def segments_of(pids: list[int]) -> set[Path]:
-    """Return the segments of Fast DDS that processes have mapped (its small port files may serve others too)."""
+    """Return the shared-memory segments of Fast DDS that processes have mapped, without its port files."""
     lines = [line for pid in pids for line in Path(f"/proc/{pid}/maps").read_text().splitlines()]
     return {Path(line.split()[-1]) for line in lines if "/dev/shm/fastrtps_" in line and "_port" not in line}
 
 
 def has_started_ros(pid: int) -> bool:
-    """Tell whether ROS has started in a process: it has its segment of Fast DDS, and the handlers of signals."""
+    """Return whether ROS has started in a process, which then has a segment of Fast DDS."""
     return bool(segments_of([pid]))

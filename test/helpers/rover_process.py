@@ -58,7 +58,7 @@ class Rover:
 
 
 def main(words: list[str]) -> None:
-    """Run rovers; a word is what is wrong, or what is wrong, `@` and the domain."""
+    """Run a rover for each word, which names its fault, or its fault and its domain as FAULT@DOMAIN."""
     parts = [word.partition("@") for word in words]
     rovers = [Rover(what, int(domain) if domain else None) for what, _, domain in parts]
     pairs = [loc_pair(index) for index in range(8)]

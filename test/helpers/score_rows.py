@@ -10,23 +10,23 @@ from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 
 def row(score: Any, figure: str, **where: Any) -> dict[str, Any]:
-    """The first row of a figure with these values, empty without one."""
+    """Return the first row of a figure with these values; empty if there is none."""
     found = (item for item in score["figures"] if item["figure"] == figure)
     return next((item for item in found if all(item.get(key) == value for key, value in where.items())), {})
 
 
 def number(score: Any, figure: str, statistic: str = "value", **where: Any) -> Any:
-    """One number of a figure, None where it is undefined."""
+    """Return one number of a figure; None if undefined."""
     return row(score, figure, **where).get(statistic)
 
 
 def rows_about(score: Any, *subjects: str) -> list[dict[str, Any]]:
-    """The rows about some subjects."""
+    """Return the rows about the given subjects."""
     return [item for item in score["figures"] if item["subject"] in subjects]
 
 
 def complete() -> tuple[Figure, ...]:
-    """Rows that say that everything that was expected of a drive, a map and all calls is judged."""
+    """Return the rows of a score in which a drive, a map and all calls are complete."""
     parts = ["drive", "map", *(f"{what} {kind}" for what in ("calls", "memory") for kind in CallKind)]
     parts += [f"target {part}" for part in parts[2:]]
     rows = [expected_row(RowPart.of(part), 1, 1) for part in parts]

@@ -13,7 +13,7 @@ from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 PERIOD_NS = 100_000_000
 COUNT = 300
 SHORT = 0.9991
-"""Scale of an estimate that is 0.09 % short. Where more than 0.1 % is wrong, each score searches for a convention."""
+"""Scale of an estimate that is 0.09 % short. Errors above 0.1 % would start the slow diagnosis of conventions."""
 POSITION = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.05}]}
 LOOSE = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 1.0}]}
 
@@ -33,7 +33,7 @@ def write_files(folder: Path) -> tuple[Path, Path]:
 
 
 def wandering(sigma_m: float, seed: int = 1, count: int = COUNT) -> Trajectory:
-    """A bend of 0.1 m a step with an error that accumulates on each step and on the heading."""
+    """Return a bend with steps of 0.1 m and a random walk of position and heading."""
     rng, heading = np.random.default_rng(seed), np.linspace(0.0, 2.0, count)
     steps = 0.1 * np.column_stack((np.cos(heading), np.sin(heading), 0.2 * np.sin(8.0 * heading)))
     positions = np.cumsum(steps + rng.normal(0.0, sigma_m, (count, 3)), axis=0)
@@ -50,14 +50,14 @@ def limits(folder: Path, content: object) -> Path:
 
 
 def write_calls(path: Path, rows: range, lost: range = range(0), seconds: float = 0.01) -> Path:
-    """Write calls of the poses of some rows, of which some are lost."""
+    """Write the calls of the poses of some rows; the calls of `lost` rows are lost."""
     lines = [f"{row * PERIOD_NS},{seconds},{'lost' if row in lost else 'tracking'},1000" for row in rows]
     path.write_text("\n".join(["stamp_ns,processing_time_s,state,peak_rss_bytes", *lines]) + "\n")
     return path
 
 
 def write_calls_of(path: Path, method: str, finding: str = "") -> Path:
-    """Write a call of each pose, by a method, of which the fifth has a finding."""
+    """Write a call of a method for each pose; call 5 has a finding."""
     header = "stamp_ns,processing_time_s,state,method,method_version,method_kind,finding"
     lines = [f"{row * PERIOD_NS},0.1,tracking,{method},1,python,{finding * (row == 5)}" for row in range(COUNT)]
     path.write_text("\n".join([header, *lines]) + "\n")
