@@ -70,6 +70,20 @@ class ScoredJob:
             "repeat": job.repeat,
         }
 
+    def to_dict(self) -> dict[str, object]:
+        """Return names, figures and verdicts of the result, and the file of its score, as JSON values."""
+        content = self.names() | {
+            "path": self.job.source.path,
+            "pairing": self.job.pairing,
+            "file": f"results/{self.job.key}.json",
+            "figures": [[*to_plain(name).values(), value] for name, value in figures_of(self.score).items()],
+            "verdicts": to_plain(self.score.verdicts),
+        }
+        for name in ("incomplete", "contradiction", "findings"):
+            if value := getattr(self.score, name):
+                content[name] = to_plain(value)
+        return content
+
 
 @dataclass(frozen=True, slots=True)
 class ReplacedTruth:
@@ -193,20 +207,8 @@ class Summary:
         rows = ("deviations", "groups", "failures", "refusals", "workers", "budgets", "copies", "replaced_truths")
         named = ("verdict", *rows)
         parts = {name: to_plain(getattr(self, name)) for name in named}
-        results = [
-            result.names()
-            | {"path": result.job.source.path, "pairing": result.job.pairing, "file": f"results/{result.job.key}.json"}
-            | {"figures": [[*to_plain(name).values(), value] for name, value in figures_of(result.score).items()]}
-            | {"verdicts": to_plain(result.score.verdicts)}
-            | {
-                name: to_plain(value)
-                for name in ("incomplete", "contradiction", "findings")
-                if (value := getattr(result.score, name))
-            }
-            for result in self.results
-        ]
         head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": to_plain(self.counts)}
-        return {**head, **self.run, **parts, "drives": results}
+        return {**head, **self.run, **parts, "drives": [result.to_dict() for result in self.results]}
 
 
 def are_decided(groups: Sequence[Group], planned: Collection[GroupKey]) -> bool:
