@@ -7,6 +7,7 @@ without the sequence number of their headers.
 from __future__ import annotations
 
 from collections.abc import Collection, Generator
+from functools import lru_cache
 from pathlib import Path, PurePath
 from types import MappingProxyType
 from typing import Any, TypeAlias
@@ -16,9 +17,11 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag1.reader import Chunk, ChunkInfo, decompressors
 from rosbags.rosbag1.reader import ReaderError as Ros1Error
 from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import reader as rosbag2_reader
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from ruamel.yaml import YAML
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import check_regular, read_text
@@ -34,6 +37,29 @@ BOUNDED = {decompressors["bz2"]: unpack_bz2, decompressors["lz4"]: unpack_lz4}
 _ROS1 = get_typestore(Stores.ROS1_NOETIC)
 
 
+_parsed_metadata = lru_cache(maxsize=4)(parse_yaml)
+"""Content of `metadata.yaml`, which callers do not change. A command opens a bag twenty times."""
+
+
+class _RosbagsYaml:
+    """Replaces the YAML parser of rosbags, which would parse `metadata.yaml` again each time a bag is opened."""
+
+    def __init__(self, typ: str) -> None:
+        self._typ = typ
+
+    def load(self, text: str) -> Any:  # noqa: ANN401 - any YAML
+        """Return the content of a text, which rosbags does not change."""
+        return _loaded_by_rosbags(text, self._typ)
+
+
+@lru_cache(maxsize=4)
+def _loaded_by_rosbags(text: str, typ: str) -> Any:  # noqa: ANN401 - any YAML
+    return YAML(typ=typ).load(text)
+
+
+rosbag2_reader.YAML = _RosbagsYaml  # type: ignore[attr-defined, assignment]
+
+
 class _BoundedDirectoryReader(DirectoryReader):
     """Reads the folder of a bag with limits on its metadata and its compressed files."""
 
@@ -43,7 +69,7 @@ class _BoundedDirectoryReader(DirectoryReader):
     def open(self) -> None:
         """Check the metadata and the files before they are read."""
         path = Path(str(self.path))
-        content = parse_yaml(read_text(path / "metadata.yaml"))
+        content = _parsed_metadata(read_text(path / "metadata.yaml"))
         information = content.get(METADATA) if isinstance(content, dict) else None
         if not isinstance(information, dict) or not isinstance(information.get("relative_file_paths"), list):
             raise ReaderError("metadata.yaml does not name the files of the bag")
