@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 from sfr_loc_map.calls.call_record import CallRecord, decode_call
-from sfr_loc_map.calls.call_stats import estimates_of, stats_of
+from sfr_loc_map.calls.call_stats import CallStats, estimates_of, stats_of
 from sfr_loc_map.errors import InputError, naming
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_odometry
 from sfr_loc_map.message_types import ODOMETRY, STRING, TF
@@ -17,8 +20,22 @@ from sfr_loc_map.topics import ESTIMATE, TRUE_POSES, call_topic
 CALLS = call_topic(Task.LOCALISATION)
 
 
+class BagEstimate(NamedTuple):
+    """The estimated poses of a bag, and the calls that the bag has."""
+
+    trajectory: Trajectory
+    covariance: FloatArray  #: Upper triangles `(N, 21)` of the published covariances.
+    calls: CallStats | None  #: None if the bag has no calls.
+
+
 def bag_estimates(path: Path) -> Estimates:
     """Return the estimated poses of a bag, with lost flags, covariances and steps."""
+    found = read_bag_estimate(path)
+    return estimates_of(found.trajectory, found.calls, found.covariance)
+
+
+def read_bag_estimate(path: Path) -> BagEstimate:
+    """Read the estimated poses of a bag; raise InputError if the bag has none."""
     bag = Bag(path)
     topic = bag.find(ESTIMATE, ODOMETRY)
     if topic is None and set(bag.topics.values()) <= {ODOMETRY, TF}:  # a converted trajectory, not a drive
@@ -30,7 +47,7 @@ def bag_estimates(path: Path) -> Estimates:
         )
     trajectory, covariances = read_odometry(bag, topic)
     calls = _calls_of(bag, topic)
-    return estimates_of(trajectory, stats_of(calls) if calls else None, covariances[:, *UPPER])
+    return BagEstimate(trajectory, covariances[:, *UPPER], stats_of(calls) if calls else None)
 
 
 def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:

@@ -132,8 +132,11 @@ def _read_estimate(
     target: CallStats | None,
 ) -> tuple[LoadedTrajectory, Estimates]:
     """Read the estimated poses of a bag or file, or use those in memory; missing stamps are those of the truth."""
+    is_same_run = target is not None and inputs.target_run is None
+    checked = [*stats, target] if is_same_run and target is not None else stats
     if inputs.estimate is not None and is_bag(inputs.estimate):
-        estimates = load_estimates(inputs.estimate)
+        estimates = load_estimates(inputs.estimate, stats, target)
+        check_one_estimate(estimates.trajectory, checked)
         return LoadedTrajectory(inputs.estimate, estimates.trajectory), estimates
     if inputs.estimate is not None:
         found = read_trajectory_file(inputs.estimate, inputs.columns, ESTIMATE_OPTION)
@@ -142,8 +145,7 @@ def _read_estimate(
         found = LoadedTrajectory(Path(IN_MEMORY), estimate)
     if found.by_index:
         found = found.with_stamps_of(true)
-    is_same_run = target is not None and inputs.target_run is None
-    check_one_estimate(found.trajectory, [*stats, target] if is_same_run and target is not None else stats)
+    check_one_estimate(found.trajectory, checked)
     estimates = estimates_of_calls(found.trajectory, stats, target)
     if found.covariance is not None and estimates.covariance is None:
         estimates = replace(estimates, covariance=found.covariance[:, *UPPER])
@@ -217,29 +219,39 @@ def load_drive(estimate: Path, truth: Path) -> DriveToScore:
     return drive
 
 
-def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
+def load_estimates(path: Path, stats: Sequence[CallStats] = (), target: CallStats | None = None) -> Estimates:
     """Read estimated poses; lost flags and covariances come from the bag or from the statistics of the calls."""
     if not is_bag(path):
-        return estimates_of_calls(read_trajectory_file(path).stamped, stats)
-    from sfr_loc_map.scoring.bag_estimates import bag_estimates
+        return estimates_of_calls(read_trajectory_file(path).stamped, stats, target)
+    from sfr_loc_map.scoring.bag_estimates import read_bag_estimate
 
-    return bag_estimates(path)
+    found = read_bag_estimate(path)
+    calls = calls_of_poses(found.trajectory, stats, target) if found.calls is None else found.calls
+    return estimates_of(found.trajectory, calls, found.covariance)
 
 
 def estimates_of_calls(
     trajectory: Trajectory, stats: Sequence[CallStats] = (), target: CallStats | None = None
 ) -> Estimates:
-    """Return estimated poses with the lost flags and covariances of their calls.
+    """Return estimated poses with the lost flags and covariances of their calls."""
+    calls = calls_of_poses(trajectory, stats, target)
+    return Estimates.of(trajectory) if calls is None else estimates_of(trajectory, calls)
+
+
+def calls_of_poses(
+    trajectory: Trajectory, stats: Sequence[CallStats] = (), target: CallStats | None = None
+) -> CallStats | None:
+    """Return the calls of an estimate; None, with a warning if there are calls, if no call has the stamp of a pose.
 
     The calls are those of all files of this host. If these contain no call of a pose, the calls of the target are used.
     """
     of_target = [] if target is None or not target.has_stamps else [target]
     for items in (stats, of_target):
         if own := [item for item in items if np.isin(item.localised_ns, trajectory.stamps_ns).any()]:
-            return estimates_of(trajectory, united(own))
+            return united(own)
     if any(len(item.localised_ns) for item in (*stats, *of_target)):
         _log.warning("no call of the statistics has the stamp of an estimate: the lost poses are unknown")
-    return Estimates.of(trajectory)
+    return None
 
 
 def load_map_truth(

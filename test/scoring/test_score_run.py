@@ -18,7 +18,7 @@ from helpers.message_bags import write_messages
 from helpers.scored_drives import PERIOD_NS, straight
 from sfr_loc_map.calls.call_files import load_call_stats, save_stats
 from sfr_loc_map.calls.call_record import CallRecord, encode_call
-from sfr_loc_map.calls.call_stats import estimates_of
+from sfr_loc_map.calls.call_stats import estimates_of, stats_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
@@ -27,7 +27,8 @@ from sfr_loc_map.io.bag.messages import odometry
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.message_types import STRING
-from sfr_loc_map.scoring.load import estimates_of_calls, load_estimates
+from sfr_loc_map.scoring.inputs import ScoreInputs
+from sfr_loc_map.scoring.load import estimates_of_calls, load_estimates, load_run
 from sfr_loc_map.scoring.provenance import hash_of_truth
 
 Scored = Callable[..., dict[str, Any]]
@@ -158,6 +159,18 @@ def test_a_bag_has_the_states_and_steps_of_its_node(tmp_path: Path) -> None:
     assert (silent.degraded.any(), silent.steps) == (False, None)
     with pytest.raises(InputError, match="'/rover/localisation_node/call'"):
         load_estimates(recorded(tmp_path / "broken", {"/rover/localisation_node/call": ['{"stamp_ns": "later"}']}))
+
+
+def test_a_bag_without_calls_has_the_states_of_the_given_calls_which_must_be_its_own(tmp_path: Path) -> None:
+    inputs, truth = ScoreInputs(estimate=recorded(tmp_path / "bag", {})), straight(3)
+    truth = replace(truth, stamps_ns=np.array([1, 2, 3]))
+    records = [CallRecord(stamp, 0.1, state) for stamp, state in ((1, "tracking"), (2, "lost"), (3, "tracking"))]
+    calls = replace(stats_of(records), positions=np.zeros((3, 3)))
+    run = load_run(inputs, truth=truth, calls=[calls])
+    assert run.drive is not None
+    assert run.drive.estimates.lost.tolist() == [False, True, False]
+    with pytest.raises(InputError, match="belong to another estimate"):
+        load_run(inputs, truth=truth, calls=[replace(calls, positions=np.ones((3, 3)))])
 
 
 def test_a_method_does_not_tell_its_own_cost(tmp_path: Path) -> None:
