@@ -66,20 +66,22 @@ def check_drive(
 ) -> DriveCheck:
     """Run each variant of the localiser over the first pairs of a drive; compare the runs and other estimates.
 
+    The forward run is the first, so that an estimate of another drive or clock is refused before the other runs.
     Only the suite's own runs decide the result. Other estimates contribute figures. `progress` is called after each of
     the `calls_of` calls of the variants.
     """
     drive = PairsInMemory(sequence.rig, list(islice(sequence.pairs(), most_pairs)))
     if len(drive) < MIN_PAIRS:
         raise InputError(f"the drive has {len(drive)} pairs: at least {MIN_PAIRS} are required for a check")
-    runs = {variant: run_variant(drive, config, variant, progress) for variant in Variant}
-    forward = runs[Variant.FORWARD]
+    forward = run_variant(drive, config, Variant.FORWARD, progress)
+    others = [at_pairs_of(forward, other) for other in others]  # before the other runs, because it may be refused
+    runs = {Variant.FORWARD: forward}
+    runs |= {variant: run_variant(drive, config, variant, progress) for variant in Variant if variant not in runs}
     compared = [(runs[first], runs[other]) for first, other in COMPARED]
     agreements = [compare(first, other, condition) for condition in conditions for first, other in compared]
     closures = find_closures(drive, forward, config)
     if closures:
         agreements.append(agreement_at(closures))
-    others = [at_pairs_of(forward, other) for other in others]
     with_others = [compare(forward, other, condition) for condition in conditions for other in others]
     offsets = right_camera_offsets([runs[variant] for variant in CALIBRATED], sequence.rig)
     wrong_offsets = wrong_among(offsets)

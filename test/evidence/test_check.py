@@ -16,13 +16,15 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.calibration import CameraOffset, corrected_drive
 from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.recording import names_of_estimates
-from sfr_loc_map.evidence.variants import PairsInMemory
+from sfr_loc_map.evidence.variants import DriveRun, PairsInMemory
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.report.check_tables import agreement_table, calibration_table, items_with
@@ -92,6 +94,17 @@ def test_a_yaw_is_taken_back_in_the_images() -> None:
 def test_a_short_drive_is_refused() -> None:
     with pytest.raises(InputError, match="at least 20"):
         check_drive(PairsInMemory(LOC_RIG, drive(10)), LocalisationConfig(), [Condition.parse("frames=5")], 40)
+
+
+def test_an_estimate_of_another_clock_is_refused_after_the_first_run() -> None:
+    sequence, calls = PairsInMemory(LOC_RIG, drive(20)), []
+    poses = Trajectory(np.array([1, 2]), np.zeros((2, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)))
+    other = DriveRun("wheels.csv", Estimates.of(poses))
+    with pytest.raises(InputError, match="same clock"):
+        check_drive(
+            sequence, LocalisationConfig(), [Condition.parse("frames=5")], 40, [other], lambda: calls.append(None)
+        )
+    assert len(calls) == 20
 
 
 def test_the_command_writes_rows_and_takes_two_other_estimates(
