@@ -82,6 +82,7 @@ IO_FLOORS = (
     {"bag"},
     {"source_files", "truth"},
     {"source_config"},
+    {"source_settings"},
     {"sequence"},
     {"layouts"},
     {"convert", "message_stream", "registry"},

@@ -162,7 +162,7 @@ def _convert_trajectory(
     """Write a trajectory, or the true trajectory of a source, as a file of poses, a folder or a bag."""
     from sfr_loc_map.io.convert import convert_trajectory
     from sfr_loc_map.io.registry import true_trajectory
-    from sfr_loc_map.io.source_config import source_config
+    from sfr_loc_map.io.source_settings import source_config
     from sfr_loc_map.io.tables.trajectory_file import files_written, format_of_name, read_trajectory_file
 
     to_file = format_of_name(destination) is not None

@@ -40,7 +40,8 @@ def doctor(
     require_ros("doctor")
     from sfr_loc_map.doctor.examination import examine
     from sfr_loc_map.graph.observer import GraphObserver
-    from sfr_loc_map.io.source_config import SourceConfig, changed_sections
+    from sfr_loc_map.io.source_config import SourceConfig
+    from sfr_loc_map.io.source_settings import changed_sections
 
     sections = {} if config is None else read_sections(config)
     given = SourceConfig.of(changed_sections(sections, {}, remap=parse_remaps(remap)), config)

@@ -60,7 +60,8 @@ def info(
     from sfr_loc_map.doctor.fixes import with_fix
     from sfr_loc_map.doctor.observation import observe
     from sfr_loc_map.io.bag.files import is_bag
-    from sfr_loc_map.io.source_config import SourceConfig, config_beside
+    from sfr_loc_map.io.source_config import SourceConfig
+    from sfr_loc_map.io.source_settings import config_beside
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.source_setup.facts import facts_of, facts_tables
@@ -97,7 +98,7 @@ def info(
 
 def _write(source: Path, sections: dict[str, Any], path: Path | None) -> tuple[Path, SourceConfig]:
     """Write the proposed configuration to the file that was read, or to a new file; return the file and its content."""
-    from sfr_loc_map.io.source_config import NAME
+    from sfr_loc_map.io.source_settings import NAME
     from sfr_loc_map.source_setup.proposal import propose_config
 
     place = path or (source if source.is_dir() else source.parent) / NAME

@@ -68,7 +68,7 @@ def _init_from(
     source: Path, folder: Path, sections: dict[str, Any], inputs: Iterable[Path | None], *, overwrite: bool
 ) -> None:
     """Write the configuration that is inferred from a source, and limits; report what is missing."""
-    from sfr_loc_map.io.source_config import NAME
+    from sfr_loc_map.io.source_settings import NAME
     from sfr_loc_map.source_setup.initial_files import add_limits
     from sfr_loc_map.source_setup.proposal import propose_config
 

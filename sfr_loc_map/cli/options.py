@@ -145,7 +145,7 @@ def columns_of(texts: Sequence[str] | None) -> tuple[str, str]:
 
 def announced_config(source: Path) -> Path | None:
     """Return the configuration in or beside a source and report its use; None if there is none."""
-    from sfr_loc_map.io.source_config import config_beside
+    from sfr_loc_map.io.source_settings import config_beside
 
     found = config_beside(source)
     if found is not None:
@@ -156,7 +156,7 @@ def announced_config(source: Path) -> Path | None:
 def open_as(source: Path, remap: list[str] | None = None, config: Path | None = None) -> tuple[Source, Path | None]:
     """Open a source with a configuration, by default that beside the source; return both."""
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.io.source_config import source_config
+    from sfr_loc_map.io.source_settings import source_config
 
     remaps = parse_remaps(remap)
     config = config or announced_config(source)
@@ -167,7 +167,7 @@ def sections_of(
     source: Path, config: Path | None, calibration: Path | None, settings: list[str] | None, remap: list[str] | None
 ) -> dict[str, Any]:
     """Return the sections of a configuration of a source, with the values of `--calibration`, `--set` and `--remap`."""
-    from sfr_loc_map.io.source_config import changed_sections, check_remap
+    from sfr_loc_map.io.source_settings import changed_sections, check_remap
 
     remaps = parse_remaps(remap)
     check_remap(source, remaps)

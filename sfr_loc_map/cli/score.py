@@ -203,7 +203,7 @@ def score(
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
-    from sfr_loc_map.io.source_config import truth_config
+    from sfr_loc_map.io.source_settings import truth_config
     from sfr_loc_map.scoring.assembly import with_conditions
     from sfr_loc_map.scoring.conversion import converted_run
     from sfr_loc_map.scoring.inputs import ScoreInputs

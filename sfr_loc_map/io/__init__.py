@@ -2,9 +2,9 @@
 
 `tables`, `images`, `calibration` and `clouds` convert the content of files, and of messages with images, points or
 calibrations. `bag` reads and writes the messages of bags, and reads their poses and frames. `truth` determines which
-poses are the truth, `source_config` how a source is read, and `layouts` combines all of them into a `Source`
-(`sequence`), or writes a source as files. `registry` opens a source, `convert` writes it as a bag or as files, and
-`message_stream` yields its messages.
+poses are the truth, and `source_config` how a source is read. `source_settings` finds and changes this configuration.
+`layouts` combines all of them into a `Source` (`sequence`), or writes a source as files. `registry` opens a source,
+`convert` writes it as a bag or as files, and `message_stream` yields its messages.
 
 Functions that take a path raise `InputError`, `OutputError` or `ConfigError` for invalid user input, with a message of
 one line that names the file, and `MissingExtraError` if a package is missing. Parsers of bytes and text raise

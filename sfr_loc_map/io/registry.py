@@ -18,7 +18,8 @@ from sfr_loc_map.io.layouts.folder import is_folder, open_folder
 from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_folder
 from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source, SourceFormat
-from sfr_loc_map.io.source_config import SourceConfig, source_config
+from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
 from sfr_loc_map.io.truth.read import truth_of_path
 

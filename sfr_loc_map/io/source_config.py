@@ -1,4 +1,7 @@
-"""How a source is read: the sections of `sfr.yaml` before `localisation` (docs/configuration.md)."""
+"""How a source is read: the sections of `sfr.yaml` before `localisation` (docs/configuration.md).
+
+`source_settings` finds the configuration of a source, and changes it by the options of a command.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,15 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from sfr_loc_map.config import build, flatten, param, suggestion
-from sfr_loc_map.config_file import SECTIONS, SECTIONS_WITHOUT_KEYS, read_sections
-from sfr_loc_map.errors import ConfigError, GeometryError, SfrError
+from sfr_loc_map.config import build, param
+from sfr_loc_map.config_file import SECTIONS
+from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
 
-NAME = "sfr.yaml"
 TOPIC = re.compile(r"(/[A-Za-z_]\w*)+")  #: The name of a topic. File names do not match because they have an ending.
 
 
@@ -178,104 +180,3 @@ AS_IT_IS = SourceConfig()  #: A source is read by its own topics and files.
 def is_file_or_bag(path: Path) -> bool:
     """Return whether a path is a file, or a bag, which may be a folder."""
     return path.is_file() or is_bag(path)
-
-
-def config_beside(source: Path) -> Path | None:
-    """Return the `sfr.yaml` in the folder of a source or in its parent folder.
-
-    None if there is no such file, or if the source is not a bag and the file belongs to a bag beside it.
-    """
-    folders = (source, source.parent) if source.is_dir() else (source.parent,)
-    found = next((folder / NAME for folder in folders if (folder / NAME).is_file()), None)
-    if found is not None and found.parent != source and not is_bag(source) and _is_of_bag(found):
-        return None  # the file belongs to a bag beside the source
-    return found
-
-
-def _is_of_bag(path: Path) -> bool:
-    """Return whether a configuration names topics, which only bags have."""
-    try:
-        config = SourceConfig.of(read_sections(path), path)
-    except SfrError:
-        return False  # reported when the configuration is read
-    return bool(config.remap) or bool(TOPIC.fullmatch(config.truth.source))
-
-
-def changed_sections(
-    sections: Mapping[str, Any],
-    values: Mapping[str, Any],
-    calibration: Path | None = None,
-    remap: Mapping[str, str] | None = None,
-) -> dict[str, Any]:
-    """Return the sections of a configuration with changed values, whose keys are `SECTION.KEY` or `SECTION`.
-
-    File names are relative to the working directory. ConfigError if a section is unknown.
-    """
-    changed = {name: dict(section) if isinstance(section, Mapping) else section for name, section in sections.items()}
-    given = dict(values)
-    if isinstance(truth := given.get("truth.source"), str) and is_file_or_bag(Path(truth)):
-        given["truth.source"] = str(Path(truth).resolve())
-    if calibration is not None:
-        given["calibration.file"] = str(calibration.resolve())
-    for topic, name in (remap or {}).items():
-        topics = changed.get("topics", {}).items()
-        others = {other: named for other, named in topics if str(named).strip("/") != topic.strip("/")}
-        changed["topics"] = others | {name.strip("/"): topic}
-    for key, value in given.items():
-        section, _, name = key.partition(".")
-        if section not in SECTIONS:
-            raise ConfigError(f"setting '{key}': no section '{section}'{suggestion(section, SECTIONS)}")
-        _check_setting(key, value)
-        if name:
-            changed.setdefault(section, {})[name] = value
-        else:
-            changed[section] = value
-    return changed
-
-
-def _check_setting(key: str, value: object) -> None:
-    """Raise ConfigError if a setting `SECTION.KEY` or `SECTION` has a form that its section does not have."""
-    section, _, name = key.partition(".")
-    if section in SECTIONS_WITHOUT_KEYS:
-        is_list = isinstance(value, list) and all(isinstance(item, str) for item in value)
-        if name or not (is_list if section == "conditions" else isinstance(value, str)):
-            raise ConfigError(
-                f"setting '{key}' is {value!r:.40}: a file name is required for 'limits', and for 'conditions' a list "
-                "such as [distance=5]"
-            )
-    elif not name and not isinstance(value, Mapping):
-        raise ConfigError(f"setting '{key}' is {value!r:.40}: names with values are required, as {key}.NAME=VALUE")
-
-
-def check_remap(source: Path, remap: Mapping[str, str]) -> None:
-    """Raise ConfigError if topics of a source without topics are remapped."""
-    if remap and source.exists() and not is_bag(source):
-        raise ConfigError(f"'--remap' applies only to topics of a bag, but '{source}' is not a bag: omit it")
-
-
-def source_config(source: Path, path: Path | None = None, remap: Mapping[str, str] | None = None) -> SourceConfig:
-    """Return the configuration in a file, by default the `sfr.yaml` beside the source; `remap` overrides topics."""
-    check_remap(source, remap or {})
-    path = path or config_beside(source)
-    config = AS_IT_IS if path is None else SourceConfig.of(read_sections(path), path)
-    if not remap:
-        return config
-    kept = {topic: name for topic, name in config.remap.items() if name not in remap.values()}
-    return replace(config, remap={**kept, **remap})
-
-
-def truth_config(truth: Path, path: Path | None, settings: Mapping[str, Any], columns: str) -> SourceConfig | None:
-    """Return the configuration of a truth: that of a file, changed by settings `truth.KEY` and by columns of a table.
-
-    None if nothing is given.
-    """
-    if path is None and not settings and not columns:
-        return None
-    config = source_config(truth, path)
-    values = flatten(config.truth)
-    if not truth.is_dir() and not is_bag(truth):
-        values["source"] = ""  # the truth itself is the file
-    values |= {key.removeprefix("truth."): value for key, value in settings.items()}
-    if columns:
-        values["columns"] = columns
-    return replace(config, truth=build(TruthConfig, values, origin="--set truth.KEY=VALUE"))

@@ -23,7 +23,8 @@ from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, source_config
+from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig
+from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.io.tables.trajectory_file import ESTIMATE_OPTION, TRUTH_OPTION, LoadedTrajectory, read_trajectory_file
 from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.read import truth_of_path

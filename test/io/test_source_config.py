@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.io.source_config import SourceConfig, changed_sections
+from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_settings import changed_sections
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,8 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config_file import read_sections
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.hashes import hash_path, visible_files
-from sfr_loc_map.io.source_config import SourceConfig, config_beside
+from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_settings import config_beside
 from sfr_loc_map.methods.isolation import code_of
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.scoring.inputs import ScoreInputs
