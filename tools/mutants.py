@@ -280,7 +280,7 @@ MUTATIONS = (
         "metrics/frames/association.py", "near = np.flatnonzero(difference <= near_ns)", "near = np.arange(len(image))"
     ),
     Mutation(EXPECTED_ITEMS, "share_of(many - judged, many)", "share_of(max(many - len(given), 0), many)"),
-    Mutation(EXPECTED_ITEMS, "judged, many = min(judged, 1), 1", "judged, many = 1, 1"),
+    Mutation(EXPECTED_ITEMS, "return min(judged, 1), 1", "return 1, 1"),
     Mutation(EXPECTED_ITEMS, "received, received + dropped)", "received, received)"),
     # calls
     Mutation("metrics/calls/call_score.py", "known <= period_s", "known < period_s"),
@@ -308,7 +308,7 @@ MUTATIONS = (
         '"calls_doubled",\n        Scope.CALLS,\n        "calls",\n        0.0',
         '"calls_doubled",\n        Scope.CALLS,\n        "calls",\n        0.1',
     ),
-    Mutation(INCOMPLETE, "if rules.partial and kind.is_lifted_by_partial", "if rules.partial"),
+    Mutation(INCOMPLETE, "(rules.partial and kind.is_lifted_by_partial)", "rules.partial"),
     Mutation(INCOMPLETE, "not row.n or row.value is not None", "not row.n or row.value != 0.0"),
     Mutation(
         "metrics/judging/limit_scope.py",
@@ -467,7 +467,7 @@ MUTATIONS = (
     Mutation(
         "metrics/calls/call_score.py", "if row.call in kinds else row for", "if row.figure in kinds[:1] else row for"
     ),
-    Mutation("metrics/table/catalogue.py", " or place is Place.STATED:", ":"),
+    Mutation("metrics/table/catalogue.py", " or of_row.place is Place.STATED:", ":"),
     Mutation("metrics/errors/cloud_error.py", "max(len(xyz) - len(np.unique(xyz, axis=0)), len(xyz) - pixels, 0)", "0"),
     Mutation("metrics/judging/several_scores.py", "if len(items) > 1:", "if len(items) > 2:"),
     Mutation(

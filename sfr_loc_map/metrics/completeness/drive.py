@@ -146,7 +146,8 @@ def longest_gap_rows(longest: LongestGap) -> Iterator[Figure]:
 def single_run_stamps(poses: Trajectory, what: str) -> IntArray:
     """Return the stamps of poses in order, each once; MetricsError, which names `what`, if there are two runs."""
     order = np.argsort(poses.stamps_ns, kind="stable")
-    stamps, positions = poses.stamps_ns[order], poses.positions[order]
+    stamps = poses.stamps_ns[order]
+    positions = poses.positions[order]
     again = np.flatnonzero(stamps[1:] == stamps[:-1]) + 1
     elsewhere = int(np.count_nonzero((positions[again] != positions[again - 1]).any(axis=1)))
     unique = np.delete(stamps, again)
@@ -217,9 +218,11 @@ def missing_path(gaps: Gaps, stamps: IntArray, path: TruePath) -> float:
     """
     if not len(stamps) or not len(path.stamps_ns):
         return 1.0
-    whole, in_gaps = float(path.travelled_m[-1]), float(gaps.lengths_m(path).sum())
+    whole = float(path.travelled_m[-1])
+    in_gaps = float(gaps.lengths_m(path).sum())
     if whole <= 0.0:
-        whole, in_gaps = int(path.stamps_ns[-1] - path.stamps_ns[0]) / NS_PER_S, float(gaps.lengths_s().sum())
+        whole = int(path.stamps_ns[-1] - path.stamps_ns[0]) / NS_PER_S
+        in_gaps = float(gaps.lengths_s().sum())
     return in_gaps / whole if whole > 0.0 else 0.0
 
 
@@ -228,7 +231,8 @@ def is_in_a_gap(condition: Condition, gaps: Gaps, path: TruePath) -> bool:
 
     The frames and the turn of a gap are unknown, so that parts of these kinds are ignored.
     """
-    lengths_m, lengths_s = gaps.lengths_m(path), gaps.lengths_s()
+    lengths_m = gaps.lengths_m(path)
+    lengths_s = gaps.lengths_s()
     lengths = {ConditionKind.DISTANCE: lengths_m, ConditionKind.DISPLACEMENT: lengths_m, ConditionKind.TIME: lengths_s}
     is_longer = [lengths[part.kind] > part.value for part in condition.parts if part.kind in lengths]
     return bool(is_longer) and bool(np.all(is_longer, axis=0).any())

@@ -297,7 +297,8 @@ def calls_completeness(
         if expected_ns is None or not len(expected_ns):
             yield expected_row(part, 0, None)
             continue
-        given, expected = stamps_ns[np.isfinite(measured)], np.unique(expected_ns)
+        given = stamps_ns[np.isfinite(measured)]
+        expected = np.unique(expected_ns)
         judged, many = judged_calls(kind, given, expected)
         yield expected_row(part, judged, many)
         calls = part.of_calls.text
@@ -310,10 +311,10 @@ def calls_completeness(
 def judged_calls(kind: CallKind, given: IntArray, expected: IntArray) -> tuple[int, int]:
     """Return how many expected calls of a kind were measured, and how many are expected."""
     has_call = has_own(expected, np.unique(given), nearness_ns(expected))
-    judged, many = int(np.count_nonzero(has_call)), len(expected)
-    if kind not in (CallKind.LOCALISATION, CallKind.MAPPING):
-        judged, many = min(judged, 1), 1
-    return judged, many
+    judged = int(np.count_nonzero(has_call))
+    if kind not in (CallKind.LOCALISATION, CallKind.MAPPING):  # a call for a set of pairs
+        return min(judged, 1), 1
+    return judged, len(expected)
 
 
 def wrong_calls(part: str | None, given: IntArray, expected: IntArray) -> Iterator[Figure]:

@@ -154,14 +154,16 @@ def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: floa
     stationary throughout is judged like any other.
     """
     for limit in limits_in(score):
-        figure, condition = limit.limited.figure, limit.condition
+        figure = limit.limited.figure
+        condition = limit.condition
         if most is None or condition is None:
             continue
         share = score.figure(STANDING, condition=condition, part=SUB_TRAJECTORIES)
         moving = score.figure(figure, condition=condition, part=MOVING)
         if share is None or share.value is None or share.value <= most or moving is None:
             continue
-        value, independent = moving.statistic(statistic_of(limit)), moving.independent or 0.0
+        value = moving.statistic(statistic_of(limit))
+        independent = moving.independent or 0.0
         least = (score.rules or Rules()).minimum_independent
         if value is None or independent < least or not meets(limit, value):
             text = standing_text(limit, share, moving, value)
@@ -206,7 +208,8 @@ def filled_text(kind: ShortfallKind, value: float, calls: str | None, score: Sco
 
 def standing_text(limit: Limit, share: Figure, moving: Figure, value: float | None) -> str:
     """Return the text about the sub-trajectories with a stationary rover, and about the errors of the moving rover."""
-    figure, over = limit.limited.figure, label_of(limit.condition or "")
+    figure = limit.limited.figure
+    over = label_of(limit.condition or "")
     number = "unknown" if value is None else f"{value:.4g} {KINDS[figure].unit}"
     return (
         f"the rover is stationary in {100.0 * (share.value or 0.0):.4g} % of the sub-trajectories over {over}; of the "
@@ -251,10 +254,12 @@ def why_unknown(part: RowPart, row: Figure | None) -> str:
 
 def missing_text(score: Score) -> str:
     """Return the text of the fraction of a drive that has an estimate, and of the longest gap."""
-    drive, value = score.association, score.number("missing", part=None) or 0.0
+    drive = score.association
+    value = score.number("missing", part=None) or 0.0
     what = "images" if drive is None or drive.images else "true poses"
     if value == 1.0 and drive is None:
         return f"no pose for any of {score.number('missing', 'n', part=None):.0f} {what}"
-    longest_m, longest_s = (score.number("longest_gap", part=part) for part in (DISTANCE, TIME))
+    longest_m = score.number("longest_gap", part=DISTANCE)
+    longest_s = score.number("longest_gap", part=TIME)
     longest = None if longest_m is None or longest_s is None else LongestGap(longest_m, longest_s)
     return covered_text(1.0 - value, what, longest)

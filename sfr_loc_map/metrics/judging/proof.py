@@ -42,7 +42,8 @@ class Proof(NamedTuple):
 
 def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None:
     """Return all errors of a figure over a condition; None if the score lacks some of the errors."""
-    row, errors = score.judged_row(figure, condition=condition), score.errors_of(figure, condition)
+    row = score.judged_row(figure, condition=condition)
+    errors = score.errors_of(figure, condition)
     if errors is None or row is None or row.independent is None or not np.isfinite(errors).all():
         return None
     return Sample(errors, min(row.independent, float(len(errors))))
@@ -110,14 +111,14 @@ def error_of_drive(interpretation: Population, name: str, samples: Sequence[Samp
     errors = np.concatenate([sample.vectors for sample in samples])
     if interpretation is Population.ENSEMBLE:
         return np.asarray([np.max(np.linalg.norm(errors, axis=1))])
-    return np.asarray(
-        errors[np.random.default_rng([SEED, *hashlib.sha256(name.encode()).digest()]).integers(len(errors))]
-    )
+    generator = np.random.default_rng([SEED, *hashlib.sha256(name.encode()).digest()])
+    return np.asarray(errors[generator.integers(len(errors))])
 
 
 def prove_sample(terms: Terms, limit: float, sample: Sample) -> Proof:
     """Return whether a sample proves that the fraction `prob` of the errors is within a limit."""
-    prob, confidence = terms.prob, terms.confidence
+    prob = terms.prob
+    confidence = terms.confidence
     bound = tolerance_bound(sample, prob, confidence, is_normal=terms.normal)
     state = VerdictState.NOT_ENOUGH_DATA
     if bound.upper is not None and bound.upper <= limit:
@@ -135,7 +136,8 @@ def prove_sample(terms: Terms, limit: float, sample: Sample) -> Proof:
 def bound_row(figure: str, unit: str, condition: str | None, proof: Proof) -> Figure:
     """Return the row of a tolerance bound."""
     record = proof.record
-    share, confidence = f"{100.0 * record.prob:g} %", f"{100.0 * record.confidence:g} %"
+    share = f"{100.0 * record.prob:g} %"
+    confidence = f"{100.0 * record.confidence:g} %"
     part = f"{share} of {figure} errors with {confidence} confidence, {record.interpretation}"
     return figure_row("bound", condition, part, unit, value=proof.bound, independent=record.independent)
 

@@ -53,7 +53,8 @@ def why_open(item: Verdict, score: Score) -> str:
         return f"its margin of {item.margin:.3g} is within the error of the truth, {item.truth_error:.3g}"
     if item.proof is not None:
         return words_of(item.proof, item.state)
-    rules, row = score.rules or Rules(), score.row_of(item)
+    rules = score.rules or Rules()
+    row = score.row_of(item)
     if item.n and item.n < rules.minimum_count:
         return f"only {item.n} values"
     if item.value is None:
@@ -61,8 +62,9 @@ def why_open(item: Verdict, score: Score) -> str:
             return unknown
         if row is None or not row.unknown:
             return "no data"
-        known = item.n or 0
-        return f"{f'{row.unknown} of {known + row.unknown}' if known else f'all {row.unknown}'} values are unknown"
+        if not item.n:
+            return f"all {row.unknown} values are unknown"
+        return f"{row.unknown} of {item.n + row.unknown} values are unknown"
     independent = item.independent
     if independent is not None and independent < rules.minimum_independent:
         return (

@@ -297,8 +297,8 @@ def clause_of(figure: str, part: str | None) -> str:
     direction. It does not define the parts `moving`, `other frames` and a distance (`5 m`) either, because their
     sub-trajectories are chosen by other rules.
     """
-    place, call = RowPart.of(part).place, RowPart.of(part).call
-    if figure not in KINDS or part in DIRECTIONS or part in FITTED or place is Place.STATED:
+    of_row = RowPart.of(part)
+    if figure not in KINDS or part in DIRECTIONS or part in FITTED or of_row.place is Place.STATED:
         return ""
     kind = KINDS[figure]
     if kind.subject is Subject.TRAJECTORY and (part in (MOVING, OTHER_FRAMES) or is_of_distance(part)):
@@ -306,7 +306,7 @@ def clause_of(figure: str, part: str | None) -> str:
     if kind.subject is Subject.TIMING:
         return kind.clause if part == Place.TARGET else ""
     if kind.subject is Subject.MEMORY:
-        return "" if call is None else CLAUSES_OF_MEMORY.get(call, "")
+        return "" if of_row.call is None else CLAUSES_OF_MEMORY.get(of_row.call, "")
     return kind.clause
 
 
