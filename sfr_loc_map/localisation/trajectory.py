@@ -162,13 +162,12 @@ def _errors_at(path: PathState, pair: AcceptedPair, added: AddedError, model: Ro
     position = pair.T_world_left.translation
     depth_m = pair.landmark_map.landmarks.median_depth
     inflation = model.sources.adjustment_inflation
-    unobserved_rb = added.unobserved_rb
     return path.errors.with_pose(
         position,
         in_window=inflation * pair.landmark_map.window.covariance,
         given_keyframes=inflation * pair.given_keyframes,
         blur=model.blur(depth_m).covariance,
-        unobserved_motion=ZERO if unobserved_rb is None else _covariance_of_left(path, unobserved_rb, model),
+        unobserved_motion=_covariance_of_left(path, added.unobserved_rb, model),
         sums=sums_after_step(
             path.errors.sums,
             displacement=position - path.last.T_world_left.translation,

@@ -44,15 +44,14 @@ def unobserved_motion(size: MotionSize, sources: ErrorSources) -> FloatArray:
 class AddedError(NamedTuple):
     """What findings add to the covariance of a pose, and of the steps to and from this pose."""
 
-    #: `(6, 6)` covariance of the motion since the last pose as if unobserved, in RB at that pose; None if not required.
-    unobserved_rb: FloatArray | None
-    ambiguity: DirectedError | None  #: Error if another motion is the true one; None if not required.
+    #: `(6, 6)` covariance of the motion since the last pose as if unobserved, in RB at that pose; zero if not required.
+    unobserved_rb: FloatArray
+    ambiguity: DirectedError  #: Error if another motion is the true one; zero if not required.
 
     @property
     def of_step(self) -> FloatArray:
         """Covariance `(6, 6)` added to a step."""
-        unobserved = ZERO if self.unobserved_rb is None else self.unobserved_rb
-        return unobserved if self.ambiguity is None else unobserved + self.ambiguity.covariance
+        return self.unobserved_rb + self.ambiguity.covariance
 
 
 def inflation_of(
@@ -72,10 +71,10 @@ def inflation_of(
         other_distance: Distance between the poses of two possible motions; zero if only one was found.
         sources: Error sources of an unobserved motion.
     """
-    unobserved_rb = None
+    unobserved_rb = ZERO
     if Inflation.UNOBSERVED in inflation:
         unobserved_rb = unobserved_motion(unobserved, sources)
-    ambiguity = None
+    ambiguity = DirectedError(0.0, 0.0)
     if Inflation.AMBIGUITY in inflation:  # either motion, or a standstill, may be the true one
         ambiguity = DirectedError(
             max(other_distance.metres, moved.metres, unobserved.metres),

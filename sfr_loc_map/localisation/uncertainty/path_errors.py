@@ -75,7 +75,7 @@ def sums_after_step(
     *,
     displacement: FloatArray,
     depth_m: float,
-    ambiguity: DirectedError | None,
+    ambiguity: DirectedError,
     calibration: OnlineCalibration,
     model: RoverModel,
 ) -> PathSums:
@@ -85,18 +85,17 @@ def sums_after_step(
         before: Sums before the step.
         displacement: `(3,)` displacement of the left camera in the world, m.
         depth_m: Median depth of the landmarks of the map.
-        ambiguity: Error if another motion is the true one; None if not required.
+        ambiguity: Error if another motion is the true one; zero if not required.
         calibration: The calibration after the step.
         model: Camera geometry and error sources.
     """
     m_per_px = displacement * depth_m / model.focal_baseline
     bending = DirectedError(0.0, model.lens_turn_per_m(calibration) * length(displacement))
-    directed = before.directed.plus(bending)
     return PathSums(
         bias=before.bias + m_per_px,
         corrected=before.corrected + m_per_px * calibration.yaw.corrected_px,
         followed_px=calibration.drift.followed_px,
-        directed=directed if ambiguity is None else directed.plus(ambiguity),
+        directed=before.directed.plus(bending).plus(ambiguity),
     )
 
 
