@@ -230,7 +230,7 @@ def shortfalls() -> str:
     from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS
 
     lines = [
-        "| part of `judged` | figure | fraction of | complete up to | without limits | accepted by the limits |",
+        "| part of `judged` | figure | fraction of | complete up to | without limits | allowed by |",
         "|---|---|---|---|---|---|",
     ]
     for kind in SHORTFALLS:
