@@ -26,6 +26,12 @@ def drive() -> Drive:
     return load_drive(12)
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory, drive: Drive) -> Path:
+    """A complete recording, which its tests only read."""
+    return ROWS["plain"].make(tmp_path_factory.mktemp("plain"), drive).source
+
+
 def commands(source: Path, out: Path) -> list[tuple[object, ...]]:
     """Return the commands that read the pairs of a source."""
     out.mkdir(exist_ok=True)
@@ -80,10 +86,10 @@ class WithoutExtrinsics(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def without_extrinsics(tmp_path_factory: pytest.TempPathFactory, drive: Drive) -> WithoutExtrinsics:
+def without_extrinsics(tmp_path_factory: pytest.TempPathFactory, plain: Path) -> WithoutExtrinsics:
     place = tmp_path_factory.mktemp("without_extrinsics")
     folder, file, estimate = place / "data", place / "mine.yaml", place / "e.csv"
-    assert run_sfr("convert", ROWS["plain"].make(place, drive).source, folder).code == 0
+    assert run_sfr("convert", plain, folder).code == 0
     rig_file = folder / "loc" / "rig.json"
     rig = json.loads(rig_file.read_text())
     del rig["T_rb_locsb"]
@@ -122,11 +128,10 @@ def test_extrinsics_in_each_form_are_taken_by_doctor_and_commands(
         ("conditions: 5\n", "conditions"),
     ],
 )
-def test_a_wrong_configuration_is_one_line(sfr: Sfr, tmp_path: Path, drive: Drive, text: str, words: str) -> None:
-    made = ROWS["plain"].make(tmp_path, drive)
+def test_a_wrong_configuration_is_one_line(sfr: Sfr, tmp_path: Path, plain: Path, text: str, words: str) -> None:
     file = tmp_path / "sfr.yaml"
     file.write_text(text)
-    command = ("replay", made.source) if "conditions" in text else ("localise", made.source, "-o", tmp_path / "e.csv")
+    command = ("replay", plain) if "conditions" in text else ("localise", plain, "-o", tmp_path / "e.csv")
     result = sfr(*command, "--config", file)
     assert result.code == 2
     assert len(result.err.strip().splitlines()) == 1
