@@ -170,6 +170,7 @@ def replay(
             refuse_given(context, ("overwrite",), "replaces the files of a folder: give --out DIR, too")
         if external is None and method == "sfr":
             refuse_given(context, OF_EXTERNAL, "applies only to external nodes: give --external TASK, too")
+        from sfr_loc_map.metrics.stored.score_json import to_json
         from sfr_loc_map.replay.files import ReplayFiles
         from sfr_loc_map.scoring.judgement import Judgement
         from sfr_loc_map.scoring.settings import score_settings
@@ -217,6 +218,8 @@ def replay(
         files = None if out is None else ReplayFiles(out)
         with _room_for(files, (source, limits, config), overwrite=overwrite):
             outcome = _replayed(opened, options, correction, files)
+            if page is not None:
+                page.show_score(to_json(outcome.score))
             try:
                 present(
                     outcome.score, None if files is None else str(files.report), None if files is None else files.page

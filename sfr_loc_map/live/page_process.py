@@ -11,6 +11,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import NodeError, SfrError, split_advice
 from sfr_loc_map.live.run_end import EndFile, RunEnd
 from sfr_loc_map.message_text import one_line
@@ -44,7 +45,14 @@ class PageProcess(AbstractContextManager["PageProcess"]):
         """Name of the page's node, which joins the graph once the page is served; empty if the page does not run."""
         return page_node_name(self._process.popen.pid) if self._process.is_running else ""
 
-    def run_is_over(self, **facts: str | int) -> None:
+    def show_score(self, text: str) -> None:
+        """Show the score of the complete run, given as JSON, in place of the score of the monitor."""
+        path = Path(self._folder.name) / "score.json"
+        with suppress(OSError):  # the run must not depend on its page
+            write_text(text, path)
+        self.run_is_over(score=str(path))
+
+    def run_is_over(self, **facts: str) -> None:
         """Report to the page that the run is over, with fields of `RunEnd`; the first call precedes the nodes' end."""
         self.has_run_ended = True
         self._end = replace(self._end, **facts)

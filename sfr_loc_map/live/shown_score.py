@@ -1,20 +1,14 @@
-"""The score of the monitor, as all views show it."""
+"""A score as all views show it: that of the monitor, or after a replay that of the replay."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
 from typing import Any
 
-from msgspec.structs import replace
-
 from sfr_loc_map.io.truth.config import NO_LEVER, NO_TURN
-from sfr_loc_map.metrics.completeness.expected_items import rows_of_known_images
-from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED
 from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.judging.judge import with_verdicts
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_dict
-from sfr_loc_map.metrics.table.row_part import Scope
 from sfr_loc_map.report.limit_bars import limit_bars
 from sfr_loc_map.report.plotted_data import error_sizes
 from sfr_loc_map.report.score_tables import score_tables
@@ -47,23 +41,6 @@ class ShownScore:
         if not isinstance(monitor, dict):
             return False
         return any(monitor.get(f"truth.{name}", default) != default for name, default in AS_PUBLISHED.items())
-
-    def at_end(self, images: int, posed: int) -> ShownScore:
-        """Return the score at the end of a run, judged again by the number of images of the source with a pose.
-
-        The monitor does not know the images of the source, and during the run, results may still arrive. A score that
-        states the images has been judged by them already.
-        """
-        association = self.score.association
-        if not images or association is None or association.images is not None:
-            return self
-        judged_share = self.score.number(JUDGED, part=Scope.DRIVE) or 0.0
-        replaced = list(rows_of_known_images(judged_share, posed, images))
-        keys = {(row.figure, row.part) for row in replaced}
-        others = [row for row in self.score.figures if (row.figure, row.part) not in keys]
-        figures = (*others, *replaced)
-        at_end = replace(self.score, figures=figures, association=replace(association, images=images))
-        return ShownScore(with_verdicts(at_end), self.received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return the content of a page as JSON values."""

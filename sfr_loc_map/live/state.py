@@ -63,7 +63,7 @@ class LiveState:
         self.ended_s: float | None = None  # time of the end, s; None during the run
         self.aborted: Aborted | None = None
         self._report_page = b""  # HTML report after the end of the run
-        self._images, self._posed = 0, 0  # images of the source, and those with a pose, at the end
+        self._has_final_score = False  # whether the score is that of the complete run, which the monitor cannot know
         self._result_s: float | None = None  # reception of the last pose or call, s; None before the first one
         self._published = Latest[int, float](MAX_STAMPS)  # publication time of images by stamp, s
         self._call_count = 0
@@ -122,17 +122,17 @@ class LiveState:
                 self.ended_s = now_s
 
     def end(self, run_end: RunEnd, now_s: float) -> None:
-        """Record that the run is over or was aborted. From now on, an uncovered part of the drive counts as missing."""
-        page = run_end.report_page()
+        """Record that the run is over or was aborted, with its report and its score if there are any."""
+        page, score_text = run_end.report_page(), run_end.score_text()
         with self.lock:
             self.end_reception(now_s)
-            self._images, self._posed = run_end.images, run_end.posed
             self._report_page = page or self._report_page
             if run_end.aborted and self.aborted is None:
                 self.aborted = Aborted(run_end.aborted, now_s)
                 self.timeline.mark(now_s, EventKind.ABORTED, f"aborted: {run_end.aborted}")
-            if self.score is not None:
-                self.score = self.score.at_end(self._images, self._posed)
+            if score_text and not self._has_final_score:
+                self.score = ShownScore(from_json(score_text, "the score of the run"), now_s)
+                self._has_final_score = True
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the latest score (`sfr-score/2`) with the state of the run as `live`, as JSON values."""
@@ -272,8 +272,9 @@ class LiveState:
         self._note_topic(REPORT, None, update.received_s)
         if (length := len(update.text)) > MAX_REPORT_CHARACTERS:
             raise InputError(f"{REPORT} has {length} characters: at most {MAX_REPORT_CHARACTERS} are allowed")
-        score = ShownScore(from_json(update.text, REPORT), update.received_s)
-        self.score = score.at_end(self._images, self._posed) if self.ended else score
+        if self._has_final_score:
+            return
+        self.score = ShownScore(from_json(update.text, REPORT), update.received_s)
         bars = sorted(self.score.bars, key=lambda bar: bar.place)
         self.timeline.judge(bars, update.received_s)
         if (drive := self.score.score.association) is not None:

@@ -70,9 +70,7 @@ def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, 
         if options.page is not None:
             if not publish_final_figures(participants.peer, results):
                 say("the monitor did not receive all results: the figures on the live page are incomplete")
-            images = set(source.expected_loc_ns().tolist())
-            posed = images.intersection(stamp_ns for stamp_ns, _, _ in results.poses)
-            options.page.run_is_over(images=len(images), posed=len(posed))
+            options.page.run_is_over()
         return was_interrupted
 
 

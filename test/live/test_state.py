@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -18,8 +19,7 @@ from sfr_loc_map.live.updates import Call, GraphNodes, ImageStamp, PoseSample, P
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.metrics.config import Condition, ConditionKind, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.judge import judged_by
-from sfr_loc_map.metrics.stored.contradiction import stored_contradiction
-from sfr_loc_map.metrics.stored.score_json import from_dict, to_json
+from sfr_loc_map.metrics.stored.score_json import to_json
 from sfr_loc_map.report.score_tables import score_tables
 
 
@@ -62,15 +62,22 @@ def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> N
             assert ("covers 50 %" in (ended.get("incomplete") or "")) == (not partial)
             assert ended["figures"] == under_way["figures"]
             state.put(report)  # a last one that comes late
-    for partial in (False, True):  # known by the images of the source
-        state = LiveState()
-        state.put(PublishedScore(to_json(judged_by(whole, None, partial=partial)), 1.0))
-        state.end(RunEnd(images=10, posed=9), 1.0)
-        ended = state.to_plain(1.0)
-        assert ("covers 90 % of the images" in (ended.get("incomplete") or "")) == (not partial)
-        state.end(RunEnd(images=10, posed=9, report="report.html"), 2.0)  # once the report is written
-        assert state.to_plain(1.0)["figures"] == ended["figures"]
-        assert stored_contradiction(from_dict({name: ended[name] for name in ended if name != "live"}, "page")) is None
+
+
+def test_the_score_of_the_complete_run_replaces_that_of_the_monitor(tmp_path: Path) -> None:
+    """The monitor does not know the images of the source, and the end of a run is reported several times."""
+    path, of_monitor = tmp_path / "score.json", PublishedScore(to_json(whole_score(100, 48, 2)), 1.0)
+    final = judged_by(half(judged_by(whole_score(100, 48, 2), None)), None)
+    path.write_text(to_json(final))
+    state = LiveState()
+    state.put(of_monitor)
+    state.end(RunEnd(), 1.0)
+    state.end(RunEnd(score=str(path)), 2.0)
+    state.end(RunEnd(score=str(path), report="report.html"), 3.0)
+    state.put(of_monitor)  # a last one that comes late
+    shown = state.to_plain(4.0)
+    assert shown.pop("live")["overall"]["state"] == "incomplete"
+    assert shown == json_of(final)
 
 
 def test_a_report_without_poses_has_the_age_of_its_reception() -> None:

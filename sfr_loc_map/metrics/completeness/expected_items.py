@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.completeness.shortfall_kinds import ANSWERED_TWICE, IN_GAPS, JUDGED, UNANSWERED, UNMEASURED
+from sfr_loc_map.metrics.completeness.shortfall_kinds import ANSWERED_TWICE, IN_GAPS, UNANSWERED, UNMEASURED
 from sfr_loc_map.metrics.config import AssociationMode, CallKind
 from sfr_loc_map.metrics.frames.association import has_own, nearness_ns
 from sfr_loc_map.metrics.table.records import Association, ExternalScore
@@ -206,17 +206,6 @@ def rows_without_poses(images: int) -> Iterator[Figure]:
     yield expected_row(RowPart(Scope.DRIVE), 0, images)
     yield from share_rows("missing", images, images)
     yield figure_row(IN_GAPS, value=1.0)
-
-
-def rows_of_known_images(judged_share: float, posed: int, images: int) -> Iterator[Figure]:
-    """Yield the rows of a drive whose images became known after it was scored, `posed` of which have an estimate.
-
-    `judged_share` is the judged fraction of the items that were expected before.
-    """
-    share = (images - posed) / images
-    yield figure_row(JUDGED, part=Scope.DRIVE, n=images, value=judged_share * (1.0 - share))
-    yield from share_rows("missing", images - posed, images)
-    yield figure_row(IN_GAPS, value=share)
 
 
 def tolerance_of(association: Association) -> int:
