@@ -32,7 +32,9 @@ def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
     return replace(config, trajectory=replace(config.trajectory, conditions=conditions))
 
 
-def all_kept(limits: Limits | None, further: Collection[tuple[str, str]] = ()) -> frozenset[tuple[str, str]]:
+def figures_with_all_errors(
+    limits: Limits | None, further: Collection[tuple[str, str]] = ()
+) -> frozenset[tuple[str, str]]:
     """Return the figures and conditions of the trajectory for which all errors are kept."""
     limited = frozenset() if limits is None else limits.figures_with_all_errors
     return limited.union(further)

@@ -10,7 +10,7 @@ from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.results import MapResult, TrajectoryResult
-from sfr_loc_map.scoring.assembly import all_kept, score_of_parts, with_conditions
+from sfr_loc_map.scoring.assembly import figures_with_all_errors, score_of_parts, with_conditions
 from sfr_loc_map.scoring.conversion import convention_mismatch, fitted_unit
 from sfr_loc_map.scoring.inputs import Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
@@ -45,7 +45,7 @@ def score_run(
     """
     config = with_conditions(config, limits)
     parts = ScoreParts(
-        trajectory=_trajectory_part(run, config, aligned, all_kept(limits, kept_errors)),
+        trajectory=_trajectory_part(run, config, aligned, figures_with_all_errors(limits, kept_errors)),
         map=_map_part(run, config),
         calls=calls_result(run, expected_calls(run)),
     )

@@ -14,7 +14,7 @@ from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import CallRecords, Provenance
 from sfr_loc_map.metrics.table.results import CallsResult, MapResult
-from sfr_loc_map.scoring.assembly import all_kept, score_of_parts, with_conditions
+from sfr_loc_map.scoring.assembly import figures_with_all_errors, score_of_parts, with_conditions
 from sfr_loc_map.scoring.conversion import ConventionFinding
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import (
@@ -69,7 +69,7 @@ def score_so_far(received: Received, live: LiveRun, config: ScoreConfig, limits:
             run.drive,
             config.trajectory,
             received.convention_finding,
-            all_kept(limits),
+            figures_with_all_errors(limits),
             details=live.details,
             is_live=True,
             in_flight_ns=live.in_flight_ns,
