@@ -5,12 +5,16 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.host_clock import CallClock
 from sfr_loc_map.memory_mark import peak_of, reset_peak
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.methods.method_call import MethodFailureError
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.table.records import FindingKind
@@ -25,7 +29,7 @@ LEAK_SHARE = 0.02
 fills also grow memory by more than `LEAK_BYTES`, but the memory is then constant."""
 MISSTATED_S, MISSTATED_RATIO = 1.0, 0.5
 """Allowed difference, s and fraction, of the sums of stated and measured times. The measured time includes copies of
-the images and the transfer of the result, and a busy host delays single calls."""
+the images and the transfer of the result. Time in which a busy host delays both processes is subtracted."""
 MISSTATED_CALL_S = 0.01
 """Allowed difference per call, s. A transfer takes 5 ms, which adds up to 1 s in 200 calls."""
 BETWEEN_S = 0.002
@@ -47,10 +51,30 @@ def leak_in(resident: Sequence[int]) -> str:
     )
 
 
-def is_misstated(measured_s: float, stated_s: float, calls: int) -> bool:
-    """Return whether stated and measured times differ by more than copies and transfers explain."""
-    allowed_s = max(MISSTATED_S, MISSTATED_RATIO * measured_s, MISSTATED_CALL_S * calls)
-    return not abs(measured_s - stated_s) <= allowed_s  # also for a stated time of NaN
+def is_misstated(measured_s: float, stated_s: float, calls: int, waited_s: float = 0.0) -> bool:
+    """Return whether stated and measured times differ by more than copies and transfers explain.
+
+    `waited_s` is the time in which the call waited for a processor. A stated time may contain any part of it.
+    """
+
+    def allowed_s(of_s: float) -> float:
+        return max(MISSTATED_S, MISSTATED_RATIO * of_s, MISSTATED_CALL_S * calls)
+
+    worked_s = max(measured_s - waited_s, 0.0)
+    is_explained = worked_s - allowed_s(worked_s) <= stated_s <= measured_s + allowed_s(measured_s)
+    return not is_explained  # also for a stated time of NaN
+
+
+def waits_for_processor_s(pid: int) -> FloatArray:
+    """Return the times `(2,)`, s, that this thread and the main thread of a process have waited for a processor.
+
+    A time is 0 if the kernel does not report it (CONFIG_SCHED_INFO).
+    """
+    waited_s = np.zeros(2)
+    for row, path in enumerate((Path("/proc/thread-self/schedstat"), Path(f"/proc/{pid}/schedstat"))):
+        with suppress(OSError):
+            waited_s[row] = int(path.read_text(encoding="ascii").split()[1]) / NS_PER_S
+    return waited_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +86,9 @@ class Measurement:
     tree: TreeUsage  #: Resource use of all processes after the call.
     cpu_s: float  #: Processor time of the call.
     cpu_between_s: float  #: Processor time since the previous call.
+    #: Time in which the calling process or the method waited for a processor during the call. The larger of both times
+    #: counts, because the processes may wait at the same time.
+    waited_s: float
 
     @property
     def figures(self) -> dict[str, float]:
@@ -90,6 +117,7 @@ class CallMonitor:
         self._clock = CallClock()
         self._begun = TreeUsage()
         self._between_s = self._worked_s = 0.0
+        self._waits_s = np.zeros(2)  # of the calling process and the method, before the call
         self._answered_s: float | None = None  # end of the last call, by the monotonic clock
         self._answered_cpu_s = 0.0  # processor time of all processes at that time
 
@@ -118,11 +146,13 @@ class CallMonitor:
         reset_peak(self._pid)
         self._between_s = max(self._tree.cpu_s() - self._answered_cpu_s, 0.0)
         self._worked_s = self._worked_since_last_call()
+        self._waits_s = waits_for_processor_s(self._pid)
         self._clock.begin()
 
     def end_call(self) -> Measurement:
         """Return the measurement of the call, after its answer and its files were read."""
         seconds = self._clock.end()
+        waited_s = float(np.max(waits_for_processor_s(self._pid) - self._waits_s, initial=0.0))
         self._answered_s, self._answered_cpu_s = time.monotonic(), self._tree.cpu_s()
         now = self.check_memory()
         # the peak covers only the method itself; the sampled sum includes its child processes
@@ -130,7 +160,7 @@ class CallMonitor:
         peak = None if peak is None else max(peak, self._peak_bytes)
         above = None if peak is None or self.idle_bytes is None else max(peak - self.idle_bytes, 0)
         usage = CallUsage(seconds + self._worked_s, peak, above)
-        return Measurement(seconds, usage, now, now.cpu_s - self._begun.cpu_s, self._between_s)
+        return Measurement(seconds, usage, now, now.cpu_s - self._begun.cpu_s, self._between_s, waited_s)
 
     def _worked_since_last_call(self) -> float:
         """Return the time that the method worked since the last call, s.
@@ -148,7 +178,7 @@ class CallFindings:
 
     def __init__(self) -> None:
         self._resident_bytes: deque[int] = deque(maxlen=LEAK_CALLS)
-        self._measured_s = self._stated_s = 0.0  # summed over the calls since the last finding
+        self._measured_s = self._stated_s = self._waited_s = 0.0  # summed over the calls since the last finding
         self._calls = 0
 
     def add(self, measured: Measurement, stated_s: float) -> str:
@@ -156,6 +186,7 @@ class CallFindings:
         self._resident_bytes.append(measured.tree.rss_bytes)
         self._measured_s += measured.seconds
         self._stated_s += stated_s
+        self._waited_s += measured.waited_s
         self._calls += 1
         return self._leak() or self._misstatement()
 
@@ -166,9 +197,9 @@ class CallFindings:
         return finding
 
     def _misstatement(self) -> str:
-        if not is_misstated(self._measured_s, self._stated_s, self._calls):
+        if not is_misstated(self._measured_s, self._stated_s, self._calls, self._waited_s):
             return ""
         text = f"reports {self._stated_s:.3f} s for calls that took {self._measured_s:.3f} s from request to answer"
-        self._measured_s = self._stated_s = 0.0
+        self._measured_s = self._stated_s = self._waited_s = 0.0
         self._calls = 0
         return f"{FindingKind.MISSTATED}: {text}"

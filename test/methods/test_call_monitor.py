@@ -25,6 +25,8 @@ def test_a_transfer_of_the_result_is_no_misstatement() -> None:
     assert not is_misstated(measured_s=26.0, stated_s=16.0, calls=20)  # less than half of the calls
     assert not is_misstated(measured_s=2.0, stated_s=0.008, calls=400)  # a fast method in a long drive
     assert is_misstated(measured_s=1.6, stated_s=0.16, calls=20)
+    assert not is_misstated(measured_s=1.6, stated_s=0.16, calls=20, waited_s=1.2)  # of a busy host
+    assert is_misstated(measured_s=9.6, stated_s=0.16, calls=20, waited_s=8.0)  # 1.6 s of work on the same host
     assert is_misstated(measured_s=0.10, stated_s=3.00, calls=20)
 
 
