@@ -35,7 +35,6 @@ class ReceivedResults:
     clouds: list[tuple[int, PointCloud]] = field(default_factory=list)  #: Stamp and content of each cloud with pixels.
     #: Rig (`loc`, `nav`) and stamp of each pair that was published to the nodes.
     sent_pairs: set[tuple[str, int]] = field(default_factory=set)
-    has_map_truth: bool = False  #: Whether true points of a mapping pair were published to the nodes.
     #: Stamp and points `(N, 3)` in LM of each cloud of an external node, whose clouds may lack pixels.
     points: list[tuple[int, FloatArray]] = field(default_factory=list)
     external: ExternalResult | None = None  #: Answers and process of the external node; set at the end of the replay.

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import os
 import tempfile
 import time
-from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
-
-from std_msgs.msg import String
 
 from sfr_loc_map import signals
 from sfr_loc_map.errors import InputError
@@ -20,11 +16,6 @@ from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.page_process import shown_on
-from sfr_loc_map.metrics.calls.call_score import STATE_KINDS
-from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.stored.score_json import decoded
-from sfr_loc_map.metrics.table.catalogue import Subject
 from sfr_loc_map.replay.arguments_by_node import arguments_by_node, pairs_per_map
 from sfr_loc_map.replay.collector import ResultCollector
 from sfr_loc_map.replay.external import external_node
@@ -34,16 +25,12 @@ from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.processes import ChildProcess, Supervisor, user_command
-from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.ros.static_transforms import publish_extrinsics
 from sfr_loc_map.runs.offline import check_count
-from sfr_loc_map.suite_names import MONITOR_NODE
-from sfr_loc_map.topics import REPORT, TRUE_POINTS, Role, names
+from sfr_loc_map.topics import Role, names
 
 Say = Callable[[str], None]
 Progress = Callable[[str], None]
-FIGURE_REQUESTS = 10  #: Maximum number of requests for the final figures of the monitor.
-FIGURES_S = 0.5  #: Time to wait for all results in the figures after a request, s.
 
 
 class Participants(NamedTuple):
@@ -68,8 +55,6 @@ def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, 
             was_interrupted = interrupted()
             signals.hold()  # the played part is still scored
         if options.page is not None:
-            if not publish_final_figures(participants.peer, results):
-                say("the monitor did not receive all results: the figures on the live page are incomplete")
             options.page.run_is_over()
         return was_interrupted
 
@@ -77,14 +62,12 @@ def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, 
 def play_and_collect(source: Source, options: ReplayOptions, participants: Participants, progress: Progress) -> None:
     """Publish a source until its end or until the player is stopped, then wait for the missing results."""
     _, player, collector = participants
-    results = collector.results
     pairs = message_stream.PairTracker(message_stream.parts_of_pairs(source))
     if options.start is not None:
         player.set_pose(options.start)
 
     def on_sent(message: message_stream.Message) -> None:
         sent_s = time.monotonic()
-        results.has_map_truth |= message.topic == TRUE_POINTS
         completed = pairs.add(message)
         if completed is not None:
             rig, stamp_ns = completed
@@ -99,36 +82,6 @@ def play_and_collect(source: Source, options: ReplayOptions, participants: Parti
             collector.finish()
     finally:
         collector.close()
-
-
-def publish_final_figures(peer: ReplayPeer, results: ReceivedResults) -> bool:
-    """Let the monitor publish its figures until they contain all received results; return whether they do.
-
-    The monitor has subscriptions of its own and may receive a result later than the collector. The cloud of a map may
-    arrive later than its call.
-    """
-    reports: deque[str] = deque(maxlen=1)
-    peer.subscribe(String, REPORT, lambda report, _: reports.append(report.data), LATCHED)
-    is_map_judged = results.has_map_truth and results.map_count > 0
-
-    def are_complete() -> bool:
-        if not reports:
-            return False
-        score = decoded(reports[-1])
-        return _has_all_calls(score, results) and (score.has(Subject.MAP) or not is_map_judged)
-
-    for _ in range(FIGURE_REQUESTS):
-        peer.call_trigger(f"{MONITOR_NODE}/finish", f"{MONITOR_NODE} did not publish its figures")
-        if peer.spin(FIGURES_S, are_complete):
-            return True
-    return False
-
-
-def _has_all_calls(score: Score, results: ReceivedResults) -> bool:
-    """Return whether a score contains all received calls."""
-    timed = (call for call in results.records if math.isfinite(call.processing_time_s))
-    counts = Counter(STATE_KINDS.get(call.state, CallKind.LOCALISATION) for call in timed)
-    return all((score.number(kind, "n", part=None) or 0) >= count for kind, count in counts.items())
 
 
 @contextmanager
