@@ -76,6 +76,7 @@ INCOMPLETE, FORMULAS_BESIDE = "metrics/judging/incomplete.py", "metrics/formulas
 FORMULAS, SCORE = "metrics/formulas.py", "metrics/errors/trajectory_errors.py"
 SHORTFALLS = "metrics/completeness/shortfall_kinds.py"
 EXPECTED_ITEMS = "metrics/completeness/expected_items.py"
+CALL_CHECKS, CALL_STATS = "scoring/call_checks.py", "calls/call_stats.py"
 DRIVES, JOB = "suite/running/drive_copies.py", "suite/running/job.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
@@ -511,13 +512,23 @@ MUTATIONS = (
     Mutation("methods/child/loop.py", 'return {"fault": "raised", "text": raised}', "pass"),
     Mutation("methods/child/loop.py", 'order["call"] == "set" else', 'order["call"] != "set" else'),
     Mutation("methods/child/loop.py", 'images[: len(order["pairs"])]', "images[:1]"),
-    Mutation(
-        "methods/call_monitor.py", "abs(measured_s - stated_s) <= allowed_s", "measured_s - stated_s <= allowed_s"
-    ),
+    Mutation("methods/call_monitor.py", "<= stated_s <= measured_s + allowed_s(measured_s)", "<= stated_s"),
+    Mutation("methods/call_monitor.py", "worked_s - allowed_s(worked_s)", "worked_s - allowed_s(measured_s)"),
     Mutation("methods/method_process.py", "MethodCall(measured.usage,", "MethodCall(type(measured.usage)(stated_s),"),
     Mutation("methods/call_monitor.py", "return min(self._between_s,", "return min(0.0,"),
     Mutation("methods/channel.py", "if now_s >= check_s:", "if False:"),
     Mutation("methods/channel.py", "if now_s > end_s:", "if now_s > end_s and not self._unread:"),
+    # calls of the run, and what limits allow
+    Mutation(CALL_CHECKS, "apart_ns <= nearness_ns(stamps_ns)", "apart_ns == 0"),
+    Mutation(
+        CALL_STATS,
+        "lost = (states == TrackingState.LOST) | initialises_again(",
+        "lost = states == TrackingState.LOST  # (",
+    ),
+    Mutation("calls/call_files.py", "if len(named) > 1:", "if len(named) > 2:"),
+    Mutation(SHORTFALLS, "if self.counts_other_items and fraction > 0.0 else fraction", ""),
+    Mutation(SHORTFALLS, 'fraction = 1.0 - limit if limit_name.endswith("_min") else limit', "fraction = limit"),
+    Mutation("io/truth/of_bag.py", 'else (f"truth.source={topic.bag_name}",)', "else ()"),
     # geometry
     Mutation("geometry/rotation.py", "aw * bx + ax * bw + ay * bz - az * by", "aw * bx + ax * bw - ay * bz + az * by"),
     Mutation("geometry/rotation.py", "np.abs(quat[..., 3])", "quat[..., 3]"),
