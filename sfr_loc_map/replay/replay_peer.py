@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.srv import ListParameters
-from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.live.page_process import FIRST_TOPICS, PageProcess
@@ -58,13 +57,6 @@ class ReplayPeer(Peer):
         """Spin for a given time, then check the nodes."""
         self.spin(seconds)
         self.supervisor.check()
-
-    def call_trigger(self, service: str, problem: str) -> str:
-        """Call a Trigger service and return the text of its answer; raise a NodeError if the service failed."""
-        answer = self.request(Trigger, service, Trigger.Request(), problem)
-        if not answer.success:
-            raise NodeError(f"{problem}: {answer.message}")
-        return str(answer.message)
 
     def request(self, kind: type[Any], service: str, request: Any, problem: str) -> Any:  # noqa: ANN401 - any service
         """Call a service and return its answer."""

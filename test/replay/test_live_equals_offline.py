@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from helpers.made_scene import write_folder
 from helpers.score_rows import number
@@ -42,7 +43,8 @@ def final_report(parts: Participants, reports: list[str]) -> dict[str, Any]:
     """Return the monitor's report once everything that was published is in it."""
 
     def is_complete() -> bool:
-        parts.peer.call_trigger("monitor_node/finish", "monitor_node did not publish its figures")
+        problem = "monitor_node did not publish its figures"
+        assert parts.peer.request(Trigger, "monitor_node/finish", Trigger.Request(), problem).success, problem
         report = json.loads(reports[-1]) if reports else {}
         posed = (report.get("association") or {}).get("matched") == POSES
         timed = posed and number(report, "localisation", "n") == POSES
