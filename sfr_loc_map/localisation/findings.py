@@ -15,7 +15,7 @@ inferred ones. The published reason is therefore not always that of the largest 
 | `UNTEXTURED`, `FROZEN_AND_FEW`, `FEW_LANDMARKS` | `guards.check_landmarks`, `guards.check_tracks` |
 | `CONTRADICTED`, `PARTIAL_TRANSFER`, `TRANSFER_OR_MOTION`, `DOUBLE_EXPOSURE` | `ground.cases.findings_of` |
 | `UNEXPLAINED`, `RECOVERING` | `ground.cases.findings_of` |
-| `GROUND_IN_DOUBT`, `AT_REST_IN_DOUBT`, `AMBIGUOUS` | `ground.cases.findings_of` |
+| `BODY_OR_GROUND`, `GROUND_IN_DOUBT`, `AT_REST_IN_DOUBT`, `AMBIGUOUS` | `ground.cases.findings_of` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
 | `AFTER_GAP` | `guards.check_gap` |
@@ -86,6 +86,8 @@ class Finding(Enum):
     #: An earlier pair had stale rows or a finding about the ground's motion; too few pairs with motion have followed.
     RECOVERING = auto()
     ONE_SIDED = auto()  #: Few inliers are observed in both images; both have texture, and one may be stale.
+    #: One motion of landmarks outside stationary cells was selected, and the ground is not identified yet.
+    BODY_OR_GROUND = auto()
     #: Only one motion was found, but the ground is in doubt, or much is unexplained and the ground is not identified.
     GROUND_IN_DOUBT = auto()
     AT_REST_IN_DOUBT = auto()  #: The ground is in doubt, but neither the pose nor the image shows a motion.
@@ -159,6 +161,8 @@ RULES: Final[dict[Finding, Refusal | Degradation]] = {
     Finding.RECOVERING: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: new landmarks are matched between the two images, which fails where one image is stale.
     Finding.ONE_SIDED: Degradation(StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    # Keyframe: the cells of the body are excluded, and the next pairs identify the ground.
+    Finding.BODY_OR_GROUND: Degradation(StateReason.MOVING_REGIONS, Inflation.UNOBSERVED),
     # Keyframe: the window continues with the more likely motion. The covariance includes the ambiguity.
     Finding.GROUND_IN_DOUBT: Degradation(StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
     # Keyframe: the pair shows no motion, and the finding ends only when the rover moves.

@@ -89,7 +89,7 @@ EFFECTS: Final = {
 """Consequences of each case. `GroundMemory.after` applies them to the memory."""
 
 UNIDENTIFIED_EFFECTS: Final = {
-    Case.OWN_BODY: Effect(Finding.AMBIGUOUS, fault=Fault.SUSPECTED),
+    Case.OWN_BODY: Effect(Finding.BODY_OR_GROUND),
     Case.PARTIAL_TRANSFER: Effect(Finding.TRANSFER_OR_MOTION, fault=Fault.TRANSFER),
     Case.UNEXPLAINED: Effect(Finding.GROUND_IN_DOUBT),
 }
@@ -97,7 +97,8 @@ UNIDENTIFIED_EFFECTS: Final = {
 
 These cases have two motions, or part of the image does not follow the only motion. If no motion has been identified as
 the ground's, the motion that is not selected may be the ground's. The pose is then degraded, and its covariance
-includes the ambiguity.
+includes the ambiguity. Beside a body, the covariance of this pose alone is larger, because its cells are excluded from
+the next pairs.
 """
 
 

@@ -168,10 +168,12 @@ def test_a_second_motion_may_be_the_ground_until_the_ground_is_identified() -> N
     """The selected motion may then be wrong, so that the covariance of all later poses contains the ambiguity."""
     learning = GroundMemory.none((32, 32))
     identified = replace(learning, identification=Identification(Phase.IDENTIFIED))
-    for case in (Case.OWN_BODY, Case.PARTIAL_TRANSFER, Case.UNEXPLAINED):
+    for case in (Case.PARTIAL_TRANSFER, Case.UNEXPLAINED):
         assert Inflation.AMBIGUITY in decide(effect_of(case, learning).findings).inflation
         assert Inflation.AMBIGUITY in decide(effect_of(case, identified.after_lost_pair()).findings).inflation
         assert Inflation.AMBIGUITY not in decide(effect_of(case, identified).findings).inflation
+    assert decide(effect_of(Case.OWN_BODY, learning).findings).inflation is Inflation.UNOBSERVED
+    assert not effect_of(Case.OWN_BODY, identified).findings
 
 
 def test_the_ground_must_be_identified_again_after_a_lost_pair() -> None:
