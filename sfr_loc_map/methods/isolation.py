@@ -32,6 +32,12 @@ CODE = ("*.py", "*.so", "*.so.*")  #: File patterns of modules and libraries.
 KERNELS = "sfr_loc_map.methods.child.numba_cache"
 
 
+def exception_of() -> str:
+    """Return the exception from the isolation of files: the additional readable paths; empty without one."""
+    named = os.environ.get(OWN_FILES, "")
+    return f"; readable by {OWN_FILES}: {named}" if named else ""
+
+
 def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, list[str]]:
     """Return the paths that a method may list, read and write, with the scratch folder and without hidden paths."""
     code = code_of(method)

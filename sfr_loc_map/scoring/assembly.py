@@ -19,6 +19,7 @@ from sfr_loc_map.metrics.table.details import CallPlots, Details, MapDetails, Tr
 from sfr_loc_map.metrics.table.records import ConventionRecord, MethodKind, MethodRecord, Provenance
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import ScoreParts
+from sfr_loc_map.suite_names import Task
 
 OUTSIDE_SHARE, OUTSIDE_S = 0.5, 0.2
 """Maximum processor time outside the calls of a method without a warning: fraction of the total, and s."""
@@ -64,7 +65,8 @@ def score_of_parts(
         details=_details(trajectory.details, surface.details, calls.plots),
     )
     judged = judged_by(score, limits, partial=config.trajectory.partial)
-    caveats = (*trajectory.caveats, *surface.caveats, *calls.caveats, *_unbound_calls(run))
+    of_run = (*_unbound_calls(run), *_readable_files(judged.method))
+    caveats = (*trajectory.caveats, *surface.caveats, *calls.caveats, *of_run)
     warnings = _warnings(judged, run, parts, caveats)
     return struct_replace(judged, warnings=tuple(warnings), caveats=caveats)
 
@@ -113,17 +115,26 @@ def _method_of(run: Run) -> MethodRecord | None:
 
 
 def _unbound_calls(run: Run) -> Iterator[str]:
-    """Yield a caveat if calls from files have no positions that assign them to the estimate."""
+    """Yield a caveat if calls from files do not identify the estimate or the cloud that they gave."""
     unbound = [item for item in run.stats if item.positions is None and len(item.localised_ns)]
     if run.drive is not None and run.inputs.stats and unbound:
         yield "the calls (--stats) have no positions: it is not verified that they belong to the run of the estimate"
+    if run.cloud is not None and run.inputs.stats and any(item.has_task(Task.MAPPING) for item in run.stats):
+        yield "the calls of a mapper (--stats) do not identify a cloud: it is not verified that they gave this cloud"
+
+
+def _readable_files(method: MethodRecord | None) -> Iterator[str]:
+    """Yield a caveat if the user permitted the method to read further files."""
+    _, _, readable = ("" if method is None else method.isolation or "").partition("; readable by ")
+    if method is not None and readable:
+        yield f"it is not verified that the files that {method.name} could read ({readable}) contain no ground truth"
 
 
 def _process_warnings(method: MethodRecord | None, run: Run) -> Iterator[str]:
     """Yield warnings about the isolation of the method, and about its work between the calls."""
     if method is None:
         return
-    if "not " in (method.isolation or ""):
+    if "not " in (method.isolation or "").partition(";")[0]:
         yield f"method {method.name} was not isolated and may have read any file: {method.isolation}"
     for usage in (item.processes for item in run.stats if item.processes is not None):
         outside_s = usage.cpu_outside_s or 0.0
