@@ -102,11 +102,11 @@ class Inflation(Flag):
     """What a finding adds to the covariance of a pose (`uncertainty.inflation`)."""
 
     NONE = 0
-    #: The motion since the last pose as if unobserved, because parts of the images may be stale. The covariance of the
-    #: next accepted pose no longer includes this term.
+    #: The motion since the last pose, treated as unobserved because parts of the images may be stale. The covariance of
+    #: the next accepted pose no longer includes this term.
     UNOBSERVED = auto()
     #: The largest of three sizes: the distance to the pose of the other motion, the estimated motion since the last
-    #: pose, and this motion as if unobserved. The covariances of all later poses include this term.
+    #: pose, and this motion treated as unobserved. The covariances of all later poses include this term.
     AMBIGUITY = auto()
 
 

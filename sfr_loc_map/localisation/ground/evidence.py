@@ -35,11 +35,11 @@ MIN_DIFFERENCE_PX = 1.0
 """Minimum image motion, px, between the poses of two different motions. Chosen by hand: ten times the usual residual of
 an inlier (0.1 px), because two estimates of one motion differ slightly. If larger, slow objects are missed."""
 MIN_DIFFERENCE_RATIO = 0.05
-"""Minimum image motion between the poses of two different motions, as a ratio to the image motion of the main pose.
+"""Minimum ratio of the image motion between the poses of two different motions to the image motion of the main pose.
 Chosen by hand, because errors of the prediction grow with the motion. If larger, objects that move nearly like the
 ground are missed."""
 STANDSTILL_RATIO = 0.15
-"""Image motion, as a ratio to that of the last motion, below which a motion is a standstill. Chosen by hand. If
+"""Ratio of the image motion to that of the last motion, below which a motion is a standstill. Chosen by hand. If
 larger, a slow object counts as a stale part of the image. If smaller, a stale part tracked with an error counts as an
 object."""
 OLD_WEIGHT = 3.0
@@ -51,9 +51,9 @@ REPEATED_WEIGHT = 1.5
 beside an object is attributed to the object. If smaller, an object with 1.5 times the landmarks of the ground outweighs
 it."""
 REPEATED_RATIO = 0.5
-"""Maximum image motion from the repeated motion (`Guesses.repeated_motion`) to a motion that repeats the last motion,
-as a ratio to the image motion from there to the other motion. If both are equally far, neither repeats the last
-motion."""
+"""A motion repeats the last motion if the image motion between it and the repeated motion (`Guesses.repeated_motion`)
+is at most this fraction of the image motion between the repeated motion and the other motion. If both are equally far,
+neither repeats the last motion."""
 CLEAR_RATIO = 1.4
 """Minimum ratio of the weights, or of the numbers of inliers, for one of two solutions to be clearly better. Chosen by
 hand. If larger, more pairs are ambiguous and degraded with a larger covariance. If smaller, a wrong motion is accepted

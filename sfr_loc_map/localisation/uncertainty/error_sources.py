@@ -39,13 +39,14 @@ class ErrorSources:
     """Pose (directed), systematic. Disparity error that varies over the image and bends the path, px, if the residuals
     show no lens distortion."""
     lens_ratio: float = 0.17
-    """Pose (directed), systematic. The error of `lens_px` as a ratio to the RMS of the residual disparities."""
+    """Pose (directed), systematic. Ratio of the error of the kind of `lens_px` to the RMS of the residual
+    disparities."""
     unsettled_yaw_ratio: float = 0.5
-    """Pose. Error of the yaw of the right camera as a ratio to the yaw that is not yet corrected."""
+    """Pose. Ratio of the error of the right camera's yaw to the part of this yaw that is not corrected yet."""
     bent_attitude_ratio: float = 0.25
-    """Pose. Attitude error as a ratio to the yaw, because an uncorrected yaw bends the path."""
+    """Pose. Ratio of the attitude error to the uncorrected yaw of the right camera, which bends the path."""
     followed_attitude_ratio: float = 0.1
-    """Pose. Attitude error as a ratio to the drift corrections of the right camera."""
+    """Pose. Ratio of the attitude error to the drift corrections of the right camera."""
     adjustment_inflation: float = 2.0
     """Pose, step. Factor on the covariance of the bundle adjustment, because errors of neighbouring landmarks are
     correlated."""
@@ -54,7 +55,7 @@ class ErrorSources:
     min_step_ratio: float = 0.02
     """Step. Minimum ratio of a step to the keyframe interval, because a step at rest has an error, too."""
     min_interval_ratio: float = 0.25
-    """Step. Minimum keyframe interval as a ratio to the interval that triggers a keyframe."""
+    """Step. Ratio of the minimum keyframe interval to the interval that triggers a keyframe."""
     variance_gain: float = 0.1
     """Step, noise. Gain of the variance factor per pair. The factor adapts to light and ground within ten pairs."""
     min_variance_factor: float = 0.2

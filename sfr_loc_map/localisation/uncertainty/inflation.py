@@ -44,7 +44,8 @@ def unobserved_motion(size: MotionSize, sources: ErrorSources) -> FloatArray:
 class AddedError(NamedTuple):
     """What findings add to the covariance of a pose, and of the steps to and from this pose."""
 
-    #: `(6, 6)` covariance of the motion since the last pose as if unobserved, in RB at that pose; zero if not required.
+    #: `(6, 6)` covariance of the motion since the last pose if no image shows it, in RB at that pose; zero if not
+    #: required.
     unobserved_rb: FloatArray
     ambiguity: DirectedError  #: Error if another motion is the true one; zero if not required.
 
@@ -66,7 +67,7 @@ def inflation_of(
 
     Args:
         inflation: Kinds of inflation that the findings of the pair require.
-        unobserved: Size of the motion since the last pose as if unobserved.
+        unobserved: Size of the motion since the last pose if no image shows it.
         moved: Length and angle of the estimated motion since the last pose.
         other_distance: Distance between the poses of two possible motions; zero if only one was found.
         sources: Error sources of an unobserved motion.
