@@ -127,5 +127,5 @@ class LastPose:
         return replace(self, T_before_last=Transform.identity())
 
     def restarted(self, stamp_ns: int) -> LastPose:
-        """Return the pose after a new window began at this pose. The rover is assumed to be at rest."""
+        """Return the pose after a new window began at this pose. A standstill is predicted, and the speed is kept."""
         return LastPose(self.T_world_left, Transform.identity(), stamp_ns, stamp_ns, 0, self.speed)

@@ -95,7 +95,7 @@ CASES = (
     python("aborts", "aborts", "crashed"),
     python("does not return", "hangs", "hanging"),
     python("kills its parent", "kills", "raised", daily=True),
-    python("takes 480 MB of 400", "takes", "out of memory"),
+    python("takes 480 MB with a limit of 400 MB", "takes", "out of memory"),
     python("keeps 500 MB in a child process", "child", "out of memory", daily=True),
     python("leaks 3 MB a call behind a saw-tooth of 90 MB", "sawtooth", "leaking", pairs=52, daily=True),
     Case("works on in 8 threads while its result is read", "class", "later", (), STANDING, (0, 3)),

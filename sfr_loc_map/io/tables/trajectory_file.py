@@ -321,8 +321,8 @@ def _check_stamps_differ(table: Table) -> None:
 def _check_one_run(table: Table) -> None:
     """Raise InputError if a table has several runs of the same time, as of a restarted clock.
 
-    A run is a part of the table with increasing stamps. A table may be sorted downwards, consist of parts of different
-    time, or have single rows anywhere.
+    A run is a part of the table with increasing stamps. A table may be sorted in descending
+    order, consist of runs whose times do not overlap, in any order, or have stray rows anywhere.
     """
     steps = np.diff(table.stamps_ns)
     is_downwards = np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0)

@@ -32,8 +32,8 @@ tests. Chosen by hand above one half: the majority agrees. If smaller, slow moti
 If larger, fewer motions are accepted by this test alone; the others must also differ from the main motion in the
 image (`evidence.MIN_DIFFERENCE_PX`)."""
 MIN_MIXTURE_WEIGHT = 0.1
-"""Minimum weight of a second exposure, for the lower bound of the estimated weight. In images of one exposure the
-estimate differs from 0 by a few hundredths at most."""
+"""An image shows a second exposure if the lower bound of the estimated weight of this exposure exceeds this value. In
+images of one exposure the estimate differs from 0 by a few hundredths at most."""
 MIXTURE_SIGMAS = 3.0
 """Number of standard errors between the weight and its lower bound, so that the bound is too high in one image in
 740 (normal errors). If larger, weak ghosts are missed."""

@@ -155,7 +155,7 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
     if not np.isfinite(cloud.xyz).all():
         raise MetricsError("the cloud has points that are not finite: remove them")
     if len(cloud) and int(last := cloud.pair.max()) >= len(truths):
-        problem = f"the cloud has points of pair {last} but the truth has {len(truths)} pairs"
+        problem = f"the cloud has points of pair {last} (counted from 0) but the truth has only {len(truths)} pairs"
         raise MetricsError(f"{problem}: give the source that the cloud was made from")
     parts = []
     for number, truth in enumerate(truths):

@@ -9,6 +9,6 @@ from sfr_loc_map.package_commit import package_commit
 
 
 def about_run() -> dict[str, object]:
-    """Return code, host and time of the run of a suite; commit, branch and date are None if unknown."""
+    """Return the commit, host and time of the run of a suite. Commit, branch and date are None if unknown."""
     time = datetime.now(UTC).isoformat(timespec="seconds")
     return {"git": package_commit()._asdict(), "host": socket.gethostname(), "time": time}
