@@ -65,16 +65,20 @@ def parameters(config_type: type, prefix: str = "") -> Iterator[ParamInfo]:
 
 
 def flatten(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - a mapping or configuration dataclass
-    """Return the values of a configuration, or of a nested mapping, by dotted name."""
+    """Return the values of a configuration, or of a nested mapping, by dotted name.
+
+    ConfigError if a mapping gives a name twice, as `a.b` and as `b` in `a`.
+    """
     flat: dict[str, Any] = {}
     items = (
         config if isinstance(config, Mapping) else {item.name: getattr(config, item.name) for item in fields(config)}
     )
     for name, value in items.items():
-        if isinstance(value, Mapping) or is_dataclass(value):
-            flat.update(flatten(value, f"{prefix}{name}."))
-        else:
-            flat[f"{prefix}{name}"] = value
+        is_nested = isinstance(value, Mapping) or is_dataclass(value)
+        found = flatten(value, f"{prefix}{name}.") if is_nested else {f"{prefix}{name}": value}
+        if twice := flat.keys() & found.keys():
+            raise ConfigError(f"'{min(twice)}' is given twice: give it once")
+        flat |= found
     return flat
 
 
@@ -94,7 +98,10 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
 
     Raises ConfigError, whose single line reports all faults.
     """
-    flat = flatten(values)
+    try:
+        flat = flatten(values)
+    except ConfigError as error:
+        raise ConfigError(f"{origin}: {error}") from error
     known = {info.name: info for info in parameters(config_type)}
     problems = [f"unknown key '{name}'{suggestion(name, known)}" for name in flat if name not in known]
     converted: dict[str, Any] = {}

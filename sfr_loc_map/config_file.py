@@ -20,7 +20,6 @@ SECTIONS = (
     *("localisation", "mapping", "monitor", "conditions", "limits"),
 )
 """Sections of `sfr.yaml`, the configuration file of all commands and nodes."""
-SECTIONS_WITHOUT_KEYS = ("conditions", "limits")  #: Sections that are a list or a file name.
 
 
 class NodeSection(NamedTuple):
@@ -43,7 +42,10 @@ NODE_SECTIONS = {
 SIMILAR = 0.8
 """Minimum similarity (`difflib`) of an unknown prefix to the prefix that it misspells. No parameter of another node is
 as similar to a prefix."""
+SIMILAR_NODES = 0.9
+"""Minimum similarity (`difflib`) of an unknown node to the node of the suite that it misspells: one or two letters."""
 ROS_PARAMETERS = "ros__parameters"  #: Name of the parameters of a node in a ROS parameter file.
+ALL_NODES = "**"  #: Name of all nodes in a ROS parameter file.
 _SECTION_OF_PREFIX = {known.prefix: name for name, known in NODE_SECTIONS.items() if known.prefix}
 
 
@@ -64,55 +66,126 @@ def read_sections(path: Path) -> dict[str, Any]:
     The file is an `sfr.yaml` or a ROS parameter file (`/**: ros__parameters:` or `NODE: ros__parameters:`). Raises
     ConfigError.
     """
-    flat = flatten(load_yaml(path))
-    if any(ROS_PARAMETERS in name.split(".") for name in flat):
-        return _sections_of_nodes(flat, path)
-    return _sections_of_file(flat, path)
+    flat = _read_flat(path)
+    return _sections_of_nodes(flat, path) if _has_nodes(flat) else _sections_of_file(flat, path)
+
+
+def is_ros_parameter_file(path: Path) -> bool:
+    """Return whether a YAML file has the layout of ROS parameter files; raises ConfigError if it cannot be read."""
+    return _has_nodes(_read_flat(path))
+
+
+def _read_flat(path: Path) -> dict[str, Any]:
+    """Return the values of a YAML file by dotted name."""
+    content = load_yaml(path)
+    try:
+        return flatten(content)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def _has_nodes(flat: Mapping[str, Any]) -> bool:
+    """Return whether dotted names are those of a ROS parameter file."""
+    return any(ROS_PARAMETERS in name.split(".") for name in flat)
 
 
 def _sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Return the sections of a ROS parameter file; values of a node have priority over those of all nodes (`/**`).
 
-    Other parameters of nodes are ignored. A misspelt prefix raises a ConfigError.
+    Other parameters of nodes are ignored. ConfigError for a misspelt prefix or node, for several nodes with the name of
+    one node of the suite, and for values that do not belong to a node.
     """
-    sections: dict[str, Any] = {}
-    for key, value in sorted(flat.items(), key=lambda item: not item[0].startswith("/**")):
-        node, _, name = key.partition(f".{ROS_PARAMETERS}.")
-        prefix, _, parameter = name.partition(".")
-        section = _SECTION_OF_PREFIX.get(prefix)
-        is_of_suite = node.rpartition("/")[2] in ("**", *SUITE_NODES)
-        if section is None and is_of_suite and _is_misspelt(prefix, _SECTION_OF_PREFIX):
-            raise ConfigError(f"{path}: unknown parameter '{name}' of '{node}'{suggestion(prefix, _SECTION_OF_PREFIX)}")
-        if section is None or (section == "sync" and parameter != "stamp_tolerance_s"):
+    nodes: dict[str, dict[str, Any]] = {}
+    for key, value in flat.items():
+        node, is_parameter, name = key.partition(f".{ROS_PARAMETERS}.")
+        if is_parameter:
+            nodes.setdefault(node, {})[name] = value
+        elif value is not None:
+            raise ConfigError(
+                f"{path}: '{key}' is not in {ROS_PARAMETERS}: a file contains either parameters of nodes or sections "
+                "of sfr.yaml: give two files"
+            )
+    by_name: dict[str, str] = {}
+    for node, values in nodes.items():
+        name = node.replace(".", "/").rpartition("/")[2]
+        _check_spelling(node, name, values, path)
+        if name not in (ALL_NODES, *SUITE_NODES):
             continue
-        if node.rpartition("/")[2] in ("**", NODE_SECTIONS[section].nodes[0]):
-            sections.setdefault(section, {})[parameter] = value
+        other = by_name.setdefault(name, node)
+        if other != node:
+            raise ConfigError(f"{path}: '{other}' and '{node}' are nodes of one name: give a file for each of them")
+    sections: dict[str, Any] = {}
+    for name in (ALL_NODES, *SUITE_NODES):
+        for parameter, value in nodes.get(by_name.get(name, ""), {}).items():
+            prefix, _, key = parameter.partition(".")
+            section = _SECTION_OF_PREFIX.get(prefix)
+            if section is None or (section == "sync" and key != "stamp_tolerance_s"):
+                continue
+            if name in (ALL_NODES, NODE_SECTIONS[section].nodes[0]):
+                sections.setdefault(section, {})[key] = value
     return sections
 
 
+def _check_spelling(node: str, name: str, values: Mapping[str, Any], path: Path) -> None:
+    """Raise ConfigError if the prefix of a parameter of the suite, or the name of its node, is misspelt."""
+    is_of_suite = name in (ALL_NODES, *SUITE_NODES)
+    is_similar = not is_of_suite and _is_misspelt(name, SUITE_NODES, SIMILAR_NODES)
+    for parameter in values:
+        prefix = parameter.partition(".")[0]
+        is_known = prefix in _SECTION_OF_PREFIX
+        is_misspelt = not is_known and _is_misspelt(prefix, _SECTION_OF_PREFIX, SIMILAR)
+        if is_similar and (is_known or is_misspelt):
+            raise ConfigError(f"{path}: unknown node '{node}' with '{parameter}'{suggestion(name, SUITE_NODES)}")
+        if is_of_suite and is_misspelt:
+            hint = suggestion(prefix, _SECTION_OF_PREFIX)
+            raise ConfigError(f"{path}: unknown parameter '{parameter}' of '{node}'{hint}")
+
+
 def _sections_of_file(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
-    """Return the sections of an `sfr.yaml`."""
+    """Return the sections of an `sfr.yaml`; the section `extrinsics` may have the name of its node parameters."""
+    alias = NODE_SECTIONS["extrinsics"].prefix
+    if {alias, "extrinsics"} <= {key.partition(".")[0] for key in flat}:
+        raise ConfigError(f"{path}: '{alias}' and 'extrinsics' are names of one section: give one of them")
     sections: dict[str, Any] = {}
     for key, value in flat.items():
-        section, _, name = key.partition(".")
-        section = "extrinsics" if section == NODE_SECTIONS["extrinsics"].prefix else section
+        given, _, name = key.partition(".")
+        section = "extrinsics" if given == alias else given
         if section not in SECTIONS:
             raise ConfigError(
                 f"{path}: unknown section '{section}'{suggestion(section, SECTIONS)}: parameters belong to a section, "
                 "such as localisation or mapping"
             )
+        if value is None and not name:
+            sections.setdefault(section, {})
+            continue
+        check_form(section, name, value, f"{path}: '{key}'")
         if name:
             sections.setdefault(section, {})[name] = value
-        elif section in SECTIONS_WITHOUT_KEYS or value is None:
-            sections[section] = value or {}
         else:
-            raise ConfigError(f"{path}: '{section}' is {value!r:.40}: names with values are required")
+            sections[section] = value
     return sections
 
 
-def _is_misspelt(name: str, known: Collection[str]) -> bool:
-    """Return whether an unknown name is similar to a known name."""
-    return bool(difflib.get_close_matches(name, known, n=1, cutoff=SIMILAR))
+def check_form(section: str, name: str, value: object, where: str) -> None:
+    """Raise ConfigError if a section does not have the form of a value: a file name, a list, or names with values.
+
+    `name` is the name of the value in the section; empty for the value of the section itself. `where` begins the
+    message.
+    """
+    if section == "limits":
+        is_valid, required = not name and isinstance(value, str), "a file name"
+    elif section == "conditions":
+        is_list = isinstance(value, list) and all(isinstance(item, str) for item in value)
+        is_valid, required = not name and is_list, "a list such as [distance=5]"
+    else:
+        is_valid, required = bool(name) or isinstance(value, Mapping), "a mapping of names to values"
+    if not is_valid:
+        raise ConfigError(f"{where} is {value!r:.40}: {required} is required for '{section}'")
+
+
+def _is_misspelt(name: str, known: Collection[str], similar: float) -> bool:
+    """Return whether an unknown name has at least this similarity to a known name."""
+    return bool(difflib.get_close_matches(name, known, n=1, cutoff=similar))
 
 
 @dataclass(frozen=True, slots=True)

@@ -177,3 +177,50 @@ def test_other_parameters_of_nodes_are_ignored(tmp_path: Path) -> None:
     other = OF_MONITOR.replace("monitor", "other").replace("truth", "thruth")
     (tmp_path / "nodes.yaml").write_text(text + other)
     assert read_sections(tmp_path / "nodes.yaml") == {}
+
+
+def test_values_of_a_node_have_priority_over_those_of_all_nodes_in_any_order(tmp_path: Path) -> None:
+    (tmp_path / "nodes.yaml").write_text(OF_MONITOR.replace("monitor", "/**/monitor") + OF_ALL)
+    assert read_sections(tmp_path / "nodes.yaml") == {"truth": {"sigma_m": 0.2}}
+
+
+@pytest.mark.parametrize("node", ["/rover/monitor_node", "rover/monitor_node", "monitor_node"])
+def test_nodes_of_a_namespace_are_read(tmp_path: Path, node: str) -> None:
+    nested = "rover:\n  monitor_node:\n    ros__parameters: {truth.sigma_m: 0.2}\n"
+    for text in (OF_MONITOR.replace("monitor_node", node), nested):
+        (tmp_path / "nodes.yaml").write_text(text)
+        assert read_sections(tmp_path / "nodes.yaml") == {"truth": {"sigma_m": 0.2}}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (OF_MONITOR + "sync: {stamps: record}\n", "'sync.stamps' is not in ros__parameters"),
+        (OF_MONITOR.replace("monitor", "montor"), "unknown node 'montor_node' .*did you mean 'monitor_node'"),
+        (OF_MONITOR.replace("monitor", "/a/monitor") + OF_MONITOR, "'/a/monitor_node' and 'monitor_node' are nodes of"),
+        ("T_rb_locsb: {translation_m: [0, 0, 1]}\nextrinsics: {quat_xyzw: [0, 0, 0, 1]}\n", ".* are names of one"),
+        ("truth.source: a\ntruth: {source: b}\n", "'truth.source' is given twice"),
+        ("truth.source: a\nlimits: {a: 1}\n", "'limits.a' is 1"),
+        ("limits: 0\n", "'limits' is 0"),
+        ("conditions: [5]\n", "'conditions' is"),
+        ("conditions: distance=5\n", "'conditions' is"),
+        ("sync: 0\n", "'sync' is 0"),
+    ],
+)
+def test_an_ambiguous_or_malformed_file_is_refused(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "file.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=rf"file\.yaml: {words}"):
+        read_sections(tmp_path / "file.yaml")
+
+
+def test_an_empty_section_does_not_remove_its_values(tmp_path: Path) -> None:
+    (tmp_path / "sfr.yaml").write_text("truth.source: a\ntruth:\nlimits:\n")
+    assert read_sections(tmp_path / "sfr.yaml") == {"truth": {"source": "a"}, "limits": {}}
+
+
+def test_other_nodes_with_similar_names_are_ignored(tmp_path: Path) -> None:
+    text = (
+        "localization_node: {ros__parameters: {map_frame: x}}\nslam_mapping_node: {ros__parameters: {mapping.m: 1}}\n"
+    )
+    (tmp_path / "nodes.yaml").write_text(text)
+    assert read_sections(tmp_path / "nodes.yaml") == {}

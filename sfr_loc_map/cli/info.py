@@ -21,8 +21,8 @@ from sfr_loc_map.cli.options import (
     sections_of,
 )
 from sfr_loc_map.cli.output import check_outputs, progress_bar, say
-from sfr_loc_map.config_file import Configuration, read_sections
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.config_file import Configuration, is_ros_parameter_file, read_sections
+from sfr_loc_map.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -68,6 +68,12 @@ def info(
 
     check_outputs(json_path, inputs=(source, config, calibration), overwrite=overwrite)
     path = config or config_beside(source)
+    can_write = path is None or not is_ros_parameter_file(path)
+    if write and not can_write:
+        raise ConfigError(
+            f"'{path}' is a ROS parameter file, whose other parameters --write would remove: write an sfr.yaml by "
+            f"sfr init DIR --from {source}"
+        )
     sections = sections_of(source, path, calibration, settings, remap)
     how = SourceConfig.of(sections, path)
     parameters = Configuration(path, sections)
@@ -81,7 +87,7 @@ def info(
         task = bar.add_task("reading", total=None)
         seen = observe(source, how, lambda: bar.advance(task))
     issues = examine(seen)
-    if not write and any(issue.is_blocking for issue in issues):
+    if can_write and not write and any(issue.is_blocking for issue in issues):
         given = given_words(context, "config", "calibration", "settings", "remap")
         words = ["sfr", "info", str(source), "--write", *given]
         issues = with_fix(source, sections, path, issues, words)

@@ -35,7 +35,7 @@ from sfr_loc_map.cli.options import (
 )
 from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude, present
-from sfr_loc_map.config_file import Configuration
+from sfr_loc_map.config_file import Configuration, is_ros_parameter_file
 from sfr_loc_map.errors import InterruptedRunError
 from sfr_loc_map.live.config import DEFAULT_PORT
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -182,13 +182,7 @@ def replay(
         by = Judgement.of(limits, condition, parameters)
         correction = correction_of(convention, apply_diagnosis)
         require_ros("replay")
-        from sfr_loc_map.replay.options import (
-            ReplayOptions,
-            first_pose,
-            is_ros_parameter_file,
-            node_under_test,
-            task_under_test,
-        )
+        from sfr_loc_map.replay.options import ReplayOptions, first_pose, node_under_test, task_under_test
 
         external_node = node_under_test(
             task_under_test(opened, external, method),

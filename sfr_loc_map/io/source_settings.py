@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.config import build, flatten, suggestion
-from sfr_loc_map.config_file import SECTIONS, SECTIONS_WITHOUT_KEYS, read_sections
+from sfr_loc_map.config_file import SECTIONS, check_form, read_sections
 from sfr_loc_map.errors import ConfigError, SfrError
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.source_config import AS_IT_IS, TOPIC, SourceConfig, is_file_or_bag
@@ -62,26 +62,12 @@ def changed_sections(
         section, _, name = key.partition(".")
         if section not in SECTIONS:
             raise ConfigError(f"setting '{key}': no section '{section}'{suggestion(section, SECTIONS)}")
-        _check_setting(key, value)
+        check_form(section, name, value, f"setting '{key}'")
         if name:
             changed.setdefault(section, {})[name] = value
         else:
             changed[section] = value
     return changed
-
-
-def _check_setting(key: str, value: object) -> None:
-    """Raise ConfigError if a setting `SECTION.KEY` or `SECTION` has a form that its section does not have."""
-    section, _, name = key.partition(".")
-    if section in SECTIONS_WITHOUT_KEYS:
-        is_list = isinstance(value, list) and all(isinstance(item, str) for item in value)
-        if name or not (is_list if section == "conditions" else isinstance(value, str)):
-            raise ConfigError(
-                f"setting '{key}' is {value!r:.40}: a file name is required for 'limits', and for 'conditions' a list "
-                "such as [distance=5]"
-            )
-    elif not name and not isinstance(value, Mapping):
-        raise ConfigError(f"setting '{key}' is {value!r:.40}: names with values are required, as {key}.NAME=VALUE")
 
 
 def check_remap(source: Path, remap: Mapping[str, str]) -> None:

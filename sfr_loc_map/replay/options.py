@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.io.message_stream import begin_of
 from sfr_loc_map.io.sequence import Source
@@ -69,11 +68,6 @@ class ReplayOptions:
     monitor: Mapping[str, Any] = field(default_factory=dict)  #: Parameters of the monitor besides score and limits.
     page: PageProcess | None = None  #: Live page that shows the run; None: no page.
     external: ExternalOptions | None = None  #: External node under test; None: only nodes of the suite.
-
-
-def is_ros_parameter_file(path: Path) -> bool:
-    """Return whether a YAML file has the layout of ROS parameter files."""
-    return any(isinstance(block, dict) and "ros__parameters" in block for block in load_yaml(path).values())
 
 
 def first_pose(source: Source, start: str, offset_s: float) -> StartPose | None:

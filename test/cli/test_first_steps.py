@@ -51,6 +51,15 @@ def test_init_writes_every_parameter_at_its_default(hints: Sfr, tmp_path: Path) 
     assert result.err.splitlines()[-1].startswith(expected)
 
 
+def test_info_does_not_overwrite_a_ros_parameter_file(sfr: Sfr, tmp_path: Path) -> None:
+    text = "other_node:\n  ros__parameters: {gain: 3.0}\n"
+    (parameters_file := tmp_path / "params.yaml").write_text(text)
+    result = sfr("info", broken.good_folder(tmp_path / "data"), "--config", parameters_file, "--write")
+    assert result.code == 2
+    assert "sfr init DIR --from" in result.err
+    assert parameters_file.read_text() == text
+
+
 def test_limits_of_init_are_taken_and_name_every_figure(sfr: Sfr, tmp_path: Path, trajectory: Path) -> None:
     sfr("init", tmp_path)
     limits = tmp_path / "limits.yaml"
