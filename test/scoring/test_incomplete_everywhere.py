@@ -254,6 +254,15 @@ def test_what_a_live_run_dropped_and_every_restart_are_incomplete() -> None:
         assert ("restarted 1 times" in (score.incomplete or "")) == bool(restarts)
 
 
+def test_a_live_run_without_a_dropped_message_passes_a_limit_on_dropped_messages() -> None:
+    of_drive = {"trajectory": [{"condition": "distance=5", "position_mean_m": 10.0}]}
+    rules = {"minimum_independent": 1, **of_drive, "completeness": {"dropped_max_share": 0.01}}
+    monitor = MonitorScore(CONFIG, parse_limits(rules, "limits"))
+    add_poses(monitor, Made())
+    score = monitor.result(LiveRun(image_stamps_ns=STAMPS))
+    assert (score.verdict, score.number("dropped", part=None), score.number("restarts")) == ("pass", 0.0, 0.0)
+
+
 @pytest.mark.parametrize("silent", ["mapper", "localiser"])
 def test_a_live_run_with_a_silent_node_is_incomplete_at_its_end(silent: str) -> None:
     """The limits are on the part of the other node only. During the run, the first result is awaited."""

@@ -99,7 +99,7 @@ def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:
 def _with_transport(calls: CallsResult, live: LiveRun, messages: int) -> CallsResult:
     """Return the result of the calls as stated by the nodes, with the counts of dropped messages and restarts.
 
-    The monitor receives times and memory of calls and cannot measure them. Zero counts have no rows.
+    The monitor receives times and memory of calls and cannot measure them. A run without any message has no counts.
     """
     if (records := calls.records) is not None:
         memory = STATED_CLOCK if has_memory(calls.figures) else records.memory_method
@@ -109,6 +109,6 @@ def _with_transport(calls: CallsResult, live: LiveRun, messages: int) -> CallsRe
         last = f"{len(live.resets_ns)} time(s), last after the stamp {live.resets_ns[-1]} ns"
         caveat = f"the live score was reset {last}: the score does not contain what was received before the last reset"
         calls = replace(calls, caveats=(*calls.caveats, caveat))
-    if not live.dropped and not live.restarts:
+    if not messages and not live.dropped and not live.restarts:
         return calls
     return replace(calls, figures=(*calls.figures, *live_completeness(messages, live.dropped, live.restarts)))

@@ -52,6 +52,7 @@ from sfr_loc_map.topics import ESTIMATE, call_topic
 CONFIG = TrajectoryScoreConfig(conditions=("distance=0.5",), spacing=3)
 COUNT = 14
 OF_CALLS = ("calls_", "judged calls", "judged memory")
+OF_LIVE = ("judged live", "dropped", "restarts")
 Drive = tuple[Estimates, Trajectory]
 OdometryRow = tuple[int, FloatArray, FloatArray, FloatArray]
 
@@ -96,12 +97,12 @@ def messages_of(drive: Drive) -> list[tuple[str, tuple[Any, ...]]]:
 
 
 def in_order(score: Score) -> Score:
-    """The score without the counts of what came out of order, and without the calls, which are in theirs."""
+    """The score without the calls, which are in their order, and without the counts of the order and of live runs."""
     assert score.association is not None
     association = struct_replace(score.association, estimate_unordered=0, truth_unordered=0)
     details = None if score.details is None else Details(trajectory=score.details.trajectory)
     kept = [row for row in score.figures if row.subject not in ("timing", "memory")]
-    figures = tuple(row for row in kept if not f"{row.figure} {row.part}".startswith(OF_CALLS))
+    figures = tuple(row for row in kept if not f"{row.figure} {row.part}".startswith(OF_CALLS + OF_LIVE))
     made = Score(figures=figures, association=association, truth=score.truth, details=details)
     return struct_replace(made, incomplete=score.incomplete, verdict=score.verdict)
 
