@@ -493,8 +493,8 @@ MUTATIONS = (
     Mutation("metrics/stored/contradiction.py", "if mine != theirs and not _is_near(mine, theirs):", "if False:"),
     Mutation(
         "metrics/judging/limited_value.py",
-        "math.inf if item.value is None else item.value,",
-        "0.0 if item.value is None else -item.value,",
+        "math.inf if row.value is None else row.value\n",
+        "0.0 if row.value is None else -row.value\n",
     ),
     Mutation(JUDGE, "if score.fatal_findings:", "if score.fatal_findings and score.rules:"),
     Mutation(JUDGE, "interval[1] <= limit.limit if", "interval[0] <= limit.limit if"),

@@ -368,3 +368,17 @@ def test_as_many_independent_sub_trajectories_as_are_required_are_enough() -> No
             for row in score.figures
         ]
         assert judge(LIMIT, replace(score, figures=tuple(rows))) == [state]
+
+
+def test_a_fraction_of_no_items_meets_its_limit_unless_items_are_required() -> None:
+    rules = {"completeness": {"poses_of_truth_max_share": 1.0, "calls_other_max_share": 0.1}}
+    rows = (
+        figure_row("poses_of_truth", n=0),
+        figure_row("calls_other", part="fusion", n=0),
+        figure_row("calls_other", part="mapping", n=5, value=0.05),
+    )
+    score = judged_by(Score(figures=rows), parse_limits(rules, "limits"))
+    assert [(item.state, item.value) for item in score.verdicts] == [("pass", None), ("pass", 0.05)]
+    bare = (figure_row("pixels_without_point", n=0),)
+    required = parse_limits({"completeness": {"pixels_without_point_max_share": 1.0}}, "limits")
+    assert judged_by(Score(figures=bare), required).verdicts[-1].state == "not enough data"

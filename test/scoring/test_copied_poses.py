@@ -50,6 +50,18 @@ def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_move
     assert sfr("score", *paths, "--limits", labelled).code == 0, "a simulated estimate without an error says so"
 
 
+def test_a_stationary_drive_has_no_motion_that_a_limit_on_copies_could_require(tmp_path: Path, sfr: Sfr) -> None:
+    paths = tmp_path / "e.csv", tmp_path / "t.csv"
+    drive, noise = wandering(0.0), np.random.default_rng(1).normal(0.0, 1e-4, (COUNT, 3))
+    for path, positions in zip(paths, (noise, np.zeros((COUNT, 3))), strict=True):
+        save_trajectory(path, Trajectory(drive.stamps_ns, positions, np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1))))
+    stationary = {"trajectory": [{"condition": "time=5", "position_max_m": 1.0}]}
+    for completeness in ({}, {"poses_of_truth_max_share": 1.0, "errors_of_truth_max_share": 1.0}):
+        rules = limits(tmp_path, {**stationary, "completeness": completeness, "minimum_independent": 1})
+        done = sfr("score", *paths, "--limits", rules)
+        assert done.code == 0, done.out + done.err
+
+
 @pytest.mark.parametrize(("allowed", "code"), [(0.0, 3), (0.5, 3), (1.0, 0)])
 def test_true_poses_at_the_judged_frames_are_accepted_only_by_a_limit_above_their_fraction(
     tmp_path: Path, sfr: Sfr, allowed: float, code: int

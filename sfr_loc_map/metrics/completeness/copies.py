@@ -156,7 +156,7 @@ def judged_of_truth(frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]])
     This detects true poses that are used only at the starts and ends, where no two successive poses are true.
     """
     resolution_m = resolution_of(frames.position)
-    worst = figure_row("errors_of_truth")
+    worst = figure_row("errors_of_truth", n=0)
     for starts, ends in chosen:
         lengths_m = np.linalg.norm(frames.true_position[ends] - frames.true_position[starts], axis=1)
         is_moving = lengths_m > MOVING_SHARE * np.max(lengths_m, initial=0.0)

@@ -14,7 +14,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED
+from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS
 from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, needed_part
@@ -120,8 +120,10 @@ def is_enough(limit: Limit, figure: LimitedValue, limits: Limits) -> bool:
 
 
 def verdict_on(limit: Limit, figure: LimitedValue, limits: Limits) -> Verdict:
-    """Return the verdict on the limited number."""
+    """Return the verdict on the limited number. A fraction of 0 items passes, because no item can be wrong."""
     verdict = open_verdict(limit, figure)
+    if is_of_nothing(limit, figure.row):
+        return struct_replace(verdict, state=VerdictState.PASS)
     if figure.value is None or not is_enough(limit, figure, limits):
         return verdict
     certain = is_certain(limit, figure.value, figure.interval)
@@ -133,6 +135,13 @@ def verdict_on(limit: Limit, figure: LimitedValue, limits: Limits) -> Verdict:
         return struct_replace(verdict, state=VerdictState.FAIL)
     is_pass = certain or is_counted or not limit.certain
     return struct_replace(verdict, state=VerdictState.PASS) if is_pass else verdict
+
+
+def is_of_nothing(limit: Limit, row: Figure | None) -> bool:
+    """Return whether a limit on completeness is on a fraction of 0 items, which is complete as in `above_most`."""
+    if limit.section is not LimitSection.COMPLETENESS or row is None or row.n != 0:
+        return False
+    return not any(kind.figure == row.figure and kind.text_of_nothing for kind in SHORTFALLS)
 
 
 def is_certain(limit: Limit, value: float, interval: Interval | None) -> bool | None:

@@ -62,11 +62,18 @@ def limited_row(limit: Limit, score: Score, part: RowPart | None) -> Figure | No
     limited = limit.limited
     if limited.is_of_worst_call:
         rows = score.rows(limited.figure, subject=limited.subject)
-        return max(rows, key=lambda item: math.inf if item.value is None else item.value, default=None)
+        return max(rows, key=_rank_of_fraction, default=None)
     condition = ANY if limit.condition is None else limit.condition
     if part is None:
         return score.judged_row(limited.figure, subject=limited.subject, condition=condition)
     return score.figure(limited.figure, subject=limited.subject, condition=condition, part=part)
+
+
+def _rank_of_fraction(row: Figure) -> float:
+    """Return the rank of a fraction, largest for the worst row: unknown, then by value, then a fraction of 0 items."""
+    if row.n == 0:
+        return -1.0
+    return math.inf if row.value is None else row.value
 
 
 def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> float:
