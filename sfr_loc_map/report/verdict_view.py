@@ -65,6 +65,7 @@ class VerdictView:
         has_interval = item.condition is not None and item.statistic == "mean_plus_3sigma"
         digits = distinguishing_digits(item.value, item.limit, unit)
         is_open = item.state is VerdictState.NOT_ENOUGH_DATA
+        of_nothing = ABSENT if item.state is VerdictState.PASS else NOT_ENOUGH  # a pass is on a fraction of 0 items
         return cls(
             item=item,
             key=key,
@@ -72,7 +73,7 @@ class VerdictView:
             name=name,
             title=printable(f"{item.id}: {name}" if item.id else name),
             style=VERDICTS.get(item.state.value, OPEN),
-            value=Cell.number(item.value, f"{key}.value", unit, NOT_ENOUGH, digits=digits),
+            value=Cell.number(item.value, f"{key}.value", unit, of_nothing, digits=digits),
             limit=Cell(f"{sign_of(item)} {number(item.limit, unit=unit, digits=digits)}", item.limit, f"{key}.limit"),
             margin=Cell(ABSENT) if item.margin is None else Cell.number(item.margin, f"{key}.margin", unit),
             interval=Cell.interval(item.interval, key, unit, NOT_ENOUGH if has_interval else ABSENT),
@@ -86,7 +87,7 @@ class VerdictView:
     def value_text(self) -> str:
         """The value with its unit."""
         is_known = self.item.value is not None and math.isfinite(self.item.value)
-        return self._with_unit(self.value.text) if is_known else NOT_ENOUGH
+        return self._with_unit(self.value.text) if is_known else self.value.text
 
     @property
     def limit_text(self) -> str:
