@@ -57,9 +57,9 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> StereoCalibration:
         reader = next((reader for reader in READERS if reader.recognises(opened)), None)
         if reader is None:
             *known, last = (reader.shown for reader in READERS)
-            names = ", ".join(opened.shown_names[:8]) or "no names"
-            raise InputError(f"{where}: the file has {names}; a file of {', '.join(known)} or {last} is required")
-        left, right, text, T_rb_sb = reader.read(opened)
+            found = ", ".join(opened.shown_names[:8]) or "no names"
+            raise InputError(f"{where}: the file has {found}; a file of {', '.join(known)} or {last} is required")
+        left, right, text, T_rb_sb, names = reader.read(opened)
     if len(sizes := {left.size, right.size, size or left.size}) > 1:
         shown = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
         raise InputError(f"{where} and the images differ in size, {shown} px: calibrate both cameras at the image size")
@@ -70,7 +70,7 @@ def _calibration(path: Path, size: tuple[int, int] | None) -> StereoCalibration:
         _log.warning(
             f"{where}: the baseline is {rig.baseline_m:g} m: verify the unit of its board, which must be metres"
         )
-    return StereoCalibration((left, right), left.is_rectified and right.is_rectified, T_rb_sb, text)
+    return StereoCalibration((left, right), left.is_rectified and right.is_rectified, T_rb_sb, text, names)
 
 
 def _only_file(folder: Path) -> Path:

@@ -49,6 +49,8 @@ class CameraPair(NamedTuple):
     right: RectifiableCamera
     text: str  #: Program, file, left and right camera.
     T_rb_sb: Transform | None = None  #: Pose of the rig in RB, if the file has it.
+    names: tuple[str, str] | None = None
+    """Names of the left and the right camera (`cam1`, `cam0`), if the geometry determines which camera is left."""
 
 
 class Reader(NamedTuple):
@@ -60,10 +62,15 @@ class Reader(NamedTuple):
 
 
 def _side_by_side(name: str, cameras: list[PosedCamera], names: list[str]) -> CameraPair:
-    """Return the pair of two cameras; their poses determine which camera is the left one."""
-    if (cameras[0].T_body_cam.inverse() @ cameras[1].T_body_cam).translation[0] < 0:
+    """Return the pair of two cameras; their poses determine which camera is the left one, unless `names` state it."""
+    is_named = any(SIDES[0] in each for each in names)
+    if not is_named and (cameras[0].T_body_cam.inverse() @ cameras[1].T_body_cam).translation[0] < 0:
         cameras, names = cameras[::-1], names[::-1]
-    return CameraPair(*rectified_cameras(name, *cameras), f"{name}, {names[0]} and {names[1]}")
+        _log.warning(
+            f"{name}: {names[1]} is to the right of {names[0]}: the images of {names[0]} must be the left ones"
+        )
+    left, right = names
+    return CameraPair(*rectified_cameras(name, *cameras), f"{name}, {left} and {right}", names=(left, right))
 
 
 def _two_files(opened: OpenedFile, names: str) -> list[Path]:
@@ -325,12 +332,12 @@ def _states_fisheye(values: Mapping[str, Any]) -> bool | None:
 
 def _ros(opened: OpenedFile) -> CameraPair:
     """Read two files of camera_calibration, or two messages of camera_info as `ros2 topic echo` prints them."""
-    cameras = []
-    for path in _two_files(opened, "left and right"):
+    cameras, files = [], _two_files(opened, "left and right")
+    for path in files:
         with refusing(f"calibration '{path}'"):
-            cameras.append((_ros_camera(path), path))
-    (left, one), (right, two) = sorted(cameras, key=lambda item: -item[0].p[3])
-    return CameraPair(left, right, f"ROS '{one.name}' and '{two.name}'")
+            cameras.append(_ros_camera(path))
+    left, right = cameras
+    return CameraPair(left, right, "ROS " + " and ".join(f"'{path.name}'" for path in files))
 
 
 def _ros_camera(path: Path) -> RectifiableCamera:

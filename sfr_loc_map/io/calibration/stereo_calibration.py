@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -40,6 +41,8 @@ class StereoCalibration:
     is_rectified: bool  #: Whether the images are rectified; only P of the cameras is then used.
     T_rb_sb: Transform | None  #: Pose of the rig in RB, if the origin has it.
     text: str  #: Program, file, left and right camera: `Kalibr 'camchain.yaml', cam0 and cam1`.
+    names: tuple[str, str] | None = None
+    """Names of the left and the right camera (`cam1`, `cam0`), if the geometry determines which camera is left."""
 
     def rig(self, name: str) -> tuple[StereoRig, StereoRectifier | None]:
         """Return the rectified rig (`loc` or `nav`) and its rectifier; None if the images are rectified."""
@@ -47,6 +50,18 @@ class StereoCalibration:
             left, right = self.cameras
             return rig_of_rectified((left.rectified, right.rectified), name)
         return rig_of_raw(self.cameras, name)
+
+    def check_images(self, left: str, right: str, fix: str) -> None:
+        """Raise InputError if the names of the left and right images are those of the right and left camera."""
+        if self.names is None:
+            return
+        left_words, right_words = _different_words(left, right)
+        left_camera, right_camera = _different_words(*self.names)
+        if left_words & right_camera or right_words & left_camera:
+            raise InputError(
+                f"'{left}' is read as the left and '{right}' as the right images, but {self.names[0]} is the left "
+                f"camera of the calibration ({self.text}): are left and right swapped? {fix}"
+            )
 
     def with_baseline(self, baseline_m: float) -> StereoCalibration:
         """Return the calibration with P[3] of the right camera from a baseline; InputError if P has another one."""
@@ -59,6 +74,12 @@ class StereoCalibration:
             )
         p = (*right.p[:3], -right.p[0] * baseline_m, *right.p[4:])
         return replace(self, cameras=(left, replace(right, p=p)))
+
+
+def _different_words(one: str, other: str) -> tuple[set[str], set[str]]:
+    """Return the words (`cam0`) of each of two names that the other name does not have."""
+    words, others = (set(re.findall(r"[a-z0-9]+", name.lower())) for name in (one, other))
+    return words - others, others - words
 
 
 @dataclass(frozen=True, slots=True, eq=False)

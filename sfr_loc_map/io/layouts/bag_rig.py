@@ -140,7 +140,14 @@ def _by_file(images: BagImages, file: Path) -> tuple[StereoCalibration, str]:
     if images.layout:
         first, _ = images.left_and_right([first])
     height, width = first.shape
-    return read_calibration(file, (width, height)), str(message.header.frame_id)
+    found = read_calibration(file, (width, height))
+    if not images.layout:
+        with naming_bag(images.bag):
+            found.check_images(
+                *(topic.bag_name for topic in images.topics),
+                f"Exchange the topics of {images.task.rig}/left and {images.task.rig}/right in 'topics' of sfr.yaml",
+            )
+    return found, str(message.header.frame_id)
 
 
 def camera_info_topics(images: BagImages) -> list[Topic]:

@@ -409,10 +409,26 @@ def test_without_a_size_it_must_be_in_the_file(tmp_path: Path) -> None:
     assert read_calibration(file).cameras[0].size[0] == SIZE[0]
 
 
+@pytest.mark.parametrize("write", [ros, camera_info])
+def test_files_named_left_and_right_are_not_exchanged(write: Callable[[Path, Pair], Path], tmp_path: Path) -> None:
+    path = write(tmp_path, Pair())
+    right = next(file for file in tmp_path.rglob("*.yaml") if "right" in str(file.relative_to(tmp_path)))
+    content = yaml.safe_load(right.read_text().removesuffix("---\n"))
+    p = content["projection_matrix"]["data"] if "projection_matrix" in content else content["p"]
+    p[3] = -p[3]
+    right.write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match="left and right swapped"):
+        read_calibration(path)
+
+
 def test_a_pair_whose_second_camera_is_the_left_one_is_turned_round(tmp_path: Path) -> None:
     found = read_calibration(kalibr(tmp_path, moved(0.12, 0, 0)))
     assert found.text == "Kalibr 'camchain.yaml', cam1 and cam0"
     assert found.cameras[0].k[0] == KS[1][0, 0]
+    found.check_images("/cam1/image_raw", "/cam0/image_raw", "")
+    found.check_images("/cam1/left/image_raw", "/cam1/right/image_raw", "")
+    with pytest.raises(InputError, match="left and right swapped"):
+        found.check_images("/cam0/image_raw", "/cam1/image_raw", "")
 
 
 @given(

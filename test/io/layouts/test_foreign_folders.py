@@ -62,6 +62,20 @@ def test_a_folder_of_images_and_a_chain_of_kalibr_are_a_source(
     assert loc.rig.T_rb_sb is not None
 
 
+def test_images_that_the_calibration_calls_the_other_side_are_refused(tmp_path: Path) -> None:
+    """cam0 of the chain is the right camera: the folders cam0/ and cam1/ are the right and the left images."""
+    images(tmp_path / "drive", "ns", ("cam0", "cam1"))
+    images(tmp_path / "named", "ns", ("left", "right"))
+    chain = tmp_path / "camchain.yaml"
+    chain.write_text(
+        kalibr("TUM-VI", *CHAINS["T_imu_cam"]).replace("cam0", "X").replace("cam1", "cam0").replace("X", "cam1")
+    )
+    config = SourceConfig(calibration=CalibrationConfig(file=str(chain)))
+    with pytest.raises(InputError, match="left and right swapped"):
+        open_source(tmp_path / "drive", config)
+    assert open_source(tmp_path / "named", config).loc is not None
+
+
 def test_a_broken_calibration_is_refused_and_a_good_one_is_named(tmp_path: Path, sfr: Sfr) -> None:
     images(tmp_path / "drive", "ns")
     chain = tmp_path / "camchain.yaml"
