@@ -136,15 +136,28 @@ def test_a_frame_on_both_topics_of_transforms_is_moving(tmp_path: Path, poses: T
     assert truth.stamps_ns.tolist() == STAMPS.tolist()
 
 
+def tf(stamp: int, parent: str, child: str, x: float) -> Any:
+    vector, turn = T["geometry_msgs/msg/Vector3"], T["geometry_msgs/msg/Quaternion"]
+    transform = T["geometry_msgs/msg/Transform"](vector(x, 0.0, 0.0), turn(0.0, 0.0, 0.0, 1.0))
+    item = T["geometry_msgs/msg/TransformStamped"](bag_messages.header(stamp, parent), child, transform)
+    return T["tf2_msgs/msg/TFMessage"]([item])
+
+
+def test_poses_are_not_interpolated_over_a_gap_of_a_transform(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """world to odom is recorded for 5 s, odom to base only in the first and the last 0.2 s."""
+    step = NS_PER_S // 10
+    entries = [("/tf", k * step, tf(k * step, "world", "odom", float(k))) for k in range(53)]
+    entries += [("/tf", k * step, tf(k * step, "odom", "base", 0.0)) for k in (0, 1, 2, 50, 51, 52)]
+    found = read_truth(write_messages(tmp_path / "x", entries), TruthConfig(frame="base"))
+    assert (found.stamps_ns // step).tolist() == [0, 1, 2, 50, 51, 52]
+    assert "47 of 53 poses" in caplog.text
+    apart = write_messages(tmp_path / "y", [*entries[:20], ("/tf", 60 * step, tf(60 * step, "odom", "base", 0.0))])
+    with pytest.raises(InputError, match="record all transforms together"):
+        read_truth(apart, TruthConfig(frame="base"))
+
+
 def test_transforms_of_a_tree_are_joined_and_interpolated(tmp_path: Path) -> None:
     """world to odom and odom to base move, base to marker is fixed; frames that are not joined are refused."""
-    vector, turn = T["geometry_msgs/msg/Vector3"], T["geometry_msgs/msg/Quaternion"]
-
-    def tf(stamp: int, parent: str, child: str, x: float) -> Any:
-        transform = T["geometry_msgs/msg/Transform"](vector(x, 0.0, 0.0), turn(0.0, 0.0, 0.0, 1.0))
-        item = T["geometry_msgs/msg/TransformStamped"](bag_messages.header(stamp, parent), child, transform)
-        return T["tf2_msgs/msg/TFMessage"]([item])
-
     entries = [("/tf_static", 0, tf(0, "base", "marker", 0.5))]
     entries += [("/tf", k * NS_PER_S, tf(k * NS_PER_S, "world", "odom", float(k))) for k in range(3)]
     entries += [("/tf", k * NS_PER_S // 2, tf(k * NS_PER_S // 2, "odom", "base", 10.0)) for k in range(7)]

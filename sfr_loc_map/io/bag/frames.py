@@ -12,7 +12,7 @@ import numpy as np
 from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.plausibility import plausible_poses
 from sfr_loc_map.geometry.rotation import quat_multiply, quat_rotate
-from sfr_loc_map.geometry.stamped_poses import sampled
+from sfr_loc_map.geometry.stamped_poses import covered, sampled
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.message_stamps import stamp_of
@@ -109,14 +109,13 @@ def chain_above(frames: Mapping[str, Frame], name: str, end: str = "") -> list[s
 def chain_poses(frames: Mapping[str, Frame], chain: Sequence[str], stamps_of: str) -> Trajectory:
     """Return the poses of the first frame of a chain in the parent of the last frame.
 
-    The stamps are those of the moving frame `stamps_of` in the time interval that all moving frames cover.
+    The stamps are those of the moving frame `stamps_of` that all moving frames cover (`stamped_poses.covered`).
     """
     series = {name: frames[name].poses for name in chain}
     stamps = series[stamps_of].stamps_ns
     for name in chain:
         if not frames[name].is_static:
-            first, last = series[name].stamps_ns[[0, -1]]
-            stamps = stamps[(stamps >= first) & (stamps <= last)]
+            stamps = stamps[covered(series[name].stamps_ns, stamps)]
     positions = np.zeros((len(stamps), 3))
     quats = np.tile([0.0, 0.0, 0.0, 1.0], (len(stamps), 1))
     for name in chain:

@@ -11,6 +11,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.stamped_poses import LONGEST_GAP_S
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic
@@ -118,10 +119,23 @@ def _tf_poses(bag: Bag, frame: str) -> Trajectory:
     if not moving or (parent and frames[chain[-1]].parent != parent):
         known = ", ".join(sorted(f"{item.parent}:{name}" for name, item in frames.items())) or "none"
         raise InputError(f"bag '{bag.path}' has no moving transform '{frame}' on /tf: it has {known}")
-    with refusing(f"/tf of bag '{bag.path}'", "record it again"):
+    where = f"/tf of bag '{bag.path}'"
+    with refusing(where, "record it again"):
         for name in moving:
             rows = frames[name].rows
-            valid = valid_indices(rows, f"/tf of bag '{bag.path}', '{name}'")
+            valid = valid_indices(rows, f"{where}, '{name}'")
             frames[name] = replace(frames[name], rows=[rows[k] for k in valid])
-            check_order(frames[name].poses.stamps_ns, f"/tf of bag '{bag.path}', '{name}'", strict=False)
-        return chain_poses(frames, chain, max(moving, key=lambda name: len(frames[name].rows)))
+            check_order(frames[name].poses.stamps_ns, f"{where}, '{name}'", strict=False)
+        fastest = max(moving, key=lambda name: len(frames[name].rows))
+        poses = chain_poses(frames, chain, fastest)
+    count = len(frames[fastest].rows)
+    skipped = count - len(poses)
+    text = (
+        f"{where}: {skipped} of {count} poses of '{frame}' skipped, because {' or '.join(moving)} is not recorded "
+        f"before and after them within {LONGEST_GAP_S:g} s"
+    )
+    if not len(poses):
+        raise InputError(f"{text}: record all transforms together")
+    if skipped:
+        _log.warning(text)
+    return poses
