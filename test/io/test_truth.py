@@ -92,6 +92,15 @@ def test_a_lever_arm_and_a_clock_are_undone_in_every_kind_of_topic(
     assert truth.sigma_m == pytest.approx(0.02 if kind == "pose_with_covariance" else 0.0)
 
 
+def test_a_lever_arm_is_not_scaled_by_rounded_quaternions(tmp_path: Path, poses: Trajectory) -> None:
+    """Both quaternions have a norm of 1.004, as of numbers with two digits."""
+    marker = poses.positions + quat_rotate(poses.quats_xyzw, 10 * LEVER)
+    rounded = Trajectory(poses.stamps_ns, marker, 1.004 * quat_multiply(poses.quats_xyzw, TURN))
+    place = write_messages(tmp_path / "x", messages("odometry", rounded))
+    truth = read_truth(place, TruthConfig(lever_arm_m=tuple(10 * LEVER), lever_quat_xyzw=tuple(1.004 * TURN)))
+    np.testing.assert_allclose(truth.positions, poses.positions, atol=1e-9)
+
+
 @pytest.mark.parametrize("kind", TOPICS)
 def test_times_of_recording_replace_the_stamps_or_are_refused(tmp_path: Path, poses: Trajectory, kind: str) -> None:
     """The poses of a path and of /tf have stamps of their own, which the time of one message cannot replace."""

@@ -19,6 +19,8 @@ from sfr_loc_map.io.truth.pose_checks import check_poses
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_stamps import NS_PER_S
 
+UNIT_NORM = 1e-9  #: Deviation of a quaternion's norm from 1 that is rounding of its last digits.
+
 
 def truth_of_rb(recorded: RecordedTruth, config: TrackedBodyConfig = DEFAULT_TRUTH) -> Truth:
     """Return recorded poses as the truth of RB, without impossible poses; InputError if `config` does not fit."""
@@ -35,7 +37,7 @@ def truth_of_rb(recorded: RecordedTruth, config: TrackedBodyConfig = DEFAULT_TRU
     quats = poses.quats_xyzw if has_attitude else np.zeros((len(poses), 4))
     lever = np.array(config.lever_arm_m)
     if has_attitude and config.has_lever:
-        quats = quat_multiply(quats, quat_conjugate(np.array(config.lever_quat_xyzw)))
+        quats = quat_multiply(_unit(quats), quat_conjugate(_unit(np.array(config.lever_quat_xyzw))))
         positions = positions - quat_rotate(quats, lever)
         lever = np.zeros(3)
     sigma_deg = float(np.degrees(sigma_of(variances[:, 3:]))) if has_attitude else 0.0
@@ -51,6 +53,13 @@ def truth_of_rb(recorded: RecordedTruth, config: TrackedBodyConfig = DEFAULT_TRU
         read_from=recorded.read_from,
         declared=(*recorded.selected_by, *config.declared),
     )
+
+
+def _unit(quats_xyzw: FloatArray) -> FloatArray:
+    """Return quaternions `(..., 4)` as unit quaternions; zeros, and norms of 1 within `UNIT_NORM`, are not changed."""
+    norm = np.linalg.norm(quats_xyzw, axis=-1, keepdims=True)
+    is_unit = (norm == 0.0) | (np.abs(norm - 1.0) <= UNIT_NORM)
+    return np.asarray(quats_xyzw / np.where(is_unit, 1.0, norm))
 
 
 def _is_stated(variances: FloatArray) -> bool:
