@@ -142,11 +142,10 @@ def _by_file(images: BagImages, file: Path) -> tuple[StereoCalibration, str]:
     height, width = first.shape
     found = read_calibration(file, (width, height))
     if not images.layout:
+        left_name, right_name = (topic.bag_name for topic in images.topics)
+        sides = " and ".join(f"{images.task.rig}/{side}" for side in SIDES)
         with naming_bag(images.bag):
-            found.check_images(
-                *(topic.bag_name for topic in images.topics),
-                f"Exchange the topics of {images.task.rig}/left and {images.task.rig}/right in 'topics' of sfr.yaml",
-            )
+            found.check_images(left_name, right_name, f"Exchange the topics of {sides} in 'topics' of sfr.yaml")
     return found, str(message.header.frame_id)
 
 

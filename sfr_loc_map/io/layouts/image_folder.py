@@ -44,7 +44,8 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
     entries = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in pairs.items()]
     height, width = read_grey(entries[0].left).shape
     found = read_calibration(Path(config.calibration.file), (width, height))
-    found.check_images(*(folder.name for folder in folders), f"Rename the folders in '{path}' to right/ and left/")
+    left_name, right_name = (folder.name for folder in folders)
+    found.check_images(left_name, right_name, f"Rename the folders in '{path}' to right/ and left/")
     rig, rectifier = found.rig("loc")
     rig = replace(rig, T_rb_sb=found.T_rb_sb)
     loc = configured_drive(path, config, rig, entries, None, None if rectifier is None else rectifier.rectify)
