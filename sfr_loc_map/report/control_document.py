@@ -1,19 +1,19 @@
-"""Verification control document as CSV: one row per requirement, with evidence, compliance and close-out.
+"""Verification control document as CSV: one row per verdict, with requirement, evidence, compliance and close-out.
 
 The columns follow ECSS-E-ST-10-02C (annex B): the requirement, the method and the evidence of its verification, the
 compliance of the item, and the close-out. Only a pass closes a requirement, and only if no finding fails the score,
-such as a crash of the item under test.
+such as a crash of the item under test, and if no other row of the requirement is not a pass.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict, is_closed
+from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict, is_closed, open_requirements
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
@@ -47,21 +47,25 @@ def control_csv(scores: Mapping[str, Score], report: str = "") -> str:
     """Return the verification control document of scores, given by file name.
 
     `report` names the test report with its number and issue. Without a test report the file of the score is the
-    evidence. Without a common verdict of the scores, no requirement is closed.
+    evidence. If the scores do not come from one run, or have no common verdict, no requirement is closed.
     """
     common = common_verdict([*scores.values()])
+    open_ids = open_requirements([*scores.values()])
     buffer = io.StringIO()
     writer = csv.DictWriter(buffer, COLUMNS, lineterminator="\n")
     writer.writeheader()
     for name, score in scores.items():
         evidence = f"{report}, {name}" if report else name
         for view in verdict_views(score):
-            writer.writerow(_row(view, score, evidence, common))
+            writer.writerow(_row(view, score, evidence, common, open_ids))
     return buffer.getvalue()
 
 
-def _row(view: VerdictView, score: Score, evidence: str, common: Common) -> dict[str, object]:
+def _row(
+    view: VerdictView, score: Score, evidence: str, common: Common, open_ids: Collection[str]
+) -> dict[str, object]:
     item = view.item
+    remarks = (*_of_other_scores(view, common, open_ids), *_findings(score), _remarks(view, score))
     texts = {
         "requirement": item.id or item.name,
         "text": item.text or view.name,
@@ -72,8 +76,8 @@ def _row(view: VerdictView, score: Score, evidence: str, common: Common) -> dict
         "figure": view.name,
         "unit": view.unit.of_values,
         "compliance": COMPLIANCE.get(item.state, "not verified"),
-        "close_out": "closed" if is_closed(item, score, common) else "open",
-        "remarks": " ".join(filter(None, (common.text, *_findings(score), _remarks(view, score)))),
+        "close_out": "closed" if is_closed(item, score, common, open_ids) else "open",
+        "remarks": " ".join(filter(None, remarks)),
     }
     numbers = {
         name: getattr(item, name) for name in ("limit", "value", "margin", "low95", "high95", "n", "independent")
@@ -84,6 +88,16 @@ def _row(view: VerdictView, score: Score, evidence: str, common: Common) -> dict
 def _item_of(score: Score) -> str:
     method = score.method
     return "" if method is None else f"{method.name} {method.version or ''}".strip()
+
+
+def _of_other_scores(view: VerdictView, common: Common, open_ids: Collection[str]) -> Iterator[str]:
+    """Yield why a requirement is open because of other scores or rows."""
+    if common.text:
+        yield common.text
+    elif common.difference:
+        yield f"The scores do not come from one run: {common.difference}."
+    if view.item.state is VerdictState.PASS and view.item.id in open_ids:
+        yield "Another row of this requirement is open."
 
 
 def _findings(score: Score) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""The verification control document: a row for each requirement, closed by a pass alone."""
+"""The verification control document: a row for each verdict, closed by a pass of all rows of its requirement."""
 
 from __future__ import annotations
 
@@ -86,6 +86,27 @@ def test_scores_without_a_common_verdict_close_nothing(sfr: Sfr, score: Score, t
     assert found.code == 3
     assert {row["close_out"] for row in rows_of((tmp_path / "vcd.csv").read_text()).values()} == {"open"}
     assert 'errors="1"' in (tmp_path / "junit.xml").read_text()
+
+
+@pytest.mark.parametrize("is_same_item", [True, False])
+def test_a_missed_limit_of_one_score_closes_nothing_of_others(score: Score, is_same_item: bool) -> None:
+    """R1 is met by one score and missed by the other one; R4 is met by both."""
+    item = MethodRecord(name="mine", version="1", kind=MethodKind.EXTERNAL)
+    other = item if is_same_item else replace(item, name="other")
+    found = {}
+    for name, limit, method in (("good.json", 10.0, item), ("bad.json", 1e-9, other)):
+        position = {"limit": limit, "id": "R1"}
+        content = {
+            "minimum_independent": 1,
+            "trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": position}],
+            "memory": LIMITS["memory"],
+        }
+        found[name] = judged_by(replace(score, method=method), parse_limits(content, "limits"))
+    rows = [row for row in csv.DictReader(io.StringIO(control_csv(found))) if row["requirement"] in ("R1", "R4")]
+    states = {(row["requirement"], row["compliance"], row["close_out"]) for row in rows}
+    of_memory = "closed" if is_same_item else "open"
+    assert states == {("R1", "compliant", "open"), ("R1", "not compliant", "open"), ("R4", "compliant", of_memory)}
+    assert all(row["remarks"] for row in rows if row["close_out"] == "open")
 
 
 def test_a_score_that_failed_by_a_crash_closes_nothing(score: Score) -> None:

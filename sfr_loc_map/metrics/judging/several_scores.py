@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +23,8 @@ class Common(NamedTuple):
 
     state: VerdictState | None  #: None if there is no common verdict.
     text: str = ""  #: Reason for a missing common verdict; empty if the verdict exists or no score was judged.
+    difference: str = ""
+    """Why the scores do not come from one run, whatever the verdict; empty if they do. Closes no requirement."""
 
 
 SETTINGS_OF = {Scope.DRIVE: ("trajectory", "localisation"), Scope.MAP: ("map", "mapping")}
@@ -38,23 +40,36 @@ def common_verdict(scores: Sequence[Score]) -> Common:
     """
     states = [score.verdict for score in scores]
     worst = worst_of(state for state in states if state is not None)
-    if worst is VerdictState.PASS and None in states:
-        worst = None
+    difference = difference_of_runs(scores) or ""
+    is_mixed = None in states and any(states)
+    if not is_mixed and not difference:
+        return Common(worst)
+    if worst is not VerdictState.PASS:
+        return Common(worst, difference=difference)
+    reason = _reason_without_verdict(scores) if is_mixed else difference
+    return Common(None, f"There is no common verdict: {reason}.", difference)
+
+
+def _reason_without_verdict(scores: Sequence[Score]) -> str:
+    """Return why one of several scores has no verdict."""
+    if any(score.verdict is None and score.contradiction is not None for score in scores):
+        return "an estimate contradicts its ground truth and was not judged"
+    return "not every score was judged by limits"
+
+
+def difference_of_runs(scores: Sequence[Score]) -> str | None:
+    """Return why scores do not come from one run of one item under test; None if they do, or for a single score."""
+    if len(scores) < 2:
+        return None
     items = {_item(score.method) for score in scores}
     configurations = {(part, _configuration(score.method)) for score in scores for part in tasks_of(score)}
-    if worst is None and any(states):
-        return Common(None, "There is no common verdict: not every score was judged by limits.")
-    if worst is not VerdictState.PASS or len(scores) < 2:
-        return Common(worst)
     if None in items:
-        return Common(None, "There is no common verdict: not every score names its item under test.")
+        return "not every score names its item under test"
     if len(items) > 1:
-        return Common(None, f"There is no common verdict: the scores come from {len(items)} items under test.")
+        return f"the scores come from {len(items)} items under test"
     if len(configurations) > len({part for part, _ in configurations}):
-        return Common(None, "There is no common verdict: the item under test had several configurations.")
-    if (difference := difference_of(scores)) is not None:
-        return Common(None, f"There is no common verdict: {difference}.")
-    return Common(worst)
+        return "the item under test had several configurations"
+    return difference_of(scores)
 
 
 def items_under_test(scores: Sequence[Score]) -> int:
@@ -76,9 +91,25 @@ def _configuration(method: MethodRecord | None) -> str | None:
     return None if method is None else method.config_sha256
 
 
-def is_closed(verdict: Verdict, score: Score, common: Common) -> bool:
-    """Return whether a verdict closes its requirement: a pass, no fatal finding, and a common verdict of the scores."""
-    return verdict.state is VerdictState.PASS and not score.fatal_findings and not common.text
+def is_closed(verdict: Verdict, score: Score, common: Common, open_ids: Collection[str]) -> bool:
+    """Return whether a verdict closes its requirement.
+
+    A pass closes a requirement if no fatal finding fails the score, all scores come from one run, and every verdict on
+    the requirement is a pass. `open_ids` are the identifiers of the other requirements (`open_requirements`).
+    """
+    is_of_one_run = not common.text and not common.difference
+    is_pass = verdict.state is VerdictState.PASS and not score.fatal_findings
+    return is_pass and is_of_one_run and verdict.id not in open_ids
+
+
+def open_requirements(scores: Sequence[Score]) -> frozenset[str]:
+    """Return the identifiers of the requirements of which a verdict is not a pass, or is of a score that failed."""
+    return frozenset(
+        verdict.id
+        for score in scores
+        for verdict in score.verdicts
+        if verdict.id is not None and (verdict.state is not VerdictState.PASS or score.fatal_findings)
+    )
 
 
 def difference_of(scores: Sequence[Score]) -> str | None:
