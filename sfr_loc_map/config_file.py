@@ -156,7 +156,6 @@ def _sections_of_file(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
                 "such as localisation or mapping"
             )
         if value is None and not name:
-            sections.setdefault(section, {})
             continue
         check_form(section, name, value, f"{path}: '{key}'")
         if name:

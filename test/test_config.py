@@ -215,7 +215,7 @@ def test_an_ambiguous_or_malformed_file_is_refused(tmp_path: Path, text: str, wo
 
 def test_an_empty_section_does_not_remove_its_values(tmp_path: Path) -> None:
     (tmp_path / "sfr.yaml").write_text("truth.source: a\ntruth:\nlimits:\n")
-    assert read_sections(tmp_path / "sfr.yaml") == {"truth": {"source": "a"}, "limits": {}}
+    assert read_sections(tmp_path / "sfr.yaml") == {"truth": {"source": "a"}}
 
 
 def test_other_nodes_with_similar_names_are_ignored(tmp_path: Path) -> None:

@@ -77,16 +77,14 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
     if ignored := [setting for setting in settings if setting.startswith(without_effect)]:
         _log.warning(f"'{path}': {', '.join(ignored)} ignored: they do not apply to the files of this source")
     source = reader.open(path, config)
-    named = Path(config.truth.source)
-    if config.truth.source and named.exists():  # otherwise a topic of the bag
-        source = replace(source, truth_files=(*source.truth_files, named))
+    if config.truth.file is not None:
+        source = replace(source, truth_files=(*source.truth_files, config.truth.file))
     return replace(source, config=config)
 
 
 def _ignored_of_truth(path: Path, truth: TruthConfig) -> tuple[str, ...]:
     """Return the settings of the truth that do not apply to its origin: a bag, a file, or the files of a data set."""
-    named = Path(truth.source)
-    origin = named if truth.source and named.exists() else path
+    origin = path if truth.file is None else truth.file
     if is_bag(origin):
         return ("truth.columns",)
     of_bags = ("truth.frame", "truth.stamps")

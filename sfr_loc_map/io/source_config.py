@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -19,8 +18,6 @@ from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
-
-TOPIC = re.compile(r"(/[A-Za-z_]\w*)+")  #: The name of a topic. File names do not match because they have an ending.
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,12 +134,15 @@ class SourceConfig:
     @property
     def topics(self) -> dict[str, str]:
         """The ROS topic for each topic name of the suite; the name of the truth is ground_truth/odometry."""
-        truth = {"ground_truth/odometry": self.truth.source} if TOPIC.fullmatch(self.truth.source) else {}
+        truth = {"ground_truth/odometry": self.truth.topic} if self.truth.topic else {}
         return {name: topic for topic, name in self.remap.items()} | truth
 
     @classmethod
     def of(cls, sections: Mapping[str, Any], path: Path | None = None) -> SourceConfig:
-        """Build the configuration from its sections; file names are relative to the folder of `path`."""
+        """Build the configuration from its sections.
+
+        Names of files are relative to the folder of `path`, or to the working directory without `path`.
+        """
         origin, folder = str(path or "settings"), Path() if path is None else path.parent
         types, topics = get_type_hints(cls), sections.get("topics") or {}
         if wrong := [name for name, topic in topics.items() if not isinstance(topic, str) or not topic]:
@@ -155,11 +155,11 @@ class SourceConfig:
         }
         config = cls(path, {topic: name for name, topic in topics.items()}, **parts)
         config.extrinsics.transform(f"{origin}, extrinsics")  # reports invalid extrinsics with the name of the file
-        if config.truth.source and is_file_or_bag(file := folder / config.truth.source):
-            config = replace(config, truth=replace(config.truth, source=str(file)))
-        if name := config.calibration.file:
-            config = replace(config, calibration=replace(config.calibration, file=str(folder / name)))
-        return config
+        return replace(
+            config,
+            truth=replace(config.truth, source=file_or_topic(config.truth.source, folder)),
+            calibration=replace(config.calibration, file=file_in(config.calibration.file, folder)),
+        )
 
 
 def _check_topics_differ(topics: Mapping[str, str], origin: str) -> None:
@@ -177,6 +177,19 @@ def _check_topics_differ(topics: Mapping[str, str], origin: str) -> None:
 AS_IT_IS = SourceConfig()  #: A source is read by its own topics and files.
 
 
-def is_file_or_bag(path: Path) -> bool:
-    """Return whether a path is a file, or a bag, which may be a folder."""
-    return path.is_file() or is_bag(path)
+def file_in(name: str, folder: Path) -> str:
+    """Return the absolute path of a file whose name is relative to a folder; empty for an empty name.
+
+    Links to folders are resolved, but not links to files, because the ending of a name states the format.
+    """
+    path = folder / name
+    return str(path.parent.resolve() / path.name) if name else ""
+
+
+def file_or_topic(name: str, folder: Path) -> str:
+    """Return the absolute path of the file or bag that `truth.source` names in a folder, or the name of its topic.
+
+    A name with a dot is that of a file, also of a missing one, because names of ROS topics contain no dots.
+    """
+    file = folder / name
+    return file_in(name, folder) if "." in name or file.is_file() or is_bag(file) else name

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,16 @@ from sfr_loc_map.config import build, flatten, suggestion
 from sfr_loc_map.config_file import SECTIONS, check_form, read_sections
 from sfr_loc_map.errors import ConfigError, SfrError
 from sfr_loc_map.io.bag.files import is_bag
-from sfr_loc_map.io.source_config import AS_IT_IS, TOPIC, SourceConfig, is_file_or_bag
+from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, file_in, file_or_topic
 from sfr_loc_map.io.truth.config import TruthConfig
 
 NAME = "sfr.yaml"
+FILE_SETTINGS: Mapping[str, Callable[[str, Path], str]] = {
+    "calibration.file": file_in,
+    "truth.source": file_or_topic,
+    "limits": file_in,
+}
+"""Settings that name files, each with the function that returns the absolute path for a name in a folder."""
 
 
 def config_beside(source: Path) -> Path | None:
@@ -35,7 +41,7 @@ def _is_of_bag(path: Path) -> bool:
         config = SourceConfig.of(read_sections(path), path)
     except SfrError:
         return False  # reported when the configuration is read
-    return bool(config.remap) or bool(TOPIC.fullmatch(config.truth.source))
+    return bool(config.remap) or bool(config.truth.topic)
 
 
 def changed_sections(
@@ -46,14 +52,13 @@ def changed_sections(
 ) -> dict[str, Any]:
     """Return the sections of a configuration with changed values, whose keys are `SECTION.KEY` or `SECTION`.
 
-    File names are relative to the working directory. ConfigError if a section is unknown.
+    File names in `values` and `calibration` are relative to the working directory. ConfigError if a section is unknown,
+    or if a value does not have the form of its section.
     """
     changed = {name: dict(section) if isinstance(section, Mapping) else section for name, section in sections.items()}
     given = dict(values)
-    if isinstance(truth := given.get("truth.source"), str) and is_file_or_bag(Path(truth)):
-        given["truth.source"] = str(Path(truth).resolve())
     if calibration is not None:
-        given["calibration.file"] = str(calibration.resolve())
+        given["calibration.file"] = str(calibration)
     for topic, name in (remap or {}).items():
         topics = changed.get("topics", {}).items()
         others = {other: named for other, named in topics if str(named).strip("/") != topic.strip("/")}
@@ -64,10 +69,18 @@ def changed_sections(
             raise ConfigError(f"setting '{key}': no section '{section}'{suggestion(section, SECTIONS)}")
         check_form(section, name, value, f"setting '{key}'")
         if name:
-            changed.setdefault(section, {})[name] = value
+            changed.setdefault(section, {})[name] = _in_working_directory(key, value)
         else:
-            changed[section] = value
+            changed[section] = _in_working_directory(key, value)
     return changed
+
+
+def _in_working_directory(key: str, value: Any) -> Any:  # noqa: ANN401 - any value of a setting
+    """Return the value of a setting with the absolute paths of the files that it names (`FILE_SETTINGS`)."""
+    if isinstance(value, Mapping):
+        return {name: _in_working_directory(f"{key}.{name}", item) for name, item in value.items()}
+    path_of = FILE_SETTINGS.get(key)
+    return value if path_of is None or not isinstance(value, str) else path_of(value, Path())
 
 
 def check_remap(source: Path, remap: Mapping[str, str]) -> None:
@@ -98,7 +111,8 @@ def truth_config(truth: Path, path: Path | None, settings: Mapping[str, Any], co
     values = flatten(config.truth)
     if not truth.is_dir() and not is_bag(truth):
         values["source"] = ""  # the truth itself is the file
-    values |= {key.removeprefix("truth."): value for key, value in settings.items()}
+    for key, value in settings.items():
+        values[key.removeprefix("truth.")] = _in_working_directory(key, value)
     if columns:
         values["columns"] = columns
     return replace(config, truth=build(TruthConfig, values, origin="--set truth.KEY=VALUE"))

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sfr_loc_map.config_file import Configuration
-from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.score.limits import Limits
@@ -25,10 +24,6 @@ class Judgement:
     def of(cls, limits_file: Path | None, conditions: Sequence[str] | None, config: Configuration) -> Judgement:
         """Return the given limits and conditions, or else those of the configuration."""
         named, listed = config.sections.get("limits"), config.sections.get("conditions")
-        if not isinstance(named, str | None) or not isinstance(listed, list | None):
-            raise ConfigError(
-                f"{config.path}: a file name is required for 'limits', and for 'conditions' a list such as [distance=5]"
-            )
         if limits_file is None and config.path is not None and named:
             limits_file = config.path.parent / named
         limits = None if limits_file is None else load_limits(limits_file)

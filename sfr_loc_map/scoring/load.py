@@ -300,13 +300,9 @@ def with_fusion_flag(loaded: LoadedCloud, fused: bool | None, name: str) -> Load
 
 def with_read_files(inputs: ScoreInputs, how: SourceConfig) -> ScoreInputs:
     """Return inputs with the configuration files of the source, for provenance."""
-    truth_file, calibration = _existing(how.truth.source), _existing(how.calibration.file)
-    return replace(inputs, configuration=how.path, truth_file=truth_file, calibration=calibration)
-
-
-def _existing(name: str) -> Path | None:
-    """Return the file that a configuration names; None if the name is empty or a topic."""
-    return Path(name) if name and Path(name).exists() else None
+    named = Path(how.calibration.file)
+    calibration = named if how.calibration.file and named.exists() else None
+    return replace(inputs, configuration=how.path, truth_file=how.truth.file, calibration=calibration)
 
 
 def load_trajectories(paths: list[Path], truth: Path | None) -> tuple[dict[str, Trajectory], Trajectory | None]:

@@ -21,7 +21,8 @@ from sfr_loc_map.io.layouts.bag_rig import image_name
 from sfr_loc_map.io.layouts.bag_source import BagLocSequence
 from sfr_loc_map.io.registry import format_of, open_source
 from sfr_loc_map.io.sequence import LocSequence, SourceFormat
-from sfr_loc_map.io.source_config import SourceConfig, is_file_or_bag
+from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_settings import FILE_SETTINGS
 from sfr_loc_map.io.truth.names import is_tracker
 from sfr_loc_map.io.truth.of_bag import could_be_truth
 from sfr_loc_map.message_stamps import NS_PER_S
@@ -106,11 +107,14 @@ def _given(source: Path, given: Mapping[str, Any], path: Path | None, before: Ma
     sections.setdefault("topics", {})
     values = flatten(sections)
     reasons = {name: "as before" for name, value in flatten(before).items() if values.get(name) == value}
-    folder = None if path is None else path.parent.resolve()
-    for section, name in (("calibration", "file"), ("truth", "source")):
-        file = Path(str(sections.get(section, {}).get(name, "")))
-        if folder is not None and is_file_or_bag(file) and file.is_relative_to(folder):
-            sections[section][name] = str(file.relative_to(folder))
+    if path is not None:
+        folder = path.parent.resolve()
+        for key in FILE_SETTINGS:
+            section, _, name = key.partition(".")
+            place = sections.get(section, {}) if name else sections
+            file = Path(str(place.get(name or section, "")))
+            if file.is_relative_to(folder):
+                place[name or section] = str(file.relative_to(folder))
     return Proposal(source, sections, path, reasons)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.source_settings import changed_sections
+from sfr_loc_map.io.source_settings import changed_sections, truth_config
 
 
 @pytest.mark.parametrize(
@@ -28,7 +29,7 @@ def test_a_setting_that_does_not_fit_its_section_is_refused(key: str, value: obj
 
 
 def test_settings_of_sections_replace_them() -> None:
-    settings: dict[str, Any] = {"conditions": ["distance=5"], "limits": "l.yaml", "sync": {"stamps": "record"}}
+    settings: dict[str, Any] = {"conditions": ["distance=5"], "limits": "/l.yaml", "sync": {"stamps": "record"}}
     assert changed_sections({"conditions": ["time=1"]}, settings) == settings
 
 
@@ -44,3 +45,50 @@ def test_a_remapped_topic_loses_its_former_name() -> None:
     changed = changed_sections(sections, {}, remap={"/zed/left": "nav/left/image_rect"})
     assert changed["topics"] == {"loc/right/image_rect": "/zed/right", "nav/left/image_rect": "/zed/left"}
     assert SourceConfig.of(changed).remap == {"/zed/left": "nav/left/image_rect", "/zed/right": "loc/right/image_rect"}
+
+
+@pytest.fixture
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder for a configuration; the working directory is another folder and contains gt.csv."""
+    (elsewhere := tmp_path / "elsewhere").mkdir()
+    (elsewhere / "gt.csv").write_text("t x y z\n")
+    monkeypatch.chdir(elsewhere)
+    (tmp_path / "data").mkdir()
+    return tmp_path / "data"
+
+
+def test_a_file_of_a_configuration_is_not_taken_from_the_working_directory(data: Path) -> None:
+    sections = {"truth": {"source": "gt.csv"}, "calibration": {"file": "cal.yaml"}}
+    config = SourceConfig.of(sections, data / "sfr.yaml")
+    assert config.truth.source == str(data / "gt.csv")
+    assert config.truth.file is None
+    assert config.calibration.file == str(data / "cal.yaml")
+    (data / "gt.csv").write_text("t x y z\n")
+    assert SourceConfig.of(sections, data / "sfr.yaml").truth.file == data / "gt.csv"
+
+
+@pytest.mark.parametrize("is_section", [False, True])
+def test_files_of_settings_are_relative_to_the_working_directory(data: Path, is_section: bool) -> None:
+    (data / "gt.csv").write_text("t x y z\n")
+    settings: dict[str, Any] = {"truth.source": "gt.csv", "calibration.file": "cal.yaml", "limits": "limits.yaml"}
+    if is_section:
+        settings = {"truth": {"source": "gt.csv"}, "calibration": {"file": "cal.yaml"}, "limits": "limits.yaml"}
+    changed = changed_sections({}, settings)
+    config = SourceConfig.of(changed, data / "sfr.yaml")
+    assert config.truth.file == Path("gt.csv").resolve()
+    assert config.calibration.file == str(Path("cal.yaml").resolve())
+    assert changed["limits"] == str(Path("limits.yaml").resolve())
+    of_score = truth_config(data / "e.csv", None, {"truth.source": "gt.csv"}, "")
+    assert of_score is not None
+    assert of_score.truth.file == Path("gt.csv").resolve()
+
+
+def test_a_bag_as_truth_is_not_a_topic(data: Path) -> None:
+    """The path of a folder has the form of the name of a topic."""
+    (data / "station").mkdir()
+    (data / "station" / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+    config = SourceConfig.of({"truth": {"source": "station"}}, data / "sfr.yaml")
+    assert config.truth.file == data / "station"
+    assert config.topics == {}
+    for topic in ("/station", "station/pose"):
+        assert SourceConfig.of({"truth": {"source": topic}}, data / "sfr.yaml").truth.source == topic

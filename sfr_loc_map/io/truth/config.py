@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from sfr_loc_map.geometry.transform import Transform
 
 NO_LEVER = (0.0, 0.0, 0.0)
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
+TOPIC = re.compile(r"(/[A-Za-z_]\w*)+")  #: The absolute name of a topic.
 ORIGIN_SETTINGS = ("truth.source", "truth.frame")  #: Settings of the origin of the truth.
 
 
@@ -94,6 +97,20 @@ class TruthConfig(LiveTruthConfig):
         doc="Columns of a text table without a known header: NAME=HEADER[UNIT], separated by commas, where NAME is t "
         "(or sec and nsec), x, y, z, qx, qy, qz or qw; or NAME[UNIT] in the order of the columns, with _ for others.",
     )
+
+    @property
+    def file(self) -> Path | None:
+        """The existing file or folder that `source` names by its absolute path; None if there is none.
+
+        `SourceConfig.of` makes the paths of files absolute, so that a relative name is that of a topic.
+        """
+        path = Path(self.source)
+        return path if path.is_absolute() and path.exists() else None
+
+    @property
+    def topic(self) -> str:
+        """The absolute name of a topic that `source` gives; empty if there is none."""
+        return self.source if self.file is None and TOPIC.fullmatch(self.source) else ""
 
 
 def with_lever_of(config: TrackedBodyConfig, T_rb_body: Transform | None) -> TrackedBodyConfig:

@@ -64,10 +64,10 @@ def truth_of_path(path: Path, config: TruthConfig = DEFAULT_TRUTH, remap: Mappin
 
 def _configured_truth(path: Path, config: TruthConfig) -> Truth:
     """Return the truth in the file or bag that the configuration of the source `path` names."""
-    file = Path(config.source)
-    if not file.exists():
+    file = config.file
+    if file is None:
         topic = f"a topic of '{path}'" if is_bag(path) else f"a topic, because '{path}' is not a bag"
-        raise InputError(f"truth '{file}' is neither a file nor {topic}: give a file, or a topic of a bag")
+        raise InputError(f"truth '{config.source}' is neither a file nor {topic}: give a file, or a topic of a bag")
     if is_bag(file):
         return truth_of_path(file, replace(config, source=""))
     return _poses_of_file(file, config, CONFIGURED_OPTION)

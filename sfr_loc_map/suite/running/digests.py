@@ -117,8 +117,9 @@ def files_of_source(place: Path) -> tuple[Path, ...]:
     if beside is None:
         return (place,)
     config = SourceConfig.of(read_sections(beside), beside)
-    named = [Path(name) for name in (config.truth.source, config.calibration.file) if name]
-    return (place, beside, *(path for path in named if path.exists()))
+    calibration = Path(config.calibration.file) if config.calibration.file else None
+    named = [file for file in (config.truth.file, calibration) if file is not None]
+    return (place, beside, *(file for file in named if file.exists()))
 
 
 def about_here(expected: Mapping[str, str]) -> dict[str, str]:
