@@ -213,13 +213,14 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
     if isinstance(estimate, PointCloud):
         if isinstance(place, Trajectory):
             raise ConfigError("a cloud requires a source with mapping pairs and truth; a trajectory was given")
-        read = [*load_run(ScoreInputs(stats=stats)).stats, *_own_stats(estimate)]
+        given_stats = load_run(ScoreInputs(stats=stats)).stats
+        read = [*given_stats, *_own_stats(estimate)]
         loaded = with_fusion_flag(LoadedCloud(estimate.xyz.astype(np.float64), estimate), fused, "the cloud")
         truths, nav_stamps_ns = load_map_truth(Path(place), estimate.pair_stamps_ns, config)
         cloud = CloudToScore(loaded, truths)
         in_memory = {"cloud": hash_arrays([estimate.to_structured()])}
         inputs = ScoreInputs(map_truth=Path(place), stats=stats, config=config)
-        return Run(inputs, read, cloud=cloud, nav_stamps_ns=nav_stamps_ns, in_memory=in_memory)
+        return Run(inputs, read, given_stats=given_stats, cloud=cloud, nav_stamps_ns=nav_stamps_ns, in_memory=in_memory)
     if not isinstance(estimate, Trajectory) and not isinstance(place, Trajectory):
         inputs = ScoreInputs.of(Path(estimate), Path(place), stats or None)
         return load_run(replace(inputs, config=config), fused)

@@ -115,11 +115,11 @@ def _method_of(run: Run) -> MethodRecord | None:
 
 
 def _unbound_calls(run: Run) -> Iterator[str]:
-    """Yield a caveat if calls from files do not identify the estimate or the cloud that they gave."""
-    unbound = [item for item in run.stats if item.positions is None and len(item.localised_ns)]
-    if run.drive is not None and run.inputs.stats and unbound:
+    """Yield a caveat if calls that the user gave as files do not identify the estimate or the cloud that they gave."""
+    unbound = [item for item in run.given_stats if item.positions is None and len(item.localised_ns)]
+    if run.drive is not None and unbound:
         yield "the calls (--stats) have no positions: it is not verified that they belong to the run of the estimate"
-    if run.cloud is not None and run.inputs.stats and any(item.has_task(Task.MAPPING) for item in run.stats):
+    if run.cloud is not None and any(item.has_task(Task.MAPPING) for item in run.given_stats):
         yield "the calls of a mapper (--stats) do not identify a cloud: it is not verified that they gave this cloud"
 
 

@@ -114,6 +114,8 @@ class Run:
 
     inputs: ScoreInputs  #: Input files, for provenance.
     stats: Sequence[CallStats] = ()  #: Calls on this host.
+    #: Those of `stats` that the user gave as files, which may belong to another run.
+    given_stats: Sequence[CallStats] = ()
     target: CallStats | None = None  #: Calls on the target of `inputs`.
     about: TargetRecord | None = None  #: Description of the target.
     drive: DriveToScore | None = None  #: Trajectory.

@@ -53,7 +53,8 @@ def load_run(
     Lost flags and covariances of an estimate come from its bag or from the statistics of its calls. Poses and calls may
     be in memory. `fused` applies to cloud files that do not declare whether they are fused.
     """
-    stats = [*(load_call_stats(path) for path in inputs.stats), *calls]
+    given_stats = [load_call_stats(path) for path in inputs.stats]
+    stats = [*given_stats, *calls]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
     check_one_method(stats, target)
     about = None if inputs.target_about is None else load_target(inputs.target_about)
@@ -69,6 +70,7 @@ def load_run(
     return Run(
         inputs=with_read_files(inputs, how),
         stats=stats,
+        given_stats=given_stats,
         target=target,
         about=about,
         drive=drive,

@@ -104,6 +104,19 @@ def test_live_replay_and_score_of_every_file_format_are_equal_to_the_last_digit(
         assert file_score(tmp_path / name, source.path) == replayed
 
 
+def test_only_calls_of_a_mapper_from_a_given_file_may_belong_to_another_cloud(tmp_path: Path) -> None:
+    source, run = mapped(write_folder(tmp_path / "source", 0, 2))
+    stamps, files = tuple(item.stamp_ns for item in run.maps), ReplayFiles(tmp_path)
+    result = ReplayResult(Trajectory.empty(), run.fused.cloud, run.records, stamps)
+    save_replay(result, files, OURS)
+    replayed = score_replay(source, result, ScoreConfig(), None, files=files)
+    given = score_files(replace(ScoreInputs.of(files.cloud, source.path), stats=(files.stats,)), ScoreConfig())
+    assert [any("do not identify a cloud" in text for text in each.warnings) for each in (replayed, given)] == [
+        False,
+        True,
+    ]
+
+
 def test_a_cloud_is_judged_by_the_truth_of_its_own_pairs(tmp_path: Path) -> None:
     """Of four pairs the first two were refused: the cloud's pairs 0 and 1 are the source's 2 and 3."""
     source = open_source(write_folder(tmp_path / "source", 0, 4))
