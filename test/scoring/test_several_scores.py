@@ -184,20 +184,29 @@ def test_runs_of_our_method_by_several_configurations_have_no_pass_in_common(tmp
     [
         (("run.mcap", "a"), ("run.mcap", "a"), False),
         (("run", "a"), ("copy of run", "a"), False),
-        (("run/loc/groundtruth.csv", "a"), ("run", "b"), False),
-        (("run.mcap", "a"), ("flat.mcap", "b"), True),
+        (("/run/loc/groundtruth.csv", "a"), ("/run", "b"), False),
+        (("/run.mcap", "a"), ("/flat.mcap", "b"), True),
+        (("/run.mcap", "a"), ("/run.mcap", "b"), True),
+        (("other/gt.csv", "a"), (".", "b"), True),
+        (("(in memory)", "a"), ("(in memory)", "b"), True),
     ],
 )
 def test_a_drive_and_a_map_of_different_recordings_have_no_common_verdict(
     drive: tuple[str, str], of_map: tuple[str, str], is_different: bool
 ) -> None:
-    """The map of a simple scene does not complete the drive of another recording; in one score it is a deviation."""
+    """The map of a simple scene does not complete the drive of another recording; in one score it is a deviation.
+
+    A relative path and an input in memory have no resolved path. Of equal paths, the content may have changed.
+    """
     given = {"truth": drive, "map_truth": of_map}
-    files = {role: InputFile(path=path, sha256=sha256) for role, (path, sha256) in given.items()}
+    files = {
+        role: InputFile(path=path, resolved=path if path.startswith("/") else None, sha256=sha256)
+        for role, (path, sha256) in given.items()
+    }
     scores = [with_inputs({role: file}) for role, file in files.items()]
     assert ("different recordings" in (difference_of(scores) or "")) == is_different
     text = " ".join(deviations_of(with_inputs(files)))
-    assert ("different recordings: 'run.mcap' and 'flat.mcap'" in text) == is_different
+    assert (f"different recordings: '{drive[0]}' and '{of_map[0]}'" in text) == is_different
 
 
 def with_inputs(files: dict[str, InputFile]) -> Score:

@@ -141,7 +141,7 @@ def difference_of(scores: Sequence[Score]) -> str | None:
 def other_recording(made: Sequence[Provenance]) -> tuple[InputFile, InputFile] | None:
     """Return a ground truth of a drive and one of a map that come from different recordings; None without such a pair.
 
-    The same file, or a file and the folder that contains it, come from one recording.
+    Inputs with the same hash, or a file and the folder that contains it, come from one recording.
     """
     drives, maps = ([item.inputs[role] for item in made if role in item.inputs] for role in ("truth", "map_truth"))
     different = ((drive, map_truth) for drive in drives for map_truth in maps if not _is_one_place(drive, map_truth))
@@ -151,7 +151,9 @@ def other_recording(made: Sequence[Provenance]) -> tuple[InputFile, InputFile] |
 def _is_one_place(first: InputFile, other: InputFile) -> bool:
     if first.sha256 == other.sha256:
         return True
-    paths = Path(first.path), Path(other.path)
+    if first.resolved is None or other.resolved is None or first.resolved == other.resolved:
+        return False  # of one path, the content has changed
+    paths = Path(first.resolved), Path(other.resolved)
     return paths[0].is_relative_to(paths[1]) or paths[1].is_relative_to(paths[0])
 
 

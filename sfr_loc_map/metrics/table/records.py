@@ -242,6 +242,7 @@ class InputFile(Record, frozen=True, kw_only=True):
     """An input of the score."""
 
     path: str  #: Path as given by the user.
+    resolved: str | None = None  #: Absolute path without links when the score was made; null if unknown or in memory.
     sha256: str  #: Hash of the content.
     data_sha256: str | None = None  #: For a ground truth: hash of its poses and sigmas, or of its points.
     read_from: str | None = None  #: For a ground truth: topic, frame or file of the poses; null if unknown.
