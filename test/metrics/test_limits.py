@@ -173,6 +173,10 @@ def test_what_a_limit_says_of_itself_counts_before_what_its_block_says() -> None
         ({"map": {"coverage_min": 95}}, "a fraction from 0 to 1"),
         ({"minimum_independent": 0.5, "map": {"coverage_min": 0.8}}, "minimum_independent"),
         ({"map": [1]}, "limits as NAME: NUMBER"),
+        (
+            {"trajectory": [{"condition": "distance=5", "position_bound_m": {"limit": 9, "certain": True}}]},
+            "'position_bound_m': 'certain' is not accepted",
+        ),
         ({"minimum_count": 1, "map": {"coverage_min": 0.8}}, "minimum_count"),
         ({}, "no limit"),
     ],
@@ -181,6 +185,14 @@ def test_malformed_limits_are_refused_in_one_line(content: dict[str, Any], words
     with pytest.raises(ConfigError, match=words) as caught:
         parse_limits(content, "limits.yaml")
     assert "\n" not in str(caught.value)
+
+
+def test_certainty_of_a_block_does_not_apply_to_its_tolerance_bounds() -> None:
+    block = {"condition": "distance=5", "certain": True, "position_mean_plus_3sigma_m": 1, "position_bound_m": 1}
+    limits = parse_limits({"trajectory": [block]}, "limits")
+    assert [item.certain for item in limits.limits] == [True, False]
+    with pytest.raises(ValueError, match="'certain' is not accepted"):
+        replace(limits.limits[1], certain=True)
 
 
 def bounded() -> Limits:

@@ -75,6 +75,7 @@ def limit_of(part: LimitSection, place: int, bound: float, certain: bool) -> Lim
     condition = "distance=5" if part is LimitSection.TRAJECTORY else None
     terms: dict[str, Any] = {}
     if LIMITED_NUMBERS[part][name].statistic == BOUND:
+        certain = False
         terms = {"prob": 0.95, "confidence": 0.9, "interpretation": Population.TEMPORAL}
     return Limit(section=part, name=name, limit=bound, condition=condition, certain=certain, **terms)
 

@@ -12,6 +12,7 @@ from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.score.limits import (
     BOUND,
+    CERTAIN_BOUND,
     LIMITED_NUMBERS,
     MINIMUM_COUNT,
     MINIMUM_INDEPENDENT,
@@ -82,7 +83,8 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
 def _limits_of(section: LimitSection, block: object, origin: str, condition: str | None) -> list[Limit]:
     """Return the limits of a block.
 
-    `id`, `text` and `certain` of the block apply to all its limits. A limit `{limit: ...}` can override them.
+    `id`, `text` and `certain` of the block apply to all its limits, `certain` not to tolerance bounds. A limit
+    `{limit: ...}` can override them.
     """
     if not isinstance(block, Mapping):
         raise ConfigError(f"{origin} contains {block!r:.40}: limits as NAME: NUMBER are required")
@@ -97,10 +99,14 @@ def _limits_of(section: LimitSection, block: object, origin: str, condition: str
         is_bound = section is LimitSection.TRAJECTORY and LIMITED_NUMBERS[section].get(key, NOTHING).statistic == BOUND
         _check_keys(entry, ("limit", *REQUIREMENT, *(TERMS if is_bound else ())), f"{origin}: '{key}'")
         terms, problem = terms_of(entry) if is_bound else (None, None)
+        if is_bound and "certain" in entry:
+            problem = CERTAIN_BOUND
         if problem is not None:
             raise ConfigError(f"{origin}: '{key}': {problem}")
         entry = {name: given for name, given in entry.items() if name not in TERMS}
         entry = {**of_all, **entry}
+        if is_bound:  # `certain` of the block applies to its other limits
+            entry.pop("certain", None)
         bound = entry.pop("limit", None)
         number = isinstance(bound, (int, float)) and not isinstance(bound, bool)
         if not number or not 0 <= bound < float("inf"):

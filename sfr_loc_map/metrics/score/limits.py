@@ -104,6 +104,7 @@ class LimitedNumber(NamedTuple):
 
 
 BOUND = "bound"  #: Statistic of a limit that is judged by a tolerance bound.
+CERTAIN_BOUND = "'certain' is not accepted: a tolerance bound is judged with its 'confidence'"
 COVERAGE_MIN = "coverage_min"  #: The only lower bound in a limits file.
 MINIMUM_COUNT = 2  #: Default minimum number of values for a verdict.
 MINIMUM_INDEPENDENT = 5.0  #: Default minimum number of independent sub-trajectories for a verdict.
@@ -193,6 +194,8 @@ class Limit(Record, frozen=True, kw_only=True):
             raise ValueError(f"'{self.name}': the limit {rule}")
         if (fault := fault_of_terms(given)) is not None:
             raise ValueError(f"'{self.name}': {fault}")
+        if is_bound and self.certain:
+            raise ValueError(f"'{self.name}': {CERTAIN_BOUND}")
 
     @property
     def limited(self) -> LimitedNumber:
