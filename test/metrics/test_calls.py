@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.records import AnswerCounts, ExternalScore
+from sfr_loc_map.metrics.table.records import AnswerCounts, ExternalScore, ProcessUsage
 from sfr_loc_map.metrics.table.row_part import RowPart, Scope
 from sfr_loc_map.suite_names import Task
 
@@ -194,6 +194,17 @@ def test_no_kind_of_mapping_call_that_an_external_node_states_is_one_that_was_me
     rows = Score(figures=tuple(answers_completeness(node)))
     found = [rows.rows(name)[0].value for name in ("judged", "calls_missing", "calls_other", "calls_doubled")]
     assert found == [0.75, 0.25, 0.2, 0.2]
+
+
+@pytest.mark.parametrize(("peak_bytes", "share"), [(10**6, 1.0), (0, 0.0)])
+def test_a_peak_of_no_bytes_is_no_measured_memory_of_an_external_node(peak_bytes: int, share: float) -> None:
+    usage = ProcessUsage(cpu_s=1.0, peak_rss_bytes=peak_bytes, processes=1, method="psutil")
+    node = ExternalScore(
+        task="mapping", topic="t", frames="map", answers=AnswerCounts(pairs=1), latency_s=None, process=usage
+    )
+    rows = Score(figures=tuple(answers_completeness(node)))
+    assert rows.number("judged", part="memory mapping") == share
+    assert rows.number("unmeasured", part="mapping") == 1.0 - share
 
 
 @pytest.mark.parametrize("figure", ["peak_bytes", "above_idle_bytes", "heap_bytes", "stack_bytes"])

@@ -393,7 +393,7 @@ def test_rows_of_calls_by_hand() -> None:
     seconds = np.array([0.1, 0.1, 0.1, np.nan, 0.1, 0.1])
     rows = values_of(calls_completeness(CallKind.LOCALISATION, given, expected, {Scope.CALLS: seconds}))
     part = " localisation"
-    shares = {"judged calls": 2 / 5, "calls_missing": 3 / 5, "calls_other": 2 / 5, "calls_doubled": 2 / 5}
+    shares = {"judged calls": 2 / 5, "calls_missing": 3 / 5, "calls_other": 2 / 5, "calls_doubled": 1 / 5}
     assert rows == {f"{name}{part}": value for name, value in shares.items()}
     other = values_of(calls_completeness(CallKind.FUSION, given[-1:], expected, {Scope.CALLS: seconds[-1:]}))
     assert other["judged calls fusion"] == 0.0, "a call for a set is at a stamp of the source, too"
@@ -409,6 +409,13 @@ def test_several_calls_near_one_pair_are_doubled() -> None:
         rows = values_of(calls_completeness(CallKind.LOCALISATION, called, expected, measured))
         shares = [rows[f"{name} localisation"] for name in ("calls_missing", "calls_other", "calls_doubled")]
         assert shares == [0.0, 0.0, doubled]
+
+
+@pytest.mark.parametrize(("late_ns", "wrong"), [(1, 0.0), (1000, 0.0), (1001, 1.0)])
+def test_the_call_of_a_single_pair_may_have_a_rounded_stamp(late_ns: int, wrong: float) -> None:
+    expected = np.array([SECOND])
+    rows = values_of(calls_completeness(CallKind.MAPPING, expected + late_ns, expected, {Scope.CALLS: np.array([0.1])}))
+    assert (rows["calls_missing mapping"], rows["calls_other mapping"]) == (wrong, wrong)
 
 
 def test_rows_of_a_live_run_by_hand() -> None:

@@ -41,6 +41,7 @@ from sfr_loc_map.stamp_pairing import nearest_stamps
 
 SPARSER = 1.5  #: The truth is sparser than the images if the ratio of their median periods exceeds this.
 GAP_PERIODS = 5  #: A gap is a time of more than this number of median periods between neighbouring poses.
+CALL_TOLERANCE_NS = 1000  #: Difference between stamps that is accepted of a single call, the default of `tolerance_s`.
 
 
 def expected_row(part: RowPart, judged: int, expected: int | None) -> Figure:
@@ -299,7 +300,7 @@ def calls_completeness(
 
 def judged_calls(kind: CallKind, given: IntArray, expected: IntArray) -> tuple[int, int]:
     """Return how many expected calls of a kind were measured, and how many are expected."""
-    has_call = has_own(expected, np.unique(given), nearness_ns(expected))
+    has_call = has_own(expected, np.unique(given), nearness_ns(expected, CALL_TOLERANCE_NS))
     judged = int(np.count_nonzero(has_call))
     if kind not in (CallKind.LOCALISATION, CallKind.MAPPING):  # a call for a set of pairs
         return min(judged, 1), 1
@@ -311,10 +312,10 @@ def wrong_calls(part: str | None, given: IntArray, expected: IntArray) -> Iterat
     total = len(given)
     unique, counts = np.unique(given, return_counts=True)
     pair, difference = nearest_stamps(unique, expected)
-    is_of_drive = difference <= nearness_ns(expected)
+    is_of_drive = difference <= nearness_ns(expected, CALL_TOLERANCE_NS)
     other = int(counts[~is_of_drive].sum())
     pairs = pair[is_of_drive]
-    repeated_stamps = int((counts - 1).sum())
+    repeated_stamps = int((counts[is_of_drive] - 1).sum())
     doubled = repeated_stamps + len(pairs) - len(np.unique(pairs))
     yield figure_row("calls_other", part=part, n=total, value=share_of(other, total))
     yield figure_row("calls_doubled", part=part, n=total, value=share_of(doubled, total))
@@ -332,8 +333,9 @@ def answers_completeness(node: ExternalScore) -> Iterator[Figure]:
     yield figure_row(UNANSWERED, part=kind, n=answers.pairs, value=share_of(answers.missing, answers.pairs))
     yield figure_row(ANSWERED_TWICE, part=kind, n=received, value=share_of(answers.doubled, received))
     if node.process is not None:  # memory of all its processes over the complete run
-        yield expected_row(RowPart(Scope.MEMORY, kind), 1, 1)
-        yield figure_row(UNMEASURED, part=kind, n=1, value=0.0)
+        measured = int(node.process.peak_rss_bytes > 0)
+        yield expected_row(RowPart(Scope.MEMORY, kind), measured, 1)
+        yield figure_row(UNMEASURED, part=kind, n=1, value=1 - measured)
 
 
 # ---- live runs
