@@ -272,7 +272,7 @@ MUTATIONS = (
     Mutation(EXPECTED_ITEMS, "counts[~is_of_drive].sum()", "(~is_of_drive).sum()"),
     Mutation("scoring/score_parts.py", "UNEVEN_PERIODS, UNEVEN_SHARE = 2.5,", "UNEVEN_PERIODS, UNEVEN_SHARE = 1.5,"),
     Mutation("scoring/score_parts.py", "periods_ns[is_long].sum()", "periods_ns[is_long].min(initial=0)"),
-    Mutation(EXPECTED_ITEMS, "(counts[is_of_drive] - 1).sum()", "(counts - 2).sum()"),
+    Mutation(EXPECTED_ITEMS, "(counts[is_of_drive] - 1).sum()", "(counts[is_of_drive] - 2).sum()"),
     Mutation(EXPECTED_ITEMS, "repeated_stamps + len(pairs) - len(np.unique(pairs))", "repeated_stamps"),
     Mutation("metrics/completeness/drive.py", 'single_run_stamps(truth, "ground truth")', "pass"),
     Mutation("metrics/frames/association.py", "np.lexsort((difference[near], image[near]))", "np.argsort(image[near])"),

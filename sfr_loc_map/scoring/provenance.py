@@ -53,10 +53,7 @@ def provenance_of(run: Run, config: ScoreConfig) -> Provenance:
         if path is not None:
             hashed = _trajectory_in(path) if name == "truth" else path
             files[name] = InputFile(
-                path=str(hashed),
-                resolved=str(hashed.resolve()),
-                sha256=hash_path(hashed),
-                data_sha256=data.get(name),
+                path=str(hashed), resolved=str(hashed.resolve()), sha256=hash_path(hashed), data_sha256=data.get(name)
             )
     if run.drive is not None and isinstance(run.drive.truth, Truth) and "truth" in files:
         files["truth"] = struct_replace(files["truth"], read_from=run.drive.truth.read_from or None)
