@@ -184,6 +184,14 @@ class Condition:
         return self.label
 
 
+def is_written_condition(text: str) -> bool:
+    """Return whether a text is a condition as scores write it."""
+    try:
+        return Condition.parse(text).setting == text
+    except MetricsError:
+        return False
+
+
 def shortest(number: float) -> str:
     """Return the shortest text that is read back as the same number: `5` for 5.0."""
     text = f"{number:g}"

@@ -27,7 +27,7 @@ from sfr_loc_map.metrics.stored.score_json import (
     to_dict,
     to_json,
 )
-from sfr_loc_map.metrics.table.details import CallHistogram, Columns
+from sfr_loc_map.metrics.table.details import CallHistogram, Columns, ErrorRows
 from sfr_loc_map.metrics.table.records import InputFile, Provenance
 from sfr_loc_map.metrics.table.rows import COLUMNS, figure_row
 
@@ -40,6 +40,12 @@ SCALARS: dict[Any, st.SearchStrategy[Any]] = {
     str: WORDS,
     CallHistogram: st.sampled_from(
         [CallHistogram(edges_s=(), counts=()), CallHistogram(edges_s=(0.1, 0.2, 0.4), counts=(7, 0))]
+    ),
+    ErrorRows: st.sampled_from(
+        [
+            ErrorRows(figure="chord", condition="distance=5", errors=((0.1, None),)),
+            ErrorRows(figure="position", condition="time=5", errors=((0.1,), (0.2,), (0.3,))),
+        ]
     ),
     Any: st.one_of(WORDS, st.integers(-(2**62), 2**62), st.lists(NUMBERS, max_size=2)),
 }
@@ -156,6 +162,9 @@ def drawn(edges: list[float], counts: list[int], **series: Any) -> dict[str, Any
     return {"calls": {"localisation": plots}}
 
 
+LIMIT = {"part": "trajectory", "name": "position_mean_m", "limit": 1.0}
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -168,6 +177,8 @@ def drawn(edges: list[float], counts: list[int], **series: Any) -> dict[str, Any
         ({"details": drawn([], [], state=[])}, "at `..details"),
         ({"details": drawn([], [], state=["a", "b"])}, "its columns differ in length"),
         ({"details": drawn([1.0], [1])}, "1 counts with 1 edges"),
+        ({"errors": [{"figure": "position", "condition": "time=5", "errors": [[1.0], []]}]}, "its columns differ"),
+        ({"rules": {"limits": [{**LIMIT, "condition": "5 m"}]}}, "'5 m' is not a condition as scores write it"),
     ],
 )
 def test_malformed_scores_are_refused_with_the_place(change: dict[str, Any], words: str) -> None:

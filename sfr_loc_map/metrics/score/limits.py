@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS
-from sfr_loc_map.metrics.config import CallKind, Condition
+from sfr_loc_map.metrics.config import CallKind, is_written_condition
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.statistics.tolerance import CONFIDENCE, THREE_SIGMA
 from sfr_loc_map.metrics.table.catalogue import ALIGNED, CATALOGUE, KINDS, FigureKind, Subject
@@ -180,7 +180,7 @@ class Limit(Record, frozen=True, kw_only=True):
         """Check name, condition and terms of the limit, which may come from a stored score; ValueError if invalid."""
         if self.name not in LIMITED_NUMBERS[self.section]:
             raise ValueError(f"'{self.name}' is not a limit of the section '{self.section}'")
-        if self.condition is not None and Condition.parse(self.condition).setting != self.condition:
+        if self.condition is not None and not is_written_condition(self.condition):
             raise ValueError(f"'{self.condition}' is not a condition as scores write it, such as distance=5")
         if (self.condition is not None) != (self.section is LimitSection.TRAJECTORY):
             raise ValueError(

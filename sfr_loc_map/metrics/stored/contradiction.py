@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.config import is_written_condition
 from sfr_loc_map.metrics.formulas import mean_plus_3sigma
 from sfr_loc_map.metrics.judging.judge import with_verdicts
 from sfr_loc_map.metrics.score.score import Score
@@ -63,10 +62,7 @@ def fault_of_keys(row: Figure) -> str | None:
         return f"subject of {row.label} is {row.subject}, but the figure is about {KINDS[row.figure].subject}"
     if row.clause != clause_of(row.figure, row.part):
         return f"clause of {row.label} is '{row.clause}', but '{clause_of(row.figure, row.part)}' defines the figure"
-    try:
-        is_condition = row.condition is None or Condition.parse(row.condition).setting == row.condition
-    except MetricsError:
-        is_condition = False
+    is_condition = row.condition is None or is_written_condition(row.condition)
     return None if is_condition else f"condition of {row.label} is '{row.condition}', but distance=5 is the form"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import msgspec
@@ -30,6 +30,12 @@ def column(values: NDArray[np.floating], digits: int | None = 9) -> Values:
     return tuple(number if math.isfinite(number) else None for number in rounded.tolist())
 
 
+def check_lengths(columns: Iterable[Sequence[object]]) -> None:
+    """Check that columns have the same length; ValueError if not."""
+    if len({len(column) for column in columns}) > 1:
+        raise ValueError("its columns differ in length")
+
+
 class Columns(Record, frozen=True, kw_only=True):
     """A record whose tuples are the columns of one table; an empty column is unknown."""
 
@@ -38,8 +44,7 @@ class Columns(Record, frozen=True, kw_only=True):
         columns = [value for value in msgspec.structs.asdict(self).values() if isinstance(value, tuple)]
         for value in msgspec.structs.asdict(self).values():
             columns += value.values() if isinstance(value, dict) else ()
-        if len({len(column) for column in columns if column}) > 1:
-            raise ValueError("its columns differ in length")
+        check_lengths([column for column in columns if column])
 
 
 class CallHistogram(Record, frozen=True, kw_only=True):
@@ -149,6 +154,10 @@ class ErrorRows(Record, frozen=True, kw_only=True):
     figure: str  #: Figure.
     condition: str  #: Condition that ends the sub-trajectories.
     errors: tuple[Values, ...]  #: A column for each direction, in the unit of the figure.
+
+    def __post_init__(self) -> None:
+        """Check that all directions have the same number of errors; ValueError if not."""
+        check_lengths(self.errors)
 
 
 class TrajectoryDetails(Record, frozen=True, kw_only=True):
