@@ -122,22 +122,26 @@ class ReceivedResults:
         """Return the map of an external node as a cloud or as points, and the stamps of its pairs.
 
         The map is a cloud if the pixel of each point is known. Otherwise the cloud is None and the points are
-        returned. If each played pair has a cloud, the clouds are concatenated. Otherwise the last cloud is the map of
-        all pairs.
+        returned. A single cloud with the stamp of the last of several pairs is the map of all pairs. Otherwise each
+        cloud is that of the pair of its stamp, and the clouds are concatenated.
         """
         pairs = tuple(self.sent_stamps(Task.MAPPING.rig))
         points, clouds = dict(self.points), dict(self.clouds)
-        if not points:
+        mapped = [stamp_ns for stamp_ns in pairs if stamp_ns in points]
+        if not mapped:
             return None, None, ()
-        each = len(pairs) > 1 and all(stamp_ns in points for stamp_ns in pairs)
-        chosen = pairs if each else (self.points[-1][0],)
-        if not all(stamp_ns in clouds for stamp_ns in chosen):
-            return None, np.concatenate([points[stamp_ns] for stamp_ns in chosen]), pairs
-        parts = [clouds[stamp_ns] for stamp_ns in chosen]
-        if each:
-            parts = [replace(part, pair=np.full(len(part), k, np.uint8)) for k, part in enumerate(parts)]
-        whole = PointCloud.concatenate(parts)
-        return replace(whole, fused=not each and len(pairs) > 1, pair_stamps_ns=pairs), None, pairs
+        if any(stamp_ns not in clouds for stamp_ns in mapped):
+            return None, np.concatenate([points[stamp_ns] for stamp_ns in mapped]), pairs
+        is_of_all_pairs = len(pairs) > 1 and mapped == [pairs[-1]]
+        if is_of_all_pairs:
+            whole = clouds[pairs[-1]]
+        else:
+            numbers = [pairs.index(stamp_ns) for stamp_ns in mapped]
+            of_pairs = zip(numbers, (clouds[stamp_ns] for stamp_ns in mapped), strict=True)
+            whole = PointCloud.concatenate([
+                replace(cloud, pair=np.full(len(cloud), number, np.uint8)) for number, cloud in of_pairs
+            ])
+        return replace(whole, fused=is_of_all_pairs, pair_stamps_ns=pairs), None, pairs
 
     def last_map(self) -> tuple[PointCloud | None, tuple[int, ...]]:
         """Return the last complete map and the stamps of its pairs, in the order of the points' `pair`."""

@@ -33,6 +33,14 @@ def test_clouds_of_each_pair_are_taken_together_and_one_is_the_map_of_all() -> N
     assert stamps == of_last == whole.pair_stamps_ns == last.pair_stamps_ns == (10, 20, 30)
 
 
+@pytest.mark.parametrize("mapped", [(10, 20), (10, 30), (10,), (20,)])
+def test_clouds_of_a_part_of_the_pairs_are_not_the_map_of_all(mapped: tuple[int, ...]) -> None:
+    whole, _, stamps = results(*mapped).external_map()
+    assert (whole.fused, whole.pair_stamps_ns, stamps) == (False, (10, 20, 30), (10, 20, 30))
+    counts = [stamp_ns if stamp_ns in mapped else 0 for stamp_ns in stamps]
+    assert np.bincount(whole.pair, minlength=3).tolist() == counts
+
+
 def test_points_without_pixels_stay_points() -> None:
     found = results(10, 20, 30)
     found.clouds.pop()
