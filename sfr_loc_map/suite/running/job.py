@@ -121,8 +121,7 @@ class JobDescription:
     @property
     def work(self) -> tuple[object, ...]:
         """The work on the source, which other code or another configuration does not change."""
-        fault_seed = self.fault_seed if self.faults else 0  # has no effect without faults
-        return (self.task, self.faults, fault_seed, self.repeat)
+        return (self.task, self.faults, effective_seed(self.faults, self.fault_seed), self.repeat)
 
     def source_identities(self, cache: Path) -> tuple[object, object]:
         """Return name with path, and data of the source. Two sources are the same if either is the same.
@@ -172,7 +171,7 @@ class Job:
 
         The path of a method from a file is a parameter and therefore part of the key.
         """
-        faults = [self.faults, self.fault_seed if self.faults else 0]
+        faults = [self.faults, effective_seed(self.faults, self.fault_seed)]
         how = [self.parameters, self.start, self.scoring, self.kept_errors, self.repeat, self.threads]
         return digest([self.task, [self.source.kind, self.source.sha256], *faults, *how, self.code])
 
@@ -196,7 +195,8 @@ class Job:
     @property
     def pairing(self) -> str:
         """Hash of work and data, by which jobs of two suites are paired in a comparison."""
-        data = [self.task, self.source.kind, self.source.sha256, self.faults, self.fault_seed, self.repeat]
+        faults = [self.faults, effective_seed(self.faults, self.fault_seed)]
+        data = [self.task, self.source.kind, self.source.sha256, *faults, self.repeat]
         return digest([*data, self.start, self.scoring])
 
     @property
@@ -225,6 +225,11 @@ class Job:
         repeat = f", repeat {self.repeat}" if self.repeat else ""
         configuration = "" if self.configuration == NO_CONFIGURATION else f", {self.configuration}"
         return f"{self.task} {self.source.name}{faults}{configuration}{repeat}"
+
+
+def effective_seed(faults: str, fault_seed: int) -> int:
+    """Return the seed of the affected pairs, which has no effect without faults; then 0."""
+    return fault_seed if faults else 0
 
 
 def digest(value: object) -> str:

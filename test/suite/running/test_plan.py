@@ -149,6 +149,8 @@ def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None
     parameters = {"localisation.max_features": 400}
     others = [replace(job, code="other"), replace(job, parameters=parameters), replace(job, faults="black")]
     assert [other.pairing == job.pairing for other in others] == [True, True, False]
+    assert replace(job, fault_seed=9).pairing == job.pairing, "without faults, their seed has no effect"
+    assert replace(others[2], fault_seed=9).pairing != others[2].pairing
     (tmp_path / "drive1").write_text("other content")
     assert plan_of(tmp_path, sources=["drive1"])[0][0].key != job.key
 
