@@ -138,9 +138,9 @@ class ReceivedResults:
         else:
             numbers = [pairs.index(stamp_ns) for stamp_ns in mapped]
             of_pairs = zip(numbers, (clouds[stamp_ns] for stamp_ns in mapped), strict=True)
-            whole = PointCloud.concatenate([
-                replace(cloud, pair=np.full(len(cloud), number, np.uint8)) for number, cloud in of_pairs
-            ])
+            whole = PointCloud.concatenate(
+                [replace(cloud, pair=np.full(len(cloud), number, np.uint8)) for number, cloud in of_pairs]
+            )
         return replace(whole, fused=is_of_all_pairs, pair_stamps_ns=pairs), None, pairs
 
     def last_map(self) -> tuple[PointCloud | None, tuple[int, ...]]:

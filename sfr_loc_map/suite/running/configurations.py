@@ -7,11 +7,12 @@ from pathlib import Path
 
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import LIBRARY_PREFIX, Method, find_method
-from sfr_loc_map.suite.running.digests import method_hash
+from sfr_loc_map.suite.running.digests import cached, method_hash
 from sfr_loc_map.suite_names import OURS, Task
 
 SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = {
@@ -21,12 +22,14 @@ SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = 
 METHOD, METHOD_CONFIG, METHOD_SHA256 = "method", "method_config", "method_sha256"
 METHOD_KEYS = (METHOD, METHOD_CONFIG, METHOD_SHA256)
 """Keys in addition to the parameters of a section: method, file of its configuration, and hash (added here)."""
+MASK_HASHES = {"left_mask": "left_mask_sha256", "right_mask": "right_mask_sha256"}
+"""Key of the hash (added here) of each parameter that names a mask of the localiser."""
 
 
 def read_configurations(value: object, path: Path) -> dict[str, dict[str, object]]:
     """Return the parameters of each configuration in the file of a suite, without those that have their defaults.
 
-    `path` is the file of the suite, to whose folder the files of methods are relative.
+    `path` is the file of the suite, to whose folder the files of methods and the masks are relative.
     """
     if value is None:
         return {"default": {}}
@@ -61,6 +64,8 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
         own = {name: value for name, value in values.items() if name not in METHOD_KEYS}
         given = flatten(build(kind, own, origin=origin))
         new = {name: value for name, value in given.items() if value != default[name]}
+        for name in MASK_HASHES.keys() & new.keys():
+            new |= _mask(name, folder / str(new[name]), origin)
         if METHOD in values:
             new |= _method(values, task, folder)
         is_ours = str(values.get(METHOD, OURS)) == OURS
@@ -72,6 +77,14 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
             raise ConfigError(f"{origin}: '{unread[0]}' is a parameter of {whose} and would be ignored: omit it")
         changed |= {f"{section}.{name}": value for name, value in new.items()}
     return changed
+
+
+def _mask(name: str, path: Path, origin: str) -> dict[str, object]:
+    """Return the absolute path of a mask, and the hash of its file."""
+    place = path.resolve()
+    if not place.is_file():
+        raise ConfigError(f"{origin}: {name} is '{place}', which is not a file: give a PNG mask")
+    return {name: str(place), MASK_HASHES[name]: cached(place, hash_path)}
 
 
 def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str, object]:

@@ -39,7 +39,7 @@ from sfr_loc_map.runs.offline import UnderTest, run_localiser, run_mapper, start
 from sfr_loc_map.scoring.inputs import CloudToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_run
-from sfr_loc_map.suite.running.configurations import METHOD_KEYS, chosen_method
+from sfr_loc_map.suite.running.configurations import MASK_HASHES, METHOD_KEYS, chosen_method
 from sfr_loc_map.suite.running.job import Job, JobTask
 from sfr_loc_map.suite.running.source_readers import SOURCE_READERS
 from sfr_loc_map.suite_names import Task
@@ -190,8 +190,10 @@ def _scored(job: Job, run: Run) -> Score:
 
 
 def _section(job: Job, section: str) -> dict[str, object]:
+    """Return the parameters of a section, without the hashes of masks."""
     prefix = f"{section}."
-    return {name.removeprefix(prefix): value for name, value in job.parameters.items() if name.startswith(prefix)}
+    named = {name.removeprefix(prefix): value for name, value in job.parameters.items() if name.startswith(prefix)}
+    return {name: value for name, value in named.items() if name not in MASK_HASHES.values()}
 
 
 def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Provenance:

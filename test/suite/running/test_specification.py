@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 
 from helpers import ROOT
+from helpers.made_suites import JOB
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.suite.running.job import JobTask
+from sfr_loc_map.suite.running.job_run import replay_options
 from sfr_loc_map.suite.running.specification import load_specification
 
 GOOD = {
@@ -51,6 +54,23 @@ def test_every_key_means_something(tmp_path: Path) -> None:
     assert made.tasks == (JobTask.LOCALISE,)
     assert made.scoring.conditions == ("distance=5", "time=60", "frames=10")
     assert (made.settings.memory_mb, made.settings.repeats) == (500, 1)
+
+
+def test_a_mask_is_found_beside_the_suite_and_known_by_its_content(tmp_path: Path) -> None:
+    masked = GOOD | {"configurations": {"masked": {"localisation": {"left_mask": "mask.png"}}}}
+    with pytest.raises(SfrError, match=r"left_mask is '.*mask.png', which is not a file"):
+        load_specification(written(tmp_path, masked))
+    found = []
+    for content in (b"mask", b"another mask"):
+        (tmp_path / "mask.png").write_bytes(content)
+        found.append(load_specification(written(tmp_path, masked)).configurations["masked"])
+    assert {item["localisation.left_mask"] for item in found} == {str(tmp_path.resolve() / "mask.png")}
+    assert found[0] != found[1]
+    job = replace(JOB, parameters=found[0])
+    assert job.key != replace(job, parameters=found[1]).key
+    replay_options(job, tmp_path)
+    given = yaml.safe_load((tmp_path / "config.yaml").read_text())
+    assert given["localisation"] == {"left_mask": found[0]["localisation.left_mask"]}
 
 
 @pytest.mark.parametrize(
