@@ -69,8 +69,8 @@ def _init_from(
 ) -> None:
     """Write the configuration that is inferred from a source, and limits; report what is missing."""
     from sfr_loc_map.io.source_settings import NAME
-    from sfr_loc_map.source_setup.initial_files import add_limits
-    from sfr_loc_map.source_setup.proposal import propose_config
+    from sfr_loc_map.source_setup.initial_files import initial_limits
+    from sfr_loc_map.source_setup.proposal import Findings, propose_config
 
     path, limits = folder / NAME, folder / "limits.yaml"
     if folder.is_dir():
@@ -78,8 +78,11 @@ def _init_from(
     found = propose_config(source, sections, path)
     make_folder(folder, "name")
     if "limits" not in found.sections:
-        add_limits(found, limits)
-        say(f"limits: {limits} ({found.reasons['limits']})")
+        value, text_of_limits = initial_limits(found, limits)
+        if text_of_limits is not None:
+            write_text(text_of_limits, limits)
+        found = found.adding(Findings((value,)))
+        say(f"limits: {limits} ({value.reason})")
     write_text(found.text(), path)
     say(f"configuration: {path}")
     for text in found.remarks:
@@ -87,6 +90,6 @@ def _init_from(
     if found.missing:
         propose("..." if overwrite else "... --overwrite", why="with the missing values")
         raise FailedVerdictError(f"'{path}' is not complete: {'; '.join(found.missing)}")
-    start = ("--start", "truth") if found.has_attitude else ()
+    start = ("--start", "truth") if found.truth is not None and found.truth.has_attitude else ()
     words = ("sfr", "replay", source, "--config", path, *start, "--out", "out")
     propose(*words, why="plays it to the nodes and scores the results")

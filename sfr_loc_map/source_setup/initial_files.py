@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sfr_loc_map.atomic import write_text
 from sfr_loc_map.config_yaml import to_yaml_lines
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.judging.limits_template import CONDITION, active_limits, is_edited, limits_text
-from sfr_loc_map.source_setup.proposal import Proposal
+from sfr_loc_map.source_setup.proposal import Proposal, TruthComponents, Value
 
 HEAD = """\
 # Parameters of the localiser and the mapper with [unit] (smallest .. largest), at their defaults. Change what you
@@ -27,15 +26,15 @@ def configuration_text() -> str:
     return HEAD + "\n".join(lines) + "\n"
 
 
-def add_limits(proposal: Proposal, limits: Path) -> None:
-    """Add a file of limits to a proposed configuration, and write the file unless the user has edited it."""
-    is_kept = limits.exists() and is_edited(limits.read_text(encoding="utf-8", errors="replace"))
-    proposal.sections["limits"] = limits.name
-    proposal.reasons["limits"] = "the existing file is kept" if is_kept else "placeholders: replace them by your limits"
-    if is_kept:
-        return
+def initial_limits(proposal: Proposal, path: Path) -> tuple[Value, str | None]:
+    """Return the value of a proposal that names the file of limits `path`, and the text of this file.
+
+    The text is None if the user has edited an existing file, which is then kept.
+    """
+    if path.exists() and is_edited(path.read_text(encoding="utf-8", errors="replace")):
+        return Value("limits", "", path.name, "the existing file is kept"), None
     conditions = proposal.sections.get("conditions") or [CONDITION]
-    active = active_limits(
-        has_attitude=proposal.has_attitude is not False, has_height=proposal.has_height, has_tilt=proposal.has_tilt
-    )
-    write_text(limits_text(conditions[0], active), limits)
+    truth = proposal.truth or TruthComponents()
+    active = active_limits(has_attitude=truth.has_attitude, has_height=truth.has_height, has_tilt=truth.has_tilt)
+    text = limits_text(conditions[0], active)
+    return Value("limits", "", path.name, "placeholders: replace them by your limits"), text

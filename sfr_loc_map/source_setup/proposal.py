@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,14 +14,14 @@ from sfr_loc_map.config_yaml import yaml_text
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.bag.bag import Bag
+from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_frame_tree
 from sfr_loc_map.io.calibration.calibration_file import CalibrationError
 from sfr_loc_map.io.layouts.bag_rig import image_name
 from sfr_loc_map.io.layouts.bag_source import BagLocSequence
 from sfr_loc_map.io.registry import format_of, open_source
 from sfr_loc_map.io.sequence import LocSequence, SourceFormat
-from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 from sfr_loc_map.io.source_settings import FILE_SETTINGS
 from sfr_loc_map.io.truth.names import is_tracker
 from sfr_loc_map.io.truth.of_bag import could_be_truth
@@ -30,33 +30,71 @@ from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 from sfr_loc_map.metrics.config import SPACING_FRAMES
 from sfr_loc_map.source_setup.topic_guess import guess_topics, seen_topics
 from sfr_loc_map.stamp_pairing import below_half_period, nearest_stamps
-from sfr_loc_map.suite_names import SIDES
+from sfr_loc_map.suite_names import SIDES, Task
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
 SHORT_M = 12.0  #: Shorter drives, m, have too few sub-trajectories of 5 m, so 1 m is proposed.
 FEWEST_STAMPS = 3  #: Smallest number of stamps of a side from which an offset is inferred.
+RIGS = tuple(task.rig for task in Task)
 STEADY = 0.1  #: Largest variation of a constant offset of the right stamps, as a fraction of the period.
 
 
-@dataclass(slots=True)
+class Value(NamedTuple):
+    """An inferred value of an `sfr.yaml`."""
+
+    section: str
+    name: str  #: Name in the section; empty for the value of the section itself.
+    value: object
+    reason: str
+
+
+class TruthComponents(NamedTuple):
+    """Components of a pose that the ground truth has."""
+
+    has_attitude: bool = True
+    has_height: bool = True
+    has_tilt: bool = True  #: Whether it has roll and pitch.
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What one step of the examination infers."""
+
+    values: tuple[Value, ...] = ()
+    missing: tuple[str, ...] = ()  #: Values that only the owner can add.
+    remarks: tuple[str, ...] = ()
+    truth: TruthComponents | None = None  #: Components of the ground truth; None if they are unknown.
+
+
+@dataclass(frozen=True, slots=True)
 class Proposal:
     """Sections of an `sfr.yaml` with the reason for each value, the values that only the owner can add, and remarks."""
 
     source: Path
-    sections: dict[str, Any]
+    sections: Mapping[str, Any]
     path: Path | None = None  #: Path of the `sfr.yaml`; file names are relative to its folder.
-    reasons: dict[str, str] = field(default_factory=dict)  #: By `section.name`.
-    missing: list[str] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
-    has_attitude: bool | None = None  #: Whether the truth has attitudes; None without truth.
-    has_height: bool = True  #: Whether the truth has heights.
-    has_tilt: bool = True  #: Whether the truth has roll and pitch.
+    reasons: Mapping[str, str] = field(default_factory=dict)  #: By `section.name`.
+    missing: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    truth: TruthComponents | None = None  #: Components of the ground truth; None without ground truth.
 
-    def set(self, section: str, name: str, value: object, reason: str) -> None:
-        """Propose a value, unless the user has given it."""
-        if name not in self.sections.setdefault(section, {}):
-            self.sections[section][name] = value
-            self.reasons[f"{section}.{name}"] = reason
+    def adding(self, findings: Findings) -> Proposal:
+        """Return the proposal with the findings of a step; values that it already contains are kept."""
+        sections = _copied(self.sections)
+        reasons = dict(self.reasons)
+        for section, name, value, reason in findings.values:
+            place = sections.setdefault(section, {}) if name else sections
+            if (key := name or section) not in place:
+                place[key] = value
+                reasons[f"{section}.{name}" if name else section] = reason
+        return replace(
+            self,
+            sections=sections,
+            reasons=reasons,
+            missing=(*self.missing, *findings.missing),
+            remarks=(*self.remarks, *findings.remarks),
+            truth=findings.truth or self.truth,
+        )
 
     @property
     def config(self) -> SourceConfig:
@@ -83,27 +121,55 @@ def propose_config(
 ) -> Proposal:
     """Examine a source and propose its configuration; the values in the sections of `given` are kept.
 
-    The reason for a given value is "as before" if `before` has the same value. Files in or below the folder of `path`
-    are named relative to this folder. InputError if the source or the given calibration is invalid or corrupt.
+    Each step reads the source as the findings of the earlier steps configure it. The reason for a given value is "as
+    before" if `before` has the same value. Files in or below the folder of `path` are named relative to this folder.
+    InputError if the source, the given calibration or the given truth is invalid or corrupt.
     """
     proposal = _given(source, given, path, before or {})
     recorded = Bag(source) if format_of(source) is SourceFormat.BAG else None
     if recorded is not None:
-        _topics(proposal, recorded)
-        config = proposal.config
-        bag = recorded.renamed(config.remap).stamped_by(config.sync.stamps)
-        _calibration(proposal, bag)
-        _sync(proposal, bag)
-    loc = _opened_drive(proposal)
-    if loc is not None:
-        _extrinsics(proposal, loc)
-        _truth(proposal, loc, recorded)
-    return proposal
+        proposal = proposal.adding(_topics(recorded, proposal.config))
+        renamed = recorded.renamed(proposal.config.remap)
+        proposal = proposal.adding(_origin_of_stamps(renamed))
+        bag = renamed.stamped_by(proposal.config.sync.stamps)
+        proposal = proposal.adding(_calibration(bag, proposal.config.calibration))
+        proposal = proposal.adding(_sync(bag, proposal.config.sync))
+    try:
+        loc = _opened_drive(source, proposal.config)
+    except CalibrationError:
+        raise
+    except SfrError as error:  # a missing value is the cause if there is one
+        return proposal if proposal.missing else proposal.adding(Findings(missing=(str(error),)))
+    if loc is None:
+        return proposal
+    proposal = proposal.adding(_extrinsics(loc, proposal.config))
+    given_truth = given.get("truth", {})
+    try:
+        truth = loc.ground_truth
+    except SfrError as error:
+        if {"source", "frame"} & given_truth.keys():
+            raise
+        return proposal.adding(Findings(missing=(str(error),)))
+    if truth is None and recorded is not None:
+        text = f"no truth: a score requires --set truth.source=TOPIC or FILE{could_be_truth(recorded)}"
+        proposal = proposal.adding(Findings(remarks=(text,)))
+    if truth is None or len(truth) < 2:
+        return proposal
+    if "lever_arm_m" not in given_truth:
+        proposal = proposal.adding(_lever_arm(truth, proposal.config))
+    if "conditions" not in given:
+        proposal = proposal.adding(_condition(loc.stamps_ns, truth))
+    return proposal.adding(Findings(truth=_components(truth)))
+
+
+def _copied(sections: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy of sections whose mappings can be changed."""
+    return {name: dict(value) if isinstance(value, Mapping) else value for name, value in sections.items()}
 
 
 def _given(source: Path, given: Mapping[str, Any], path: Path | None, before: Mapping[str, Any]) -> Proposal:
     """Return the proposal with the given values alone."""
-    sections = {name: dict(value) if isinstance(value, Mapping) else value for name, value in given.items()}
+    sections = _copied(given)
     sections.setdefault("topics", {})
     values = flatten(sections)
     reasons = {name: "as before" for name, value in flatten(before).items() if values.get(name) == value}
@@ -118,59 +184,79 @@ def _given(source: Path, given: Mapping[str, Any], path: Path | None, before: Ma
     return Proposal(source, sections, path, reasons)
 
 
-def _topics(proposal: Proposal, bag: Bag) -> None:
+def _topics(bag: Bag, given: SourceConfig) -> Findings:
     """Propose the topics of images, calibration and truth that the bag has under other names."""
     guess = guess_topics(seen_topics(bag))
-    for name, topic in guess.topics.items():
-        if bag.topics.get(topic) == COMPRESSED and not name.endswith(COMPRESSED_END):
-            name += COMPRESSED_END
-        if not bag.matches(name) and topic not in proposal.sections["topics"].values():
-            plain = name.removesuffix(COMPRESSED_END)
-            proposal.set("topics", name, topic, guess.reasons.get(plain, "by its name and type"))
+    values: list[Value] = []
+    for plain, topic in guess.topics.items():
+        is_compressed = bag.topics.get(topic) == COMPRESSED and not plain.endswith(COMPRESSED_END)
+        name = f"{plain}{COMPRESSED_END}" if is_compressed else plain
+        if not bag.matches(name) and topic not in given.remap:
+            reason = guess.reasons.get(plain.removesuffix(COMPRESSED_END), "by its name and type")
+            values.append(Value("topics", name, topic, reason))
     if guess.layout:
-        proposal.set("calibration", "stereo_layout", guess.layout, "by the width and height of its images; sure")
-    truth = proposal.sections.get("truth", {})
-    if guess.truth and not bag.matches(TRUE_POSES) and not {"source", "frame"} & truth.keys():
-        proposal.set("truth", "source", guess.truth, guess.truth_reason)
-    proposal.remarks += guess.remarks
+        values.append(
+            Value("calibration", "stereo_layout", guess.layout, "by the width and height of its images; sure")
+        )
+    if guess.truth and not bag.matches(TRUE_POSES) and not given.truth.source and not given.truth.frame:
+        values.append(Value("truth", "source", guess.truth, guess.truth_reason))
+    return Findings(tuple(values), remarks=tuple(guess.remarks))
 
 
-def _calibration(proposal: Proposal, bag: Bag) -> None:
+def _origin_of_stamps(bag: Bag) -> Findings:
+    """Propose the times of recording if the header stamps of all images are 0."""
+    topics = [topic for rig in RIGS for topic in _image_topics(bag, rig)]
+    count = 0
+    for _, stamp_ns, _ in bag.stream(topics):
+        if stamp_ns:
+            return Findings()
+        count += 1
+    if count < 2:
+        return Findings()
+    return Findings((Value("sync", "stamps", "record", "all stamps of the headers are 0; sure"),))
+
+
+def _calibration(bag: Bag, given: CalibrationConfig) -> Findings:
     """Propose the baseline from /tf_static if camera_info has none; a missing calibration is added to the missing."""
     infos = [bag.find(f"loc/{side}/camera_info", CAMERA_INFO) for side in SIDES]
     messages = bag.first([topic for topic in infos if topic is not None])
-    given = proposal.sections.get("calibration", {})
-    if image_name(bag, "loc") is None or "file" in given:
-        return
+    if image_name(bag, "loc") is None or given.file:
+        return Findings()
     if len(messages) < len(SIDES):
-        proposal.missing.append("no camera_info: give --calibration FILE (Kalibr, OpenCV, ROS, COLMAP or rig.json)")
-        return
+        text = "no camera_info: give --calibration FILE (Kalibr, OpenCV, ROS, COLMAP or rig.json)"
+        return Findings(missing=(text,))
     left, right = (messages[f"loc/{side}/camera_info"] for side in SIDES)
-    if right.p[3] == 0 and left.p[3] == 0 and not given.get("baseline_m"):
-        joined = read_frame_tree(bag).find(left.header.frame_id.strip("/"), right.header.frame_id.strip("/"))
-        if joined is None:
-            proposal.missing.append("P[3] of the right camera_info is 0: give --set calibration.baseline_m=METRES")
-        else:
-            baseline = float(round(np.linalg.norm(joined.translation), 9))
-            proposal.set("calibration", "baseline_m", baseline, "P[3] is 0; from /tf_static, left to right frame; sure")
+    if right.p[3] != 0 or left.p[3] != 0 or given.baseline_m:
+        return Findings()
+    joined = read_frame_tree(bag).find(left.header.frame_id.strip("/"), right.header.frame_id.strip("/"))
+    if joined is None:
+        return Findings(missing=("P[3] of the right camera_info is 0: give --set calibration.baseline_m=METRES",))
+    baseline = float(round(np.linalg.norm(joined.translation), 9))
+    reason = "P[3] is 0; from /tf_static, left to right frame; sure"
+    return Findings((Value("calibration", "baseline_m", baseline, reason),))
 
 
-def _sync(proposal: Proposal, bag: Bag) -> None:
-    """Propose an offset or a tolerance of stamps if the stamps of left and right differ."""
-    image = image_name(bag, "loc")
+def _image_topics(bag: Bag, rig: str) -> list[Topic]:
+    """Return the topics of the images of a rig, left first; empty without images."""
+    image = image_name(bag, rig)
     if image is None:
-        return
-    stamps: dict[str, list[int]] = {}
-    images = [bag.find(f"loc/{side}/{image}", IMAGE, COMPRESSED) for side in SIDES]
-    topics = [topic for topic in images if topic is not None]
+        return []
+    topics = [bag.find(f"{rig}/{side}/{image}", IMAGE, COMPRESSED) for side in SIDES]
+    return [topic for topic in topics if topic is not None]
+
+
+def _sync(bag: Bag, given: SyncConfig) -> Findings:
+    """Propose an offset or a tolerance of stamps if the stamps of the drive's left and right images differ."""
+    topics = _image_topics(bag, "loc")
+    stamps: dict[str, list[int]] = {topic.name: [] for topic in topics}
     for topic, stamp_ns, _ in bag.stream(topics):
-        stamps.setdefault(topic.name, []).append(stamp_ns)
-    if len(stamps) == len(SIDES) and min(map(len, stamps.values())) >= FEWEST_STAMPS:
-        left_ns, right_ns = (np.array(stamps[topic.name], np.int64) for topic in topics)
-        sync = proposal.config.sync
-        right_ns = right_ns + round(sync.right_offset_s * NS_PER_S)
-        for name, value, reason in _offset_or_tolerance(left_ns, right_ns, sync.stamp_tolerance_ns):
-            proposal.set("sync", name, value, reason)
+        stamps[topic.name].append(stamp_ns)
+    if len(stamps) < len(SIDES) or min(map(len, stamps.values())) < FEWEST_STAMPS:
+        return Findings()
+    left_ns, right_ns = (np.array(side, np.int64) for side in stamps.values())
+    right_ns = right_ns + round(given.right_offset_s * NS_PER_S)
+    found = _offset_or_tolerance(left_ns, right_ns, given.stamp_tolerance_ns)
+    return Findings(tuple(Value("sync", name, value, reason) for name, value, reason in found))
 
 
 def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: int) -> Iterator[tuple[str, float, str]]:
@@ -196,67 +282,64 @@ def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: in
         yield "stamp_tolerance_s", tolerance_s, f"stamps vary by {spread_ns / NS_PER_S:.2g} s"
 
 
-def _opened_drive(proposal: Proposal) -> LocSequence | None:
-    """Open the source as proposed; without a drive, return None and add the reason to the missing values."""
-    try:
-        return open_source(proposal.source, proposal.config).loc
-    except CalibrationError:
-        raise
-    except SfrError as error:
-        if not proposal.missing:  # otherwise the missing value is the cause
-            proposal.missing.append(str(error))
-        return None
+def _opened_drive(source: Path, config: SourceConfig) -> LocSequence | None:
+    """Open a source and read the stamps of its pairs; return its drive. Raises the error of an unreadable source."""
+    opened = open_source(source, config)
+    pairs = opened.nav if opened.loc is None else opened.loc
+    if pairs is not None:
+        len(pairs)  # the stamps of a bag are read on first use
+    return opened.loc
 
 
-def _extrinsics(proposal: Proposal, loc: LocSequence) -> None:
+def _extrinsics(loc: LocSequence, given: SourceConfig) -> Findings:
     """Propose the extrinsics that the bag has, because some nodes cannot read /tf_static."""
     T_rb_sb = loc.rig.T_rb_sb
     if T_rb_sb is None:
-        proposal.missing.append(
+        text = (
             "no extrinsics of the cameras on the rover: give --set 'extrinsics.translation_m=[X, Y, Z]' "
             "--set 'extrinsics.quat_xyzw=[X, Y, Z, W]' (LOCSB in RB)"
         )
-        return
-    if "extrinsics" in proposal.sections:
-        return
+        return Findings(missing=(text,))
+    if given.extrinsics.transform() is not None:
+        return Findings()
     mount = loc.mount if isinstance(loc, BagLocSequence) else None
     if mount is None:
-        proposal.remarks.append("extrinsics are those of the source (rig.json or the calibration)")
-        return
+        return Findings(remarks=("extrinsics are those of the source (rig.json or the calibration)",))
     reason = f"from {mount.text}; {'unsure' if mount.other_bases else 'sure'}"
-    proposal.set("extrinsics", "translation_m", T_rb_sb.translation.tolist(), reason)
-    proposal.set("extrinsics", "quat_xyzw", T_rb_sb.quat_xyzw.tolist(), reason)
-    if mount.other_bases:
-        proposal.remarks.append(f"extrinsics are from {mount.text}: --set frames.base=NAME")
+    values = (
+        Value("extrinsics", "translation_m", T_rb_sb.translation.tolist(), reason),
+        Value("extrinsics", "quat_xyzw", T_rb_sb.quat_xyzw.tolist(), reason),
+    )
+    remark = f"extrinsics are from {mount.text}: --set frames.base=NAME"
+    return Findings(values, remarks=(remark,) if mount.other_bases else ())
 
 
-def _truth(proposal: Proposal, loc: LocSequence, recorded: Bag | None) -> None:
-    """Add the known components of the truth, remarks about a missing truth or lever arm, and a condition."""
-    truth = loc.ground_truth
-    if truth is None and recorded is not None:
-        text = f"no truth: a score requires --set truth.source=TOPIC or FILE{could_be_truth(recorded)}"
-        proposal.remarks.append(text)
-    if truth is None or len(truth) < 2:
-        return
-    given = proposal.sections.get("truth", {})
-    name = str(given.get("source") or given.get("frame") or "of the source")
-    proposal.has_attitude = truth.has_attitude
-    proposal.has_height, proposal.has_tilt = getattr(truth, "has_height", True), getattr(truth, "has_tilt", True)
-    if "lever_arm_m" not in given and (is_tracker(name) or not proposal.has_attitude):
-        text = f"the truth {name} is assumed to track RB (lever arm 0): give --set 'truth.lever_arm_m=[X, Y, Z]'"
-        proposal.remarks.append(text)
-    if "conditions" not in proposal.sections:
-        _conditions(proposal, loc.stamps_ns, truth)
+def _components(truth: Trajectory) -> TruthComponents:
+    """Return the components of the poses of a ground truth."""
+    return TruthComponents(truth.has_attitude, getattr(truth, "has_height", True), getattr(truth, "has_tilt", True))
 
 
-def _conditions(proposal: Proposal, stamps_ns: Sequence[int], truth: Trajectory) -> None:
+def _lever_arm(truth: Trajectory, config: SourceConfig) -> Findings:
+    """Remark that the lever arm is assumed to be 0, if the truth is probably that of another body than RB."""
+    file = config.truth.file
+    name = (file.name if file is not None else config.truth.source) or config.truth.frame or "of the source"
+    if truth.has_attitude and not is_tracker(name):
+        return Findings()
+    text = f"the truth {name} is assumed to track RB (lever arm 0): give --set 'truth.lever_arm_m=[X, Y, Z]'"
+    return Findings(remarks=(text,))
+
+
+def _condition(stamps_ns: Sequence[int], truth: Trajectory) -> Findings:
     """Propose a condition with at least two sub-trajectories in the drive."""
     along_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)))
     left_m = along_m[-1] - np.interp(stamps_ns, truth.stamps_ns, along_m)[::SPACING_FRAMES]
     metres, pairs = 5 if along_m[-1] >= SHORT_M else 1, len(stamps_ns)
-    proposal.reasons["conditions"] = f"the true path is {along_m[-1]:.1f} m long"
-    proposal.sections["conditions"] = [f"distance={metres}"]
-    if np.sum(left_m >= metres) < 2:
-        proposal.sections["conditions"] = [f"frames={max(1, min(SPACING_FRAMES, pairs - SPACING_FRAMES - 1))}"]
-        if pairs < SPACING_FRAMES + 2:
-            proposal.remarks.append(f"{pairs} pairs are too few for a verdict: {SPACING_FRAMES + 2} are required")
+    reason = f"the true path is {along_m[-1]:.1f} m long"
+    if np.sum(left_m >= metres) >= 2:
+        return Findings((Value("conditions", "", [f"distance={metres}"], reason),))
+    frames = max(1, min(SPACING_FRAMES, pairs - SPACING_FRAMES - 1))
+    remark = f"{pairs} pairs are too few for a verdict: {SPACING_FRAMES + 2} are required"
+    return Findings(
+        (Value("conditions", "", [f"frames={frames}"], reason),),
+        remarks=(remark,) if pairs < SPACING_FRAMES + 2 else (),
+    )

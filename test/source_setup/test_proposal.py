@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 
+from helpers import broken_sources as broken
+from helpers.cli_result import Sfr
 from helpers.made_worlds import make_world
 from helpers.message_bags import write_messages
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import messages
-from sfr_loc_map.source_setup.proposal import propose_config
+from sfr_loc_map.source_setup.proposal import Findings, Proposal, Value, propose_config
 
 
 def test_a_recording_without_images_has_a_proposal(tmp_path: Path) -> None:
@@ -47,3 +52,50 @@ def test_the_stamps_are_compared_as_the_source_uses_them(tmp_path: Path) -> None
     assert propose_config(place, {}).sections["sync"] == {"right_offset_s": -0.04}
     for given in ({"stamps": "record"}, {"right_offset_s": -0.039}, {"stamp_tolerance_s": 0.045}):
         assert propose_config(place, {"sync": given}).sections["sync"] == given
+
+
+def unstamped(topic: str, number: int, message: Any) -> Any:
+    """Set the stamps of all headers to 0."""
+    if hasattr(message, "header"):
+        message.header.stamp.sec = message.header.stamp.nanosec = 0
+    return message
+
+
+def without_truth(topic: str, number: int, message: Any) -> Any:
+    return None if "ground_truth" in topic else unstamped(topic, number, message)
+
+
+@pytest.mark.parametrize("edit", [unstamped, without_truth])
+def test_stamps_of_0_are_replaced_by_the_times_of_recording(tmp_path: Path, sfr: Sfr, edit: broken.Edit) -> None:
+    bag = broken.rewritten_bag(tmp_path / "x.mcap", edit)
+    found = propose_config(bag, {})
+    assert found.sections["sync"] == {"stamps": "record"}
+    assert [text for text in found.missing if "truth.stamps=record" in text] == list(found.missing)
+    assert bool(found.missing) == (edit is unstamped)
+    result = sfr("init", tmp_path / "rover", "--from", bag)
+    assert result.code == (1 if found.missing else 0)
+    assert "stamps: record" in (tmp_path / "rover" / "sfr.yaml").read_text()
+
+
+def test_a_bag_whose_images_cannot_be_paired_is_not_complete(tmp_path: Path) -> None:
+    def right_is_late(topic: str, number: int, message: Any) -> Any:
+        if topic.startswith("/loc/right/image"):
+            message.header.stamp.nanosec = (number % 2) * 40_000_000 + 30_000_000
+        return message
+
+    found = propose_config(broken.rewritten_bag(tmp_path / "x.mcap", right_is_late), {})
+    assert any("stamps" in text for text in found.missing)
+
+
+def test_a_wrong_given_truth_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="neither a file nor a topic"):
+        propose_config(broken.good_bag(tmp_path / "x.mcap"), {"truth": {"source": "/none"}})
+
+
+def test_findings_keep_what_is_given() -> None:
+    proposal = Proposal(Path("x"), {"sync": {"stamps": "header"}})
+    values = (Value("sync", "stamps", "record", "zero"), Value("limits", "", "l.yaml", "new"))
+    found = proposal.adding(Findings(values)).adding(Findings((Value("limits", "", "m.yaml", "newer"),)))
+    assert found.sections == {"sync": {"stamps": "header"}, "limits": "l.yaml"}
+    assert found.reasons == {"limits": "new"}
+    assert proposal.sections == {"sync": {"stamps": "header"}}
