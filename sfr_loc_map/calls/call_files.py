@@ -14,7 +14,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -22,7 +22,7 @@ import numpy as np
 
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.calls.call_record import CallRecord, findings_of
-from sfr_loc_map.calls.call_stats import USAGE_NAMES, CallStats, known_or_none, known_times, positions_of, processes_of
+from sfr_loc_map.calls.call_stats import USAGE_NAMES, CallStats, positions_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -127,21 +127,16 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     times, peak, above_idle, heap, stack = map(table.numbers, COST_NAMES)
     stages = {stage: table.numbers(name) for name in table.rows[0] if (stage := stage_of(name or ""))}
     memory_method = next(filter(None, table.texts(MEMORY_METHOD)), None)
-    calls = Calls(stamps_ns, known_times(times), states, peak, above_idle, stages, heap, stack, memory_method)
+    calls = Calls(stamps_ns, times, states, peak, above_idle, stages, heap, stack, memory_method)
     covariance = table.matrix(COVARIANCE_NAMES) if table.has(COVARIANCE_NAMES) else None
     steps = table.matrix(STEP_NAMES) if table.has(STEP_NAMES[:WITHOUT_NOISE]) else None
     if steps is not None and not table.has(STEP_NAMES[-1:]):  # of a version without the noise of a pose
         steps[:, WITHOUT_NOISE:] = 0.0
-    return CallStats(
-        calls,
-        known_or_none(covariance),
-        known_or_none(steps),
-        table.method(),
-        findings_of(table.texts(FINDING), stamps_ns.tolist()),
-        processes_of([*map(table.numbers, USAGE_NAMES)], calls) if table.has(USAGE_NAMES[1:2]) else None,
-        table.matrix(POSITION_NAMES) if table.has(POSITION_NAMES) else None,
-        has_stamps=has_stamps,
-    )
+    findings = findings_of(table.texts(FINDING), stamps_ns.tolist())
+    usage_columns = [*map(table.numbers, USAGE_NAMES)] if table.has(USAGE_NAMES[1:2]) else None
+    stats = CallStats.of_columns(calls, covariance, steps, findings, usage_columns)
+    positions = table.matrix(POSITION_NAMES) if table.has(POSITION_NAMES) else None
+    return replace(stats, method=table.method(), positions=positions, has_stamps=has_stamps)
 
 
 @dataclass(frozen=True, slots=True)

@@ -131,16 +131,33 @@ def first_reported(published: FloatArray | None, of_calls: FloatArray | None) ->
     return found
 
 
-def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[FindingRecord, ...]:
-    """Return the errors of a method, one for each kind, from the `KIND: text` of each call; other texts are ignored."""
-    counted: dict[FindingKind, FindingRecord] = {}
-    for text, stamp_ns in zip(texts, stamps_ns, strict=True):
+class FindingCounts:
+    """The errors of a method that its calls state, one record for each kind."""
+
+    def __init__(self) -> None:
+        """Start without errors."""
+        self._counted: dict[FindingKind, FindingRecord] = {}
+
+    def add(self, text: str, stamp_ns: int) -> None:
+        """Add the `KIND: text` of a call; other texts are ignored."""
         word, _, rest = text.partition(": ")
         if word in set(FindingKind):
             kind = FindingKind(word)
-            first = counted.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=rest)
-            counted[kind] = msgspec.structs.replace(first, count=first.count + 1)
-    return tuple(counted.values())
+            first = self._counted.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=rest)
+            self._counted[kind] = msgspec.structs.replace(first, count=first.count + 1)
+
+    @property
+    def records(self) -> tuple[FindingRecord, ...]:
+        """The errors by kind, in the order of the first calls."""
+        return tuple(self._counted.values())
+
+
+def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[FindingRecord, ...]:
+    """Return the errors of a method, one for each kind, from the `KIND: text` of each call; other texts are ignored."""
+    counts = FindingCounts()
+    for text, stamp_ns in zip(texts, stamps_ns, strict=True):
+        counts.add(text, stamp_ns)
+    return counts.records
 
 
 def states_text(records: Sequence[CallRecord]) -> str:

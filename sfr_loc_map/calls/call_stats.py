@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec.structs import replace as struct_replace
 from numpy.typing import NDArray
 
 from sfr_loc_map.calls.call_record import CallRecord, findings_of, first_reported
@@ -13,7 +14,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.call_meter import METHOD
-from sfr_loc_map.metrics.calls.call_score import Calls, concatenated, stacked, stage_of
+from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, Calls, concatenated, stacked, stage_of
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.metrics.table.records import FindingRecord, MethodRecord, ProcessUsage
@@ -38,6 +39,31 @@ class CallStats:
     processes: ProcessUsage | None = None  # usage of the method's processes; None if not measured
     positions: FloatArray | None = None  # `(N, 3)` estimated positions of the calls, NaN without estimate
     has_stamps: bool = True  # whether the calls have stamps; otherwise they are numbered
+    is_stated: bool = False  # whether a node stated times and memory in messages; otherwise they were measured
+
+    @classmethod
+    def of_columns(
+        cls,
+        calls: Calls,
+        covariance: FloatArray | None,
+        steps: FloatArray | None,
+        findings: tuple[FindingRecord, ...],
+        usage_columns: Sequence[FloatArray] | None,
+        *,
+        is_stated: bool = False,
+    ) -> CallStats:
+        """Return the calls of records, of a file or of messages, which have no method, positions or missing stamps.
+
+        A processing time of 0 is unknown. `usage_columns` are those of USAGE_NAMES, None if they are missing.
+        """
+        calls = replace(calls, seconds=known_times(calls.seconds))
+        processes = None if usage_columns is None else processes_of(usage_columns, calls)
+        if is_stated:
+            is_measured = np.isfinite(calls.peak_bytes).any()
+            calls = replace(calls, memory_method=STATED_CLOCK if is_measured else None)
+            processes = None if processes is None else struct_replace(processes, method=STATED_CLOCK)
+        columns = known_or_none(covariance), known_or_none(steps)
+        return cls(calls, *columns, findings=findings, processes=processes, is_stated=is_stated)
 
     @property
     def localised_ns(self) -> IntArray:
@@ -119,9 +145,16 @@ def _values_at(values: FloatArray | None, rows: NDArray[np.intp]) -> FloatArray 
 
 
 def stats_of(
-    records: Sequence[CallRecord], method: MethodRecord | None = None, estimate: Trajectory | None = None
+    records: Sequence[CallRecord],
+    method: MethodRecord | None = None,
+    estimate: Trajectory | None = None,
+    *,
+    is_stated: bool = False,
 ) -> CallStats:
-    """Return one or more calls as columns, with the positions that the estimate of the same run has at their stamps."""
+    """Return one or more calls as columns, with the positions that the estimate of the same run has at their stamps.
+
+    `is_stated` declares that a node stated the times and memory in messages.
+    """
 
     def numbers(values: Iterable[float | None]) -> FloatArray:
         return np.array([np.nan if value is None else value for value in values], np.float64)
@@ -134,7 +167,7 @@ def stats_of(
     peak_bytes = numbers(record.peak_rss_bytes for record in records)
     calls = Calls(
         np.array([record.stamp_ns for record in records], np.int64),
-        known_times(numbers(record.processing_time_s for record in records)),
+        numbers(record.processing_time_s for record in records),
         [record.state for record in records],
         peak_bytes,
         numbers(record.above_idle_bytes for record in records),
@@ -145,13 +178,13 @@ def stats_of(
     steps = [record.step for record in records]
     findings = findings_of([record.finding for record in records], calls.stamps_ns.tolist())
     usage_columns = [numbers(record.statistics.get(name) for record in records) for name in USAGE_NAMES]
-    about = (method, findings, processes_of(usage_columns, calls))
     positions = None
     if estimate is not None and len(estimate):
         given = positions_of(estimate)
         positions = np.array([given.get(record.stamp_ns, [np.nan] * 3) for record in records])
-    covariance = known_or_none(rows(covariances, len(UPPER[0])))
-    return CallStats(calls, covariance, known_or_none(rows(steps, STEP_SIZE)), *about, positions)
+    columns = rows(covariances, len(UPPER[0])), rows(steps, STEP_SIZE)
+    stats = CallStats.of_columns(calls, *columns, findings, usage_columns, is_stated=is_stated)
+    return replace(stats, method=method, positions=positions)
 
 
 def known_or_none(values: FloatArray | None) -> FloatArray | None:

@@ -17,8 +17,10 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK
 from sfr_loc_map.metrics.calls.call_score import (
     KINDS_OF,
+    STATED_CLOCK,
     completeness_rows,
     concatenated,
     score_calls,
@@ -179,9 +181,13 @@ def calls_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detai
 
 
 def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool) -> CallsResult:
-    """Return the figures of the calls on this host; an external node is measured from outside."""
+    """Return the figures of the calls on this host; an external node is measured from outside.
+
+    The name of the clock declares times that a node stated in messages, which nothing outside of the node measured.
+    """
     calls = [concatenated([item.calls for item in run.stats])] if run.stats else []
-    scored = score_calls(calls[0], details=details) if calls else CallsResult()
+    clock = STATED_CLOCK if any(item.is_stated for item in run.stats) else HOST_CLOCK
+    scored = score_calls(calls[0], clock, details=details) if calls else CallsResult()
     expected = [*completeness_rows(calls, expected_ns)]
     if (node := run.external) is None:
         return replace(scored, figures=(*scored.figures, *expected))

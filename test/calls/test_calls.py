@@ -11,15 +11,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from sfr_loc_map.calls.call_files import load_call_stats, save_stats
 from sfr_loc_map.calls.call_record import CallRecord, decode_call, encode_call
-from sfr_loc_map.calls.call_stats import stats_of
+from sfr_loc_map.calls.call_stats import USAGE_NAMES, CallStats, stats_of
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.metrics.calls.call_score import score_calls
+from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, score_calls
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
+from sfr_loc_map.scoring.live.received_rows import CallRows
 from sfr_loc_map.suite_names import Task
 
 
@@ -66,7 +69,8 @@ RECORDS = st.builds(
     optional(st.integers(0, 2**53)),
     optional(st.integers(0, 2**53)),
     st.dictionaries(
-        st.sampled_from(["inliers", "stage_fuse_s", "cpu_s", "cpu_between_s", "state"]), st.floats(0.0, 9.0)
+        st.sampled_from(["inliers", *(f"stage_{number}_s" for number in range(20)), *USAGE_NAMES, "state"]),
+        st.floats(0.0, 9.0),
     ),
     optional(arrays_of(6, 6).map(lambda half: half @ half.T)),
     st.sampled_from(["", "few_landmarks"]),
@@ -76,20 +80,46 @@ RECORDS = st.builds(
 METHOD = MethodRecord(name="x", version="1", kind=MethodKind.EXTERNAL)
 
 
+def assert_same_calls(found: CallStats, made: CallStats, *, is_stated: bool = False) -> None:
+    for name in ("covariance", "steps", "method", "findings", "positions", "has_stamps"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(made, name), name)
+    method = {"method": STATED_CLOCK} if is_stated else {}
+    assert found.processes == (None if made.processes is None else replace(made.processes, **method))
+    for name in ("stamps_ns", "seconds", "states", "peak_bytes", "above_idle_bytes"):
+        np.testing.assert_array_equal(getattr(found.calls, name), getattr(made.calls, name), name)
+    assert found.calls.stage_s.keys() == made.calls.stage_s.keys()
+    for name, times in found.calls.stage_s.items():
+        np.testing.assert_array_equal(times, made.calls.stage_s[name], name)
+
+
 @given(st.lists(RECORDS, min_size=1, max_size=4), st.sampled_from([None, METHOD]))
-def test_the_file_of_the_calls_has_what_the_records_have(
+def test_the_file_of_the_calls_and_their_messages_have_what_the_records_have(
     records: list[CallRecord], method: MethodRecord | None
 ) -> None:
     with tempfile.TemporaryDirectory() as folder:
         save_stats(Path(folder) / "s.csv", records, method)
         read, made = load_call_stats(Path(folder) / "s.csv"), stats_of(records, method)
-    for name in ("covariance", "steps", "method", "findings", "processes", "positions", "has_stamps"):
-        np.testing.assert_array_equal(getattr(read, name), getattr(made, name), name)
-    for name in ("stamps_ns", "seconds", "states", "peak_bytes", "above_idle_bytes", "memory_method"):
-        np.testing.assert_array_equal(getattr(read.calls, name), getattr(made.calls, name), name)
-    assert read.calls.stage_s.keys() == made.calls.stage_s.keys()
-    for name, times in read.calls.stage_s.items():
-        np.testing.assert_array_equal(times, made.calls.stage_s[name], name)
+    assert_same_calls(read, made)
+    assert read.calls.memory_method == made.calls.memory_method
+    received = CallRows()
+    for record in records:
+        received.add_call(record)
+    live = received.stats()
+    assert live is not None
+    assert_same_calls(live, stats_of(records), is_stated=True)
+    is_measured = any(record.peak_rss_bytes is not None for record in records)
+    assert live.calls.memory_method == (STATED_CLOCK if is_measured else None)
+
+
+def test_a_crash_that_a_call_states_fails_a_live_score() -> None:
+    monitor = MonitorScore(ScoreConfig(), parse_limits({"timing": {"localisation_max_s": 1.0}}, "limits"))
+    for stamp_ns in range(1, 601):
+        monitor.add_call(CallRecord(stamp_ns, 0.1, "tracking"))
+    assert monitor.result().verdict != "fail"
+    monitor.add_call(CallRecord(601, 0.1, "tracking", finding="crashed: dead"))
+    score = monitor.result()
+    assert score.verdict == "fail"
+    assert [(item.kind, item.count, item.text) for item in score.findings] == [("crashed", 1, "dead")]
 
 
 def test_a_node_of_anyone_states_a_stamp_and_a_time() -> None:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, concatenated, has_memory
+from sfr_loc_map.metrics.calls.call_score import concatenated
 from sfr_loc_map.metrics.completeness.expected_items import live_completeness, settled
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.records import CallRecords, Provenance
+from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.metrics.table.results import CallsResult, MapResult
 from sfr_loc_map.scoring.assembly import figures_with_all_errors, score_of_parts, with_conditions
 from sfr_loc_map.scoring.conversion import ConventionFinding
@@ -97,14 +97,7 @@ def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:
 
 
 def _with_transport(calls: CallsResult, live: LiveRun, messages: int) -> CallsResult:
-    """Return the result of the calls as stated by the nodes, with the counts of dropped messages and restarts.
-
-    The monitor receives times and memory of calls and cannot measure them. A run without any message has no counts.
-    """
-    if (records := calls.records) is not None:
-        memory = STATED_CLOCK if has_memory(calls.figures) else records.memory_method
-        stated = CallRecords(clocks=dict.fromkeys(records.clocks, STATED_CLOCK), memory_method=memory)
-        calls = replace(calls, records=stated)
+    """Return the result of the calls with the counts of dropped messages and restarts. Zero counts have no rows."""
     if live.resets_ns:
         last = f"{len(live.resets_ns)} time(s), last after the stamp {live.resets_ns[-1]} ns"
         caveat = f"the live score was reset {last}: the score does not contain what was received before the last reset"

@@ -9,26 +9,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from sfr_loc_map.calls.call_record import CallRecord, is_covariance_reported
-from sfr_loc_map.calls.call_stats import CallStats, estimates_of
+from sfr_loc_map.calls.call_record import CallRecord, FindingCounts, is_covariance_reported
+from sfr_loc_map.calls.call_stats import USAGE_NAMES, CallStats, estimates_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.truth.config import TrackedBodyConfig
 from sfr_loc_map.io.truth.conversion import truth_of_rb
 from sfr_loc_map.io.truth.recorded import RecordedTruth
-from sfr_loc_map.metrics.calls.call_meter import METHOD
 from sfr_loc_map.metrics.calls.call_score import Calls, stage_of
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
 from sfr_loc_map.metrics.frames.association import COVARIANCE_SIZE, UPPER, Estimates
 
-MAX_STAGES = 16  #: Maximum number of stages. Bounded because the names come from the network.
+MAX_STAGES = 64  #: Maximum number of stages. Bounded because the names come from the network.
 POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
 TRUE_POSE = [*POSE, ("variances", np.float64, 6)]
 ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE)]
 STEP = [("row", np.int64), ("step", np.float64, STEP_SIZE)]
 CALL: list[Any] = [("stamp_ns", np.int64), ("seconds", np.float64), ("state", "U16"), ("peak", np.float64)]
-CALL += [("above_idle", np.float64), ("stages", np.float64, MAX_STAGES)]
+CALL += [("above_idle", np.float64)]
+STAGE = [("row", np.int64), ("stage", np.int64), ("seconds", np.float64)]
+USAGE = [("row", np.int64), ("usage", np.float64, len(USAGE_NAMES))]
 COVARIANCE = [("row", np.int64), ("covariance", np.float64, COVARIANCE_SIZE)]
 UNKNOWN_COVARIANCE = np.full(COVARIANCE_SIZE, np.nan)
 
@@ -61,30 +62,43 @@ class CallRows(_Rows):
 
     def __init__(self) -> None:
         super().__init__(CALL)
-        self._stages = dict[str, int]()
+        self._findings = FindingCounts()
+        self._stage_numbers = dict[str, int]()
+        self._stages = _Rows(
+            STAGE
+        )  # times of the stages of calls, with the row of the call and the number of the stage
         self._steps = _Rows(STEP)  # steps of the calls that report one, with the row of the call
         self._covariances = _Rows(COVARIANCE)  # likewise
+        self._usages = _Rows(USAGE)  # likewise
 
     def add_call(self, record: CallRecord) -> None:
         """Add a call."""
-        stages = np.full(MAX_STAGES, np.nan)
+        row, numbers = len(self), self._stage_numbers
         for figure, seconds in record.statistics.items():
-            if (name := stage_of(figure)) and (name in self._stages or len(self._stages) < MAX_STAGES):
-                stages[self._stages.setdefault(name, len(self._stages))] = seconds
+            if (name := stage_of(figure)) and (name in numbers or len(numbers) < MAX_STAGES):
+                self._stages.add(row, numbers.setdefault(name, len(numbers)), seconds)
+        if not record.statistics.keys().isdisjoint(USAGE_NAMES):
+            self._usages.add(row, [record.statistics.get(name, np.nan) for name in USAGE_NAMES])
+        if record.step is not None:
+            self._steps.add(row, record.step)
+        if record.covariance is not None:
+            self._covariances.add(row, record.covariance[UPPER])
+        if record.finding:
+            self._findings.add(record.finding, record.stamp_ns)
         sizes = record.peak_rss_bytes, record.above_idle_bytes
         peaks = (np.nan if value is None else value for value in sizes)
-        if record.step is not None:
-            self._steps.add(len(self), record.step)
-        if record.covariance is not None:
-            self._covariances.add(len(self), record.covariance[UPPER])
-        self.add(record.stamp_ns, record.processing_time_s, record.state, *peaks, stages)
+        self.add(record.stamp_ns, record.processing_time_s, record.state, *peaks)
 
     def stats(self) -> CallStats | None:
         """Return the calls as columns; None if there are no calls."""
         if not len(self):
             return None
         covariance = self._column(self._covariances.all(), "covariance", COVARIANCE_SIZE)
-        return CallStats(self._calls(), covariance, self._column(self._steps.all(), "step", STEP_SIZE))
+        steps = self._column(self._steps.all(), "step", STEP_SIZE)
+        usage = self._column(self._usages.all(), "usage", len(USAGE_NAMES))
+        usage_columns = None if usage is None else [*usage.T]
+        findings = self._findings.records
+        return CallStats.of_columns(self._calls(), covariance, steps, findings, usage_columns, is_stated=True)
 
     def _column(self, reported: NDArray[Any], name: str, width: int) -> FloatArray | None:
         """Return the values `(N, width)` that calls report, NaN for other calls; None if no call reports one."""
@@ -96,16 +110,25 @@ class CallRows(_Rows):
 
     def _calls(self) -> Calls:
         rows = self.all()
-        stages = {name: rows["stages"][:, column] for name, column in self._stages.items()}
-        figures = (rows["stamp_ns"], rows["seconds"], rows["state"].tolist(), rows["peak"], rows["above_idle"])
-        return Calls(*figures, stages, memory_method=METHOD)
+        stage_s = {name: self._times_of_stage(number) for name, number in self._stage_numbers.items()}
+        return Calls(
+            rows["stamp_ns"], rows["seconds"], rows["state"].tolist(), rows["peak"], rows["above_idle"], stage_s
+        )
+
+    def _times_of_stage(self, number: int) -> FloatArray:
+        """Return the time `(N,)` of a stage in each call, NaN for a call without the stage."""
+        every = self._stages.all()
+        mine = every[every["stage"] == number]
+        seconds = np.full(len(self), np.nan)
+        seconds[mine["row"]] = mine["seconds"]
+        return seconds
 
 
 class ReceivedRows:
     """The estimates, true poses and calls of a run, each in the order of their arrival.
 
-    A true pose takes 112 bytes, an estimate with its covariance 232, the step of a localisation call 392, and a call
-    224 (docs/metrics.md, "Live").
+    A true pose takes 112 bytes, an estimate with its covariance 232, the step of a localisation call 392, a call 96
+    and the time of each of its stages 24 (docs/metrics.md, "Live").
     """
 
     def __init__(self, body: TrackedBodyConfig) -> None:
