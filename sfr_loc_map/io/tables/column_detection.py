@@ -16,6 +16,7 @@ from sfr_loc_map.io.tables.column_names import columns_of_header, columns_of_use
 from sfr_loc_map.io.tables.pose_columns import (
     DOWN,
     FRAME,
+    MATRIX,
     METRES,
     NANOSECONDS,
     POSITION,
@@ -53,7 +54,13 @@ def detect_columns(lines: Sequence[str], name: str, columns: str, option: str) -
 
 
 def _check_complete(found: PoseColumns, head: TableHead) -> None:
-    """Raise InputError if a column of `REQUIRED` is missing."""
+    """Raise InputError if a column of `REQUIRED`, or a part of a matrix, is missing."""
+    of_matrix = [key for key in MATRIX if key in found]
+    if 0 < len(of_matrix) < len(MATRIX):
+        raise InputError(
+            f"{head.name}: the columns contain {', '.join(of_matrix)} of a matrix: all of {', '.join(MATRIX)} are "
+            "required; name all of them, or x, y, z"
+        )
     missing = [] if found.is_matrix else [keys[0] for keys in REQUIRED if not any(key in found for key in keys)]
     if missing:
         raise without_names(head, unknown_header(head.before) or 0, f"{', '.join(missing)} not found")

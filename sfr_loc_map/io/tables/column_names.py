@@ -26,7 +26,7 @@ from sfr_loc_map.io.tables.pose_columns import (
     PoseColumns,
 )
 from sfr_loc_map.io.tables.stamps import TIMES, UTC_UNIT
-from sfr_loc_map.io.tables.table_head import TableHead, header_cells, separator_in
+from sfr_loc_map.io.tables.table_head import TableHead, header_cells, is_number, separator_in
 from sfr_loc_map.io.tables.text_table import COMMENTS
 
 NAMES: dict[str, tuple[str, ...]] = {
@@ -55,7 +55,7 @@ NAMES |= {
 """Names of columns in lower case without `_`, `.`, `-` and spaces; earlier names take precedence."""
 SMALLER_FRACTIONS = {"us": ("usec", "microsec"), "ms": ("msec", "millisec")}
 """Units of the fraction of a second other than ns, by the beginning of the name of the column."""
-UNITS = {*METRES, *TIMES, UTC_UNIT, "rad", "deg", "-", "1"}  #: Contents of a line of units below a header.
+UNITS = {*METRES, *TIMES, UTC_UNIT, "rad", "deg", "1"}  #: Contents of a line of units below a header.
 SKIPPED = "_"
 _UNIT = re.compile(
     r"^[#%/\s]*(.*?)\s*(?:\[([^\[\]]*)\]|\((\w*)\)|_(m|cm|mm|km|s|sec|ms|msec|us|usec|ns|nsec|utc))?$", re.IGNORECASE
@@ -188,17 +188,21 @@ def _check_names_are_complete(cells: Sequence[str], found: Mapping[str, int], he
 def _units_below(head: TableHead, number: int, count: int) -> list[str]:
     """Return the units of `count` columns in a line between the header and the rows; empty without such a line.
 
-    In a line with a unit of time, other units may be unknown. `column_detection` refuses them.
+    A comment is such a line only if its units are known, or if it has a unit of time. Any other line without a number
+    is one, and `column_detection` refuses its unknown units.
     """
     for line in head.before[number + 1 :]:
         units = _as_units(head.cells_of(line))
-        if len(units) == count and _are_units(units):
+        is_comment = line.strip().startswith(COMMENTS)
+        has_number = any(is_number(unit) for unit in units)
+        if len(units) == count and (_are_units(units) or (any(units) and not is_comment and not has_number)):
             return units
     return []
 
 
 def _as_units(cells: Sequence[str]) -> list[str]:
-    return [cell.strip("()[] ").lower() for cell in cells]
+    """Return the units in the cells of a line; empty for a dash, which states that a number has no unit."""
+    return [cell.strip("()[] -=_").lower() for cell in cells]
 
 
 def _are_units(units: Sequence[str]) -> bool:

@@ -182,6 +182,7 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseC
         positions = np.stack([values[key] for key in columns.position_keys], axis=1) * np.array(columns.scales)
         quats = np.stack([values.get(key, np.zeros(len(positions))) for key in QUATERNION], axis=1)
     if NANOSECONDS in columns:
+        _check_whole_seconds(table)
         fractions_ns = _fractions_ns(table, values[NANOSECONDS] * columns.fraction_ns)
         table = replace(table, stamps_ns=table.stamps_ns + fractions_ns)
     stamps_from, by_index = "", False
@@ -193,6 +194,17 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseC
     return _loaded(
         path, poses, columns.format, columns=columns, stamps=stamps_from, by_index=by_index, covariance=covariance
     )
+
+
+def _check_whole_seconds(table: Table) -> None:
+    """Raise InputError if stamps that are the seconds of a column `nsec` have a fraction of their own."""
+    if (has_fraction := table.stamps_ns % NS_PER_S != 0).any():
+        first = int(np.argmax(has_fraction))
+        raise InputError(
+            f"{table.name} line {table.lines[first]}: the stamp is {seconds_text(int(table.stamps_ns[first]))} s, and "
+            "another column contains a fraction of a second: whole seconds are required beside it; name only the "
+            "column of the complete stamp, as t"
+        )
 
 
 def _fractions_ns(table: Table, fractions_ns: FloatArray) -> IntArray:

@@ -163,6 +163,9 @@ FORMS: dict[str, Callable[[Trajectory], str]] = {
     "a line of units below the header": lambda p: rows(
         seconds(p), 1000.0 * p.positions, p.quats_xyzw, header="time,x,y,z,qx,qy,qz,qw\n(s),(mm),(mm),(mm),-,-,-,-"
     ),
+    "a line of units without that of time": lambda p: rows(
+        seconds(p), 1000.0 * p.positions, p.quats_xyzw, header="time,x,y,z,qx,qy,qz,qw\n-,mm,mm,mm,-,-,-,-"
+    ),
     "comments of C between the rows": lambda p: rows(
         seconds(p), p.positions, p.quats_xyzw, separator=" ", header="// t x y z qx qy qz qw"
     ).replace("1700000002.0", "// the next block\n1700000002.0"),
@@ -246,6 +249,17 @@ TRACKER = "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z\n"
 REFUSED = {
     "names that occur twice": (f"{TRACKER}1,0.5,0,0,0,1,7,8,9\n", "", "line 1: columns #3 and #7 are both 'X'"),
     "complete stamps as fractions": ("sec,nsec,x,y,z\n1,1000000005,0,0,0\n", "", "line 2: the fraction of a second"),
+    "a complete stamp and its fraction": (
+        "t,nsec,x,y,z\n1700000000.25,250000000,0,0,0\n",
+        "",
+        "line 2: the stamp is 1700000000.250000000 s, and another column",
+    ),
+    "a part of a matrix": ("1.5,2,3,4,5\n", "t[s],x,y,z,m11", "m11 of a matrix: all of m11, m12"),
+    "unknown units below the header without a unit of time": (
+        "t,x,y,z\n-,ft,ft,ft\n1.5,2,3,4\n",
+        "",
+        "the unit of x is 'ft'",
+    ),
     "an unknown unit": ("t [s],x [ft],y [ft],z [ft]\n1,2,3,4\n", "", "the unit of x is 'ft'"),
     "an unknown unit below the header": ("t,x,y,z\n(s),(ft),(ft),(ft)\n1.5,2,3,4\n", "", "the unit of x is 'ft'"),
     "a unit for two of three columns": ("t_s,x_mm,y_mm,z\n1,2,3,4\n", "", "x is in mm, but z has no unit"),
