@@ -1,7 +1,7 @@
 """Text tables of stamped poses, and tables of numbers as files.
 
-From the bottom: `number_text` and `stamps` read the text of a cell, and `text_table` the rows of a table. `table_head`
-contains the lines before the rows, from which `column_names` (a header) or `row_layouts` (no header) determine the
-`pose_columns`; `column_detection` decides between both. `trajectory_file` reads and writes trajectories with all of
-them. `table_file` writes other tables.
+From the bottom: `number_text` and `stamps` read the text of a cell, `decimal_marks` judges the commas in numbers, and
+`text_table` reads the rows of a table. `table_head` contains the lines before the rows, from which `column_names` (a
+header) or `row_layouts` (no header) determine the `pose_columns`; `column_detection` decides between both.
+`trajectory_file` reads and writes trajectories with all of them. `table_file` writes other tables.
 """

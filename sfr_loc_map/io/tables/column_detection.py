@@ -7,7 +7,6 @@ several layouts fit, or none, the error message lists them and asks the user to 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -30,10 +29,6 @@ from sfr_loc_map.io.tables.stamps import TIMES, UTC_UNIT, check_padded, time_uni
 from sfr_loc_map.io.tables.table_head import TableHead, is_number, is_time
 from sfr_loc_map.message_stamps import NS_PER_S
 
-_THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(,[0-9]{3})+")  #: A number whose commas may separate thousands.
-_BELOW_THOUSAND = re.compile(r"[+-]?[1-9][0-9]{0,2}")
-"""A whole number of 1 to 999, which has no thousands separator. If commas were decimal commas, this
-number would have three decimals like its neighbours."""
 REQUIRED = ((STAMP, SECONDS, FRAME), ("x",), ("y",), ("z", DOWN))
 """Columns of a position with a stamp; one of each is required."""
 
@@ -49,7 +44,6 @@ def detect_columns(lines: Sequence[str], name: str, columns: str, option: str) -
     found = found or columns_of_layout(head)
     _check_complete(found, head)
     _check_units(found, head)
-    _check_decimal_marks(found, head)
     return replace(_with_time_unit(found, head), skip=len(head.before))
 
 
@@ -85,28 +79,6 @@ def _check_units(found: PoseColumns, head: TableHead) -> None:
                 f"{head.name}: the unit of {key} is '{unit[:20]}', which is unknown: convert the column to one of "
                 f"{units}"
             )
-
-
-def _check_decimal_marks(found: PoseColumns, head: TableHead) -> None:
-    """Raise InputError if commas in numbers may separate thousands, because they are read as decimal commas.
-
-    Three decimals of metres are millimetres, as total stations write them. Three decimals of a smaller unit are not
-    plausible.
-    """
-    columns = [found.index_of[key] for key in found.value_keys]
-    cells = [row[column] for row in head.rows for column in columns if column < len(row)]
-    with_comma = [cell for cell in cells if "," in cell]
-    others = [cell for cell in cells if "." in cell]
-    if all(map(_THOUSANDS.fullmatch, with_comma)):
-        others += [cell for cell in cells if _BELOW_THOUSAND.fullmatch(cell)]
-    small = [unit for unit in (found.units.get(key, "") for key in found.position_keys) if METRES[unit] < 1.0]
-    if not with_comma or not (others or (small and all(map(_THOUSANDS.fullmatch, with_comma)))):
-        return
-    numbers = f"the numbers '{with_comma[0]}' and '{others[0]}'" if others else f"'{with_comma[0]}' in {small[0]}"
-    raise InputError(
-        f"{head.name} has {numbers}: the comma may separate thousands or decimals: write numbers with a decimal point "
-        "and without separators of thousands"
-    )
 
 
 def _with_time_unit(found: PoseColumns, head: TableHead) -> PoseColumns:

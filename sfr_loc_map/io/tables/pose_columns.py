@@ -110,6 +110,12 @@ class PoseColumns:
         """Factors that convert the columns of the position to metres."""
         return [METRES[self.units.get(key, "")] * (-1.0 if key == DOWN else 1.0) for key in self.position_keys]
 
+    @property
+    def small_unit(self) -> str:
+        """A unit below a metre that a column of the position has; empty if there is none."""
+        units = (self.units.get(key, "") for key in self.position_keys)
+        return next((unit for unit in units if METRES[unit] < 1.0), "")
+
     def stamp_parser(self) -> Callable[[str], int]:
         """Return the function that converts the text of a stamp to nanoseconds."""
         unit = self.units.get(STAMP, "s")

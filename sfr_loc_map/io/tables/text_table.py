@@ -18,6 +18,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.inputs import read_table_text, split_lines
+from sfr_loc_map.io.tables.decimal_marks import DecimalMarks
 from sfr_loc_map.io.tables.number_text import parse_number
 from sfr_loc_map.io.tables.stamps import STAMP_LENGTH, parse_stamps
 
@@ -86,15 +87,18 @@ def parse_table(
     more: bool = False,
     skip: int = 0,
     tolerant: bool = False,
+    small_unit: str = "",
 ) -> Table:
     """Return the stamps and numbers of a text; empty lines, comments and the first `skip` lines are ignored.
 
     The text is given in blocks of complete lines. `columns` are the columns to read, from 0. If `stamp` is given, it
     converts the first of these columns to nanoseconds. With `more`, lines may have further columns. Without a
     `separator`, cells are separated by spaces. Messages call the text `name` and the content of a line `form`. With
-    `tolerant`, invalid rows up to the fraction `MAX_BROKEN` are skipped and counted.
+    `tolerant`, invalid rows up to the fraction `MAX_BROKEN` are skipped and counted. `small_unit` is a unit below a
+    metre that some numbers have, if any (`DecimalMarks`).
     """
-    reader = _RowReader(name, form, tuple(columns), stamp, separator, more, tolerant)
+    marks = DecimalMarks(small_unit)
+    reader = _RowReader(name, form, tuple(columns), stamp, separator, more, tolerant, marks)
     table = Table(name, np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, reader.value_count)))
     line_count, missing, broken, skipped = 0, 0, list[str](), list[int]()
     for block in blocks:
@@ -114,6 +118,7 @@ def parse_table(
         broken += rows.broken
         skipped += rows.skipped
         line_count += len(texts)
+    marks.check(name)
     return replace(table, missing=missing, broken=tuple(broken), skipped_lines=tuple(skipped)).checked()
 
 
@@ -138,6 +143,7 @@ class _RowReader:
     separator: str | None
     more: bool
     tolerant: bool
+    marks: DecimalMarks
 
     @property
     def value_count(self) -> int:
@@ -147,7 +153,7 @@ class _RowReader:
     def read(self, rows: list[bytes], lines: list[int]) -> _Rows:
         """Return the rows with these line numbers; InputError if a row is invalid, unless `tolerant`."""
         try:
-            return _Rows(lines, *self._all_at_once(rows))
+            stamps_ns, values = self._all_at_once(rows)
         except (ValueError, IndexError) as error:
             found = [self._one(row, line) for row, line in zip(rows, lines, strict=True)]
             broken = [row for row in found if isinstance(row, str)]
@@ -158,6 +164,8 @@ class _RowReader:
             stamps_ns = np.array([row[0] for _, row in good] if self.stamp else [], np.int64)
             values = np.array([row[1] for _, row in good], np.float64).reshape(-1, self.value_count)
             return _Rows([line for line, _ in good], stamps_ns, values, broken, skipped)
+        self.marks.add_numbers(values)
+        return _Rows(lines, stamps_ns, values)
 
     def _all_at_once(self, rows: list[bytes]) -> tuple[IntArray, FloatArray]:
         """Return stamps and numbers of rows; ValueError or IndexError if a row does not consist of numbers."""
@@ -187,6 +195,7 @@ class _RowReader:
         words = [text.lower().lstrip("+-").partition("(")[0] for text in texts]
         if self.tolerant and any(word in NO_VALUE for word in words):
             return None
+        self.marks.add_cells(texts[1:] if self.stamp else texts)
         texts = [text.replace(",", ".") for text in texts]  # decimal commas
         try:
             stamp_ns = self.stamp(texts.pop(0)) if self.stamp else 0

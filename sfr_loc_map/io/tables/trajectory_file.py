@@ -172,6 +172,7 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, columns: PoseC
         separator=columns.separator,
         more=columns.by_header or indices != list(range(columns.width)),
         skip=columns.skip,
+        small_unit=columns.small_unit,
         tolerant=True,
     )
     values = dict(zip(keys, table.values.T, strict=True))

@@ -272,6 +272,11 @@ REFUSED = {
         "",
         "'1,000.5' and '1,000.5': the comma may separate",
     ),
+    "separators of thousands after the lines from which the columns are detected": (
+        "t;x;y;z\n" + "".join(f"{0.1 * k:.1f};999.5;2.5;3.5\n" for k in range(6000)) + "600.0;1,000;2.5;3.5\n",
+        "",
+        "'1,000' and '999.5': the comma may separate",
+    ),
     "whole numbers with separators of thousands": (
         "t[s];x[mm];y[mm];z[mm]\n0,5;1,000;5;2,000\n",
         "",
