@@ -424,7 +424,7 @@ def _check_overlaps(chunks: Collection[Chunk]) -> None:
     edges += [(chunk.end_ns, -chunk.size) for chunk in chunks]
     limit = max([2 * expansion_limit(0), *(chunk.size for chunk in chunks)])
     at_once = 0
-    for _, size in sorted(edges):
+    for _, size in sorted(edges, key=lambda edge: (edge[0], -edge[1])):  # a chunk may begin and end at one time
         at_once += size
         if at_once > limit:
             raise InputError(

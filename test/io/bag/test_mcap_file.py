@@ -9,8 +9,10 @@ import pytest
 from rosbags.rosbag2 import Reader
 
 from helpers.made_worlds import World, write_bag
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import expansion_limit
 from sfr_loc_map.io.bag.files import MCAP_MAGIC
-from sfr_loc_map.io.bag.mcap_file import FOOTER_SIZE, McapFile, RecoveringMcapFile
+from sfr_loc_map.io.bag.mcap_file import FOOTER_SIZE, Chunk, McapFile, RecoveringMcapFile, _check_overlaps
 
 Message = tuple[str, int, bytes]
 
@@ -51,6 +53,14 @@ def test_messages_are_those_of_the_library_with_and_without_an_index(path: Path)
     content[place : place + 8] = bytes(8)  # the footer names no summary
     path.write_bytes(content)
     assert messages_of(path) == expected
+
+
+def test_chunks_of_one_time_are_held_at_the_same_time() -> None:
+    size = expansion_limit(0)
+    chunks = [Chunk(5, 5, offset, size, frozenset()) for offset in range(3)]
+    _check_overlaps(chunks[:2])
+    with pytest.raises(InputError, match="chunks that overlap in time"):
+        _check_overlaps(chunks)
 
 
 def test_a_file_that_was_not_closed_gives_its_complete_chunks(path: Path) -> None:
