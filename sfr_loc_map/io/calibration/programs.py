@@ -36,6 +36,8 @@ from sfr_loc_map.suite_names import SIDES
 _log = logging.getLogger(__name__)
 PINHOLE_MODELS = ("radtan", "radial-tangential", "plumb_bob", "equidistant", "equi", "none")
 """Distortion models of Kalibr and EuRoC."""
+MODEL_NAMES = ("model", "distortionmodel", "cameramodel", "lensmodel")
+"""Plain names of the model of a lens in files of OpenCV."""
 SAME_POSE = 1e-3  #: Largest difference of two poses of the right camera, m and rad, that is not reported.
 ONE_FOCAL = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 TWO_FOCALS = ("PINHOLE", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE")
@@ -321,9 +323,10 @@ def _opencv(opened: OpenedFile) -> CameraPair:
 
 
 def _states_fisheye(values: Mapping[str, Any]) -> bool | None:
-    """Return whether a name or a text in the file states a fisheye lens; None without such a name or text."""
-    stated = {f"{name} {value}".lower(): value not in (0, "0") for name, value in values.items()}
-    found = [is_fisheye for text, is_fisheye in stated.items() if re.search(r"fisheye|\bequi", text)]
+    """Return whether a flag (`fisheye: 1`) or a model in the file states a fisheye lens; None without both."""
+    flags = [str(value).lower() not in ("0", "false") for name, value in values.items() if "fisheye" in name]
+    models = [str(values[name]).lower() for name in MODEL_NAMES if name in values]
+    found = [*flags, *(True for model in models if re.search(r"fisheye|\bequi", model))]
     return any(found) if found else None
 
 

@@ -409,6 +409,15 @@ def test_without_a_size_it_must_be_in_the_file(tmp_path: Path) -> None:
     assert read_calibration(file).cameras[0].size[0] == SIZE[0]
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "model"), [("note", "not fisheye", "plumb_bob"), ("model", "fisheye", "equidistant")]
+)
+def test_only_a_flag_or_a_model_states_a_fisheye_lens(name: str, text: str, model: str, tmp_path: Path) -> None:
+    values = {key: value for key, value in lenses(Pair(model)).items() if key != "fisheye_model"}
+    path = storage(tmp_path / "stereo.yml", values | apart(Pair(model)) | {name: text})
+    assert read_calibration(path, SIZE).cameras[0].model == model
+
+
 @pytest.mark.parametrize("write", [ros, camera_info])
 def test_files_named_left_and_right_are_not_exchanged(write: Callable[[Path, Pair], Path], tmp_path: Path) -> None:
     path = write(tmp_path, Pair())
