@@ -55,6 +55,14 @@ def test_a_broken_text_is_one_error(tmp_path: Path, layout: str, file: str, old:
         open_source(folder)
 
 
+def test_blank_lines_of_a_list_of_pairs_are_ignored(tmp_path: Path) -> None:
+    folder = LAYOUTS["folder"](tmp_path / "a")
+    count = len(open_source(folder).loc)
+    file = folder / "loc" / "pairs.csv"
+    file.write_text(file.read_text().replace("\n", "\n\n") + " \n")
+    assert len(open_source(folder).loc) == count
+
+
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_pair_without_its_image_is_left_out_and_counted(tmp_path: Path, layout: str) -> None:
     path = LAYOUTS[layout](tmp_path / "a")

@@ -112,6 +112,8 @@ def _read_part(folder: Path) -> _Part:
         raise InputError(f"'{table}' line 1 is '{','.join(header)}': one of the headers {headers} is required")
     pairs = []
     for number, row in enumerate(rows, start=2):
+        if row == [""]:  # a blank line
+            continue
         if len(row) != len(header):
             raise InputError(f"'{table}' line {number} has {len(row)} columns: {len(header)} are required")
         pairs.append(_parse_pair(table, number, dict(zip(header, row, strict=True))))
