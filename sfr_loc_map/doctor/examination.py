@@ -70,8 +70,10 @@ def _source(seen: Observation) -> Issues:
             text, fix = seen.broken, "correct, record or copy it again"
         yield Issue(Cause.BROKEN, seen.subject, text, fix)
     if seen.skipped_pairs:
-        text = f"{seen.skipped_pairs} listed pairs are skipped because their images are missing"
-        fix = "restore the files, or remove the pairs from the list"
+        text = (
+            f"{seen.skipped_pairs} pairs are skipped because their images, or the poses of mapping pairs, are missing"
+        )
+        fix = "restore the files or messages, or remove the pairs from the list"
         yield Issue(Cause.MISSING_IMAGES, seen.subject, text, fix, False)
     if seen.unfinished:
         text = "the bag was not closed: it has no end record"

@@ -86,7 +86,7 @@ class Source:
     loc: LocSequence | None  #: The drive.
     nav: NavSequence | None  #: The mapping pairs.
     missing_loc_ns: tuple[int, ...] = ()  #: Stamps of localisation pairs that are listed but have no images.
-    missing_nav_ns: tuple[int, ...] = ()  #: Stamps of mapping pairs that are listed but have no images.
+    missing_nav_ns: tuple[int, ...] = ()  #: Stamps of mapping pairs that are listed but have no images, or no pose.
     config: SourceConfig = AS_IT_IS  #: Configuration that the source is read with.
     truth_files: tuple[Path, ...] = ()  #: Files and bags with the truth besides `path`, by the layout or configuration.
     calibration: str = ""  #: Origin of the calibration of the drive, if it is not part of the layout.
@@ -94,7 +94,7 @@ class Source:
 
     @property
     def skipped_pairs(self) -> int:
-        """Number of pairs that are listed but have no images."""
+        """Number of pairs that are listed but have no images, and of mapping pairs without a pose."""
         return len(self.missing_loc_ns) + len(self.missing_nav_ns)
 
     def expected_loc_ns(self) -> IntArray:

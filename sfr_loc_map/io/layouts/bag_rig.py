@@ -173,14 +173,22 @@ def _by_camera_info(images: BagImages) -> tuple[StereoCalibration, str]:
 
 
 def check_one_calibration(images: BagImages, topic: Topic, messages: Iterable[bytes]) -> None:
-    """Raise InputError if the messages of a camera_info topic contain several calibrations of the images."""
-    calibrations = set()
-    for raw in messages:
+    """Raise InputError if the messages of a camera_info topic contain several calibrations of the images.
+
+    Differences that change no pixel (`RectifiableCamera.is_same`) are those of rounding.
+    """
+    first: RectifiableCamera | None = None
+    for raw in sorted(messages):
         info = images.bag.deserialise(topic, raw)
-        parts = (info.p,) if images.are_rectified else (info.d, info.k, info.r, info.p)
-        calibrations.add((info.width, info.height, *(tuple(np.ravel(part).tolist()) for part in parts)))
-    if len(calibrations) > 1:
-        raise InputError(
-            f"bag '{images.bag.path}', '{topic.bag_name}': the calibration changes: one is required; divide "
-            "the bag at the change, or give a file by --calibration"
-        )
+        if images.are_rectified:
+            rectified = RectifiedCamera.of(info)
+            camera = RectifiableCamera.of_rectified(rectified.size, rectified.p)
+        else:
+            with naming_bag(images.bag):
+                camera = RectifiableCamera.of(topic.name, info)
+        first = first or camera
+        if not camera.is_same(first):
+            raise InputError(
+                f"bag '{images.bag.path}', '{topic.bag_name}': the calibration changes: one is required; divide "
+                "the bag at the change, or give a file by --calibration"
+            )

@@ -98,8 +98,13 @@ class _BagPairs:
             for stamp, parts in self._pairs.items()
         }
 
-    @cached_property
+    @property
     def _pairs(self) -> dict[int, dict[str, int]]:
+        """For the stamp of each pair that is read, the stamps of its messages by topic."""
+        return self._image_pairs
+
+    @cached_property
+    def _image_pairs(self) -> dict[int, dict[str, int]]:
         """For the stamp of each complete pair, the stamps of its messages by topic. Only stamps are read."""
         stamps = self._stamps()
         left, *right = self._images.topics
@@ -137,8 +142,9 @@ class _BagPairs:
 
     def joined(self) -> Iterator[tuple[StereoPair, Mapping[str, bytes]]]:
         """Yield each complete pair and its raw messages by topic, in the order of stamps."""
-        pair_of = {part: stamp for stamp, parts in self._pairs.items() for part in parts.items()}
-        order, waiting = iter(self._pairs), dict[int, dict[str, bytes]]()
+        pairs = self._pairs
+        pair_of = {part: stamp for stamp, parts in pairs.items() for part in parts.items()}
+        order, waiting = iter(pairs), dict[int, dict[str, bytes]]()
         stamp = next(order, None)
         depth = SampleDepth(_log.warning, f"{self._bag.path}, {self.task.rig}")
         for topic, stamp_ns, raw in self._bag.stream(self._topics):
@@ -146,7 +152,7 @@ class _BagPairs:
             if part is None or stamp is None or part < stamp:  # of no pair, or repeated after its pair
                 continue
             waiting.setdefault(part, {}).setdefault(topic.name, raw)
-            while stamp is not None and len(waiting.get(stamp, ())) == len(self._pairs[stamp]):
+            while stamp is not None and len(waiting.get(stamp, ())) == len(pairs[stamp]):
                 messages = waiting.pop(stamp)
                 yield self._pair(stamp, messages, depth), messages
                 stamp = next(order, None)
@@ -195,46 +201,63 @@ class BagNavSequence(_BagPairs):
         super().__init__(bag, config)
         self._poses: dict[int, Transform] = {}
         if not bag.matches(NAV_POSE):
-            stamps = self.stamps_ns
+            stamps = tuple(self._image_pairs)
             poses = head_poses(bag, self._rig.frame, self.rig.baseline_m, stamps, config.frames)
             self._poses, self.is_adapted = dict(zip(stamps, poses, strict=True)), True
             return
         topic = require_topic(bag, NAV_POSE, POSE)
+        repeated = 0
         for _, stamp_ns, message in bag.messages([topic]):
+            if stamp_ns in self._poses:
+                repeated += 1
+                continue
             where = f"bag '{bag.path}', '{topic.bag_name}', stamp {stamp_ns}"
             with refusing(where, "correct or remove the pair"):
                 self._poses[stamp_ns] = pose_of(message.pose.position, message.pose.orientation)
+        if repeated:
+            _log.warning(
+                f"bag '{bag.path}', '{topic.bag_name}': {repeated} of {repeated + len(self._poses)} messages ignored: "
+                "they have the stamps of earlier ones"
+            )
 
-    def _poses_of_pairs(self) -> dict[int, int]:
-        """Return the stamp of the pose of each pair that has a pose."""
-        return match_stamps(self.stamps_ns, sorted(self._poses), self._sync.stamp_tolerance_ns)
+    @cached_property
+    def _pose_of_pair(self) -> dict[int, int]:
+        """The stamp of the pose of each pair that has a pose; a warning reports the others."""
+        stamps = list(self._image_pairs)
+        found = match_stamps(stamps, sorted(self._poses), self._sync.stamp_tolerance_ns)
+        without = [stamp for stamp in stamps if stamp not in found]
+        text = (
+            f"bag '{self._bag.path}': no message on 'nav/pose' for {len(without)} of {len(stamps)} mapping pairs, the "
+            f"first with stamp {next(iter(without), 0)}"
+        )
+        if without and not found:
+            raise InputError(f"{text}: record a pose with the stamp of each pair")
+        if without:
+            _log.warning(f"{text}: these pairs are skipped")
+        return found
+
+    @property
+    def _pairs(self) -> dict[int, dict[str, int]]:
+        return {stamp: parts for stamp, parts in self._image_pairs.items() if stamp in self._pose_of_pair}
+
+    @property
+    def missing_ns(self) -> tuple[int, ...]:
+        """Stamps of the pairs that are skipped because they have no pose."""
+        return tuple(stamp for stamp in self._image_pairs if stamp not in self._pose_of_pair)
 
     def parts(self) -> dict[int, dict[str, int]]:
-        """Return the stamps of the images and the pose by topic, for each pair that has a pose.
-
-        `pairs` raises InputError if a pair has no pose.
-        """
-        pose_of_pair = self._poses_of_pairs()
-        return {
-            stamp: {**images, NAV_POSE: pose_of_pair[stamp]}
-            for stamp, images in super().parts().items()
-            if stamp in pose_of_pair
-        }
+        """Return the stamps of the images and the pose of each pair by topic."""
+        return {stamp: {**images, NAV_POSE: self._pose_of_pair[stamp]} for stamp, images in super().parts().items()}
 
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs in the order of stamps, with truth if `ground_truth/points` has their stamp."""
-        pose_of_pair = self._poses_of_pairs()
         for pair, raw in self.joined():
-            if pair.stamp_ns not in pose_of_pair:
-                raise InputError(
-                    f"bag '{self._bag.path}': no message on 'nav/pose' for the pair of stamp {pair.stamp_ns}"
-                )
             truth = None
             if self._points and self._points.name in raw:
                 message = self._bag.deserialise(self._points, raw[self._points.name])
                 with naming_bag(self._bag):
                     truth = points_image(message, (self.rig.width, self.rig.height))
-            yield PosedStereoPair(pair, self._poses[pose_of_pair[pair.stamp_ns]], truth)
+            yield PosedStereoPair(pair, self._poses[self._pose_of_pair[pair.stamp_ns]], truth)
 
 
 def _increasing(stamps_ns: Sequence[int], where: str) -> list[int]:
@@ -271,10 +294,13 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
     loc = BagLocSequence(bag, config) if kinds[Task.LOCALISATION] else None
     nav = BagNavSequence(bag, config) if kinds[Task.MAPPING] else None
     is_adapted = any(part is not None and part.is_adapted for part in (loc, nav)) or config.truth != DEFAULT_TRUTH
-    calibration = "" if loc is None else loc.calibrated_by
-    if RAW in kinds.values():
-        return Source(path, SourceFormat.RAW_BAG, loc, nav, calibration=calibration)
-    if is_adapted:
-        return Source(path, SourceFormat.CONFIGURED_BAG, loc, nav, calibration=calibration)
-    recorded = RecordedBag(path, config.remap)
-    return Source(path, SourceFormat.BAG, loc, nav, calibration=calibration, recorded=recorded)
+    is_raw = RAW in kinds.values()
+    return Source(
+        path,
+        SourceFormat.RAW_BAG if is_raw else SourceFormat.CONFIGURED_BAG if is_adapted else SourceFormat.BAG,
+        loc,
+        nav,
+        missing_nav_ns=() if nav is None else nav.missing_ns,
+        calibration="" if loc is None else loc.calibrated_by,
+        recorded=None if is_raw or is_adapted else RecordedBag(path, config.remap),
+    )

@@ -94,6 +94,44 @@ def test_a_file_that_the_metadata_do_not_name_is_reported(
     assert "second_1.mcap ignored" in caplog.text
 
 
+def test_mapping_pairs_without_a_pose_are_skipped_and_of_two_poses_the_first_is_used(
+    tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    whole = Bag(write_bag(tmp_path / "whole.mcap", world, loc=False))
+    topics = [topic for topic in (whole.find(name.strip("/")) for name in whole.topics) if topic is not None]
+    entries: list[Entry] = []
+    for topic, stamp_ns, message in whole.messages(topics):
+        is_pose = topic.name == "nav/pose"
+        if not is_pose or stamp_ns != world.navs[1].pair.stamp_ns:
+            entries.append((topic.bag_name, stamp_ns, message))
+        if is_pose and stamp_ns == world.navs[0].pair.stamp_ns:
+            other = messages.pose(stamp_ns, world.navs[1].T_lm_navsb)
+            entries.append((topic.bag_name, stamp_ns, other))
+    source = open_source(write_messages(tmp_path / "b", entries))
+    assert source.nav is not None
+    found = list(source.nav.pairs())
+    assert [item.pair.stamp_ns for item in found] == list(source.nav.stamps_ns)
+    assert source.missing_nav_ns == (world.navs[1].pair.stamp_ns,)
+    assert len(found) == len(world.navs) - 1
+    np.testing.assert_array_equal(found[0].T_lm_navsb.matrix, world.navs[0].T_lm_navsb.matrix)
+    assert "1 of 2 messages ignored" in caplog.text
+    assert "these pairs are skipped" in caplog.text
+
+
+def test_camera_info_that_differs_by_rounding_is_one_calibration(tmp_path: Path, world: World) -> None:
+    one = loc_entries(world)
+    p = np.asarray(messages.camera_info(START_NS, world.loc_rig, "loc", "left").p)
+    other = loc_entries(world, p=p)
+    other = [
+        (topic, stamp, replace(message, p=np.asarray(message.p) + 1e-9) if topic.endswith("info") else message)
+        for topic, stamp, message in one
+    ]
+    half = len(one) // 2
+    source = open_source(write_messages(tmp_path / "b", one[:half] + other[half:]))
+    assert source.loc is not None
+    assert len(source.loc) == len(world.pairs)
+
+
 def test_a_calibration_that_changes_within_a_bag_is_refused(tmp_path: Path, world: World) -> None:
     one = loc_entries(world)
     p = messages.camera_info(START_NS, world.loc_rig, "loc", "left").p
