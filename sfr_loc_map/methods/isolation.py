@@ -14,21 +14,39 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from glob import glob
-from importlib.machinery import PathFinder
-from importlib.util import find_spec
 from pathlib import Path
 
 from sfr_loc_map.child_process import LIBRARY_PATH, child_environment, inherited_environment
+from sfr_loc_map.methods.own_code import code_of
 from sfr_loc_map.methods.registry import Method
 from sfr_loc_map.metrics.table.records import MethodKind
 
 OWN_FILES = "SFR_METHOD_FILES"  #: Variable with additional readable paths, separated as in PATH.
+VARIABLES = (
+    *(
+        "PATH",
+        "HOME",
+        "USER",
+        "LOGNAME",
+        "SHELL",
+        "LANG",
+        "LC_",
+        "TZ",
+        "TMPDIR",
+        "XDG_",
+        "PYTHON",
+        LIBRARY_PATH,
+        OWN_FILES,
+    ),
+    *("NUMBA_", "OMP_", "OPENBLAS_", "MKL_", "BLIS_", "NVPL_", "CUDA_", "NVIDIA_", "OPENCV_", "VIRTUAL_ENV", "CONDA_"),
+)
+"""Beginnings of the names of the variables that a method receives. Other variables could configure a method without a
+trace in the score; the configuration of a method is a file (`--config`)."""
 SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/snap", "/sys")
 FACTS = ("cpuinfo", "meminfo", "stat", "version", "filesystems", "loadavg", "sys/kernel", "sys/vm", "driver")
 DEVICES = ("null", "zero", "full", "random", "urandom", "tty", "dri", "kfd", "nvidia*")
 PACKAGE = Path(__file__).parents[1]
 PACKAGES = ("site-packages", "dist-packages")  #: Folder names of installed packages.
-CODE = ("*.py", "*.so", "*.so.*")  #: File patterns of modules and libraries.
 KERNELS = "sfr_loc_map.methods.child.numba_cache"
 
 
@@ -64,42 +82,20 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, 
     return {"names": list(map(str, names)), "read": list(map(str, read)), "write": list(map(str, write))}
 
 
-def code_of(method: Method) -> list[Path]:
-    """Return the files and folders of a method's own code; for a class in a package, only the package or module."""
-    code = _code_beside(Path(method.adapter)) if Path(method.adapter).is_absolute() else []
-    if method.kind is MethodKind.LIBRARY:
-        return [*code, *_code_beside(Path(method.target))]
-    if method.kind is not MethodKind.PYTHON:
-        return code
-    place = method.target.rpartition(":")[0]
-    if place.endswith(".py"):
-        return [*code, *_code_beside(Path(place))]
-    package = place.partition(".")[0]
-    found = PathFinder.find_spec(package, [str(Path.cwd())]) or find_spec(package)
-    if found is None:
-        return code
-    folders = found.submodule_search_locations
-    return [*code, *map(Path, folders if folders is not None else [found.origin or ""])]
-
-
-def _code_beside(file: Path) -> list[Path]:
-    """Return a file, and all modules, libraries and packages in its folder."""
-    folder = file.parent
-    modules = [path for pattern in CODE for path in folder.glob(pattern)]
-    packages = [path.parent for path in folder.glob("*/__init__.py")]
-    return [file, *sorted({*modules, *packages} - {file})]
-
-
 def environment_of(method: Method, folder: Path) -> dict[str, str]:
-    """Return the environment of a method's process, which finds code and compiled kernels where this process does."""
+    """Return the environment of a method's process, which finds code and compiled kernels where this process does.
+
+    A method under test receives only the variables that `VARIABLES` permits; a peer receives all.
+    """
     if method.kind is MethodKind.PEER:
         return {**inherited_environment(), "TMPDIR": str(folder)}
     found = child_environment()
     found |= {"TMPDIR": str(folder), "NUMBA_CACHE_DIR": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    found = {name: value for name, value in found.items() if name.startswith(VARIABLES)}
     found["NUMBA_CACHE_LOCATOR_CLASSES"] = f"{KERNELS}.BesideSources,{KERNELS}.OfUser,UserProvidedCacheLocator"
     if method.kind is MethodKind.PYTHON:  # this process's working directory is searched first
         found["PYTHONPATH"] = os.pathsep.join((str(Path.cwd()), found["PYTHONPATH"]))
-    return {name: value for name, value in found.items() if name not in ("PWD", "OLDPWD", "_")}
+    return found
 
 
 def _without(path: Path, hidden: Sequence[Path]) -> Iterator[Path]:

@@ -17,8 +17,8 @@ from types import MappingProxyType
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, MethodError
-from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import read_text
+from sfr_loc_map.methods.own_code import code_sha256
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
 from sfr_loc_map.suite_names import OURS, Task
 
@@ -52,7 +52,7 @@ class Method:
     target: str = ""  #: Loaded by the adapter: `package.module:Class` or the path of a library.
     config: str = ""  #: Text of the configuration.
     background: bool = False  #: Whether the method works between calls; a benchmark then sends pairs at their rate.
-    sha256: str | None = None  #: Hash of the loaded file; None if the method is not a single file.
+    sha256: str | None = None  #: Hash of the method's own code (`own_code`); None for a built-in method or a peer.
     about: str = ""  #: Description in the list of methods.
     python: Path = field(default_factory=lambda: Path(sys.executable))  #: Interpreter that has the method.
     vocabulary: str = ""  #: Vocabulary file; empty if not required.
@@ -136,19 +136,24 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
         if not path.is_file():
             raise MethodError(f"method '{spec}': there is no library '{path}'; build it (docs/candidates.md)")
         library = (LIBRARY_ADAPTER, str(path), config)
-        return Method(spec, task, MethodKind.LIBRARY, *library, background=True, sha256=hash_path(path))
+        return _identified(Method(spec, task, MethodKind.LIBRARY, *library, background=True))
     if ":" not in spec:
         names = ", ".join(BUILT_IN[task])
         raise MethodError(
             f"no method '{spec}' for {task}: give one of {names}, package.module:Class, lib:PATH.so (sfr bench methods)"
         )
     place = Path(spec.rpartition(":")[0])
-    sha256 = hash_path(place) if place.suffix == ".py" and place.is_file() else None
-    if place.suffix == ".py" and sha256 is None:
+    is_file = place.suffix == ".py" and place.is_file()
+    if place.suffix == ".py" and not is_file:
         raise MethodError(f"method '{spec}': there is no file '{place}'; give the file of the class")
     # an absolute path, because the process has another working directory
-    target = spec if sha256 is None else f"{place.resolve()}:{spec.rpartition(':')[2]}"
-    return Method(spec, task, MethodKind.PYTHON, CLASS_ADAPTER, target, config, background=True, sha256=sha256)
+    target = f"{place.resolve()}:{spec.rpartition(':')[2]}" if is_file else spec
+    return _identified(Method(spec, task, MethodKind.PYTHON, CLASS_ADAPTER, target, config, background=True))
+
+
+def _identified(method: Method) -> Method:
+    """Return a method with the hash of its own code."""
+    return replace(method, sha256=code_sha256(method))
 
 
 def find_peer(peer: Peer, python: Path | None, vocabulary: Path | None = None) -> tuple[Method | None, str]:

@@ -211,7 +211,10 @@ def test_the_command_names_the_finding_and_writes_what_there_is(
     assert (verdict["name"], verdict["value"], verdict["verdict"]) == ("crashed_calls", 1.0, "fail")
     assert score["association"]["estimate_poses"] == 12
     about = {"name": f"lib:{faulty}", "version": "faulty 1", "kind": "library"}
-    about |= {"sha256": hashlib.sha256(faulty.read_bytes()).hexdigest(), "isolation": score["method"]["isolation"]}
+    about |= {
+        "sha256": find_method(f"lib:{faulty}", Task.LOCALISATION).sha256,
+        "isolation": score["method"]["isolation"],
+    }
     about["config_sha256"] = hashlib.sha256(config.read_bytes()).hexdigest()
     assert score["method"] == about
     assert [(item["kind"], item["count"]) for item in score["findings"]] == [("crashed", 1)]

@@ -15,6 +15,7 @@ from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
+from sfr_loc_map.methods.isolation import environment_of
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
 from sfr_loc_map.suite_names import Task
@@ -76,3 +77,24 @@ def test_a_peer_is_found_in_its_interpreter(tmp_path: Path, monkeypatch: pytest.
     T_first_now = Transform(np.eye(3), np.array([0.0, 0.0, 1.1]))
     expected = true_pose(0) @ LOC_RIG.T_rb_left @ T_first_now @ LOC_RIG.T_rb_left.inverse()
     np.testing.assert_allclose(estimate.T_ds_rb.matrix, expected.matrix, atol=1e-12)
+
+
+def test_the_hash_of_a_method_covers_the_modules_beside_its_file(tmp_path: Path) -> None:
+    """The file of the class is unchanged, and the module that it imports is not."""
+    spec = f"{tmp_path / 'item.py'}:Mine"
+    (tmp_path / "item.py").write_text("from core import Mine\n")
+    found = []
+    for number in range(2):
+        (tmp_path / "core.py").write_text(f"class Mine:\n    version = '{number}'\n")
+        found.append(find_method(spec, Task.LOCALISATION).sha256)
+    assert found[0] != found[1]
+
+
+def test_a_method_receives_no_variables_that_only_its_supplier_knows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MODE", "good")
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    (tmp_path / "item.py").write_text("")
+    found = environment_of(find_method(f"{tmp_path / 'item.py'}:Mine", Task.LOCALISATION), tmp_path)
+    assert ("MODE" in found, found["OMP_NUM_THREADS"]) == (False, "1")

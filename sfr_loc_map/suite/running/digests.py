@@ -18,7 +18,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.hashes import hash_path, visible_files
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_settings import config_beside
-from sfr_loc_map.methods.isolation import code_of
+from sfr_loc_map.methods.own_code import code_of, hash_code
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.suite.running.job import digest
@@ -89,15 +89,10 @@ def method_hash(spec: str, task: Task, config: str) -> str:
 
     Files in SFR_METHOD_FILES, and installed packages that the method imports, are not part of the hash.
     """
-    hashes = [cached(path, _hash_code) for path in code_of(find_method(spec, task, config)) if path.exists()]
+    hashes = [cached(path, hash_code) for path in code_of(find_method(spec, task, config)) if path.exists()]
     if not hashes:
         return ""
     return hashes[0] if len(hashes) == 1 else digest(hashes)
-
-
-def _hash_code(path: Path) -> str:
-    """Return the hash of a file, or of the files of a folder without compiled Python code."""
-    return hash_path(path) if path.is_file() else digest([hash_path(file) for file in visible_files(path)])
 
 
 def estimate_hash(estimate: Path, truth: Path) -> str:
