@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -65,10 +66,8 @@ def _rigs(seen: Observation) -> Issues:
 
 def _source(seen: Observation) -> Issues:
     if seen.broken:
-        text, fix = split_advice(seen.broken)
-        if not fix.startswith("sfr "):
-            text, fix = seen.broken, "correct, record or copy it again"
-        yield Issue(Cause.BROKEN, seen.subject, text, fix)
+        text, fix = _found_and_fix(seen.broken)
+        yield Issue(Cause.BROKEN, seen.subject, _without_subject(text, seen.subject), fix)
     if seen.skipped_pairs:
         text = (
             f"{seen.skipped_pairs} pairs are skipped because their images, or the poses of mapping pairs, are missing"
@@ -78,6 +77,21 @@ def _source(seen: Observation) -> Issues:
     if seen.unfinished:
         text = "the bag was not closed: it has no end record"
         yield Issue(Cause.UNFINISHED, seen.subject, text, "rewrite it for other readers: sfr convert", False)
+
+
+def _found_and_fix(message: str) -> tuple[str, str]:
+    """Return the message of an error without its advice, and the advice, which follows the last colon or semicolon."""
+    parts = re.fullmatch(r"(.+)[:;] ((?:[^()]|\([^()]*\))+)", message)  # not within parentheses
+    return (parts[1], parts[2]) if parts else (message, "correct, record or copy it again")
+
+
+def _without_subject(text: str, subject: str) -> str:
+    """Return a text without the name of the source at its beginning, which the issue states already."""
+    for name in (subject, f"bag {subject}"):
+        for end in (": ", " "):
+            if text.startswith(f"{name}{end}"):
+                return text.removeprefix(f"{name}{end}")
+    return text
 
 
 def _names(seen: Observation) -> Issues:

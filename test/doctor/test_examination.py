@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.observation import EXPECTED, RIG_OF_NODE, Observation, ObservedNode, ObservedTopic, SourceKind
@@ -90,3 +91,27 @@ def test_stamps_are_compared_within_the_tolerance_of_the_node_or_of_the_configur
     assert not causes(10_000_000, 20_000_000, has_node=True)
     assert causes(20_000_000, 10_000_000, has_node=True) == {"unsynchronised", "pose_stamps"}
     assert not causes(20_000_000, None, has_node=True)  # the node does not answer
+
+
+@pytest.mark.parametrize(
+    ("message", "text", "fix"),
+    [
+        (
+            "bag 'x' has no topic 'a': there are /b; correct this name",
+            "has no topic 'a': there are /b",
+            "correct this name",
+        ),
+        ("bag 'x': no stamps: run sfr info x", "no stamps", "run sfr info x"),
+        (
+            "'x/rig.json': is raw: give rect (nodes: input.rectify)",
+            "'x/rig.json': is raw",
+            "give rect (nodes: input.rectify)",
+        ),
+        ("bag 'x' is empty", "is empty", "correct, record or copy it again"),
+    ],
+)
+def test_the_fix_of_an_unreadable_source_is_the_advice_of_its_error(message: str, text: str, fix: str) -> None:
+    """The name of the source is not repeated in the text."""
+    for subject in ("bag 'x'", "'x'"):
+        (issue,) = examine(Observation(subject, broken=message))
+        assert (issue.where, issue.text, issue.fix) == (subject, text, fix)

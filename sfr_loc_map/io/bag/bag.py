@@ -205,7 +205,9 @@ class Bag:
                         f"'{self.path}': write --remap {new}:={old}"
                     )
                 near = _near(old, sorted(self.topics))
-                raise InputError(f"bag '{self.path}' has no topic '{old}' to remap to '{new}': {near}")
+                raise InputError(
+                    f"bag '{self.path}' has no topic '{old}' to remap to '{new}': {near}; correct this name"
+                )
             if not any(f"/{new}".endswith(f"/{name}") for name in TOPICS_READ):
                 raise ConfigError(
                     f"'--remap {old}:={new}': no topic is read as '{new}', so '{old}' of "
