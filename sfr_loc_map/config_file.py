@@ -19,7 +19,10 @@ SECTIONS = (
     *("topics", "frames", "calibration", "extrinsics", "sync", "truth"),
     *("localisation", "mapping", "monitor", "conditions", "limits"),
 )
-"""Sections of `sfr.yaml`, the configuration file of all commands and nodes."""
+"""Sections of `sfr.yaml`, the configuration file of all commands and nodes.
+
+`topics` contains the name in the bag by name in the suite; `--remap FOUND:=EXPECTED` has the inverse order.
+"""
 
 
 class NodeSection(NamedTuple):

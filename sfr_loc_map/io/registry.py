@@ -124,10 +124,11 @@ def true_trajectory(path: Path, config: SourceConfig) -> Trajectory:
 
 
 def read_truth(path: Path, config: TruthConfig | None = None, remap: Mapping[str, str] | None = None) -> Truth:
-    """Read the truth of a source (bag, folder or pose file), or the truth that `config` names.
+    """Read the ground truth of a bag, a data set folder or a file of poses; InputError if there is none.
 
-    Without `config`, a folder is read by the `sfr.yaml` beside it; a bag or a file is read without configuration.
-    InputError if there is no truth.
+    If `config.source` names another origin, the ground truth is read from there. The `sfr.yaml` beside a folder states
+    how the folder is read, and its section `truth` applies if `config` is None. The `sfr.yaml` beside a bag or a file
+    of poses is not used.
     """
     if path.is_file() or is_bag(path) or (config is not None and config.source):
         return truth_of_path(path, config or DEFAULT_TRUTH, remap)

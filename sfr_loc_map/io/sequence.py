@@ -14,7 +14,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig
+from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
 from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
 
@@ -87,7 +87,7 @@ class Source:
     nav: NavSequence | None  #: The mapping pairs.
     missing_loc_ns: tuple[int, ...] = ()  #: Stamps of localisation pairs that are listed but have no images.
     missing_nav_ns: tuple[int, ...] = ()  #: Stamps of mapping pairs that are listed but have no images, or no pose.
-    config: SourceConfig = AS_IT_IS  #: Configuration that the source is read with.
+    config: SourceConfig = DEFAULT_SOURCE  #: Configuration that the source is read with.
     truth_files: tuple[Path, ...] = ()  #: Files and bags with the truth besides `path`, by the layout or configuration.
     calibration: str = ""  #: Origin of the calibration of the drive, if it is not part of the layout.
     recorded: RecordedBag | None = None  #: The bag, if its messages are used as recorded; None for all other sources.

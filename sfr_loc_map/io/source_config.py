@@ -114,7 +114,8 @@ class SourceConfig:
     """How a source is read; missing values are taken from the topics and files of the source."""
 
     path: Path | None = None  #: File of the configuration.
-    remap: Mapping[str, str] = field(default_factory=dict)  #: Names in the suite by name in the bag (section `topics`).
+    remap: Mapping[str, str] = field(default_factory=dict)
+    """Name in the suite by name in the bag, as `--remap FOUND:=EXPECTED`: the inverse of the section `topics`."""
     frames: FramesConfig = field(default_factory=FramesConfig)
     calibration: CalibrationConfig = CalibrationConfig()
     extrinsics: ExtrinsicsConfig = ExtrinsicsConfig()
@@ -123,7 +124,10 @@ class SourceConfig:
 
     @property
     def uses_messages_as_recorded(self) -> bool:
-        """Whether frames, calibration, stamps and truth are those of the source itself."""
+        """Whether frames, calibration, stamps and truth are those of the source itself.
+
+        `remap` and `extrinsics` may be configured, because they do not change the content of a message.
+        """
         return (self.frames, self.calibration, self.sync, self.truth) == (
             FramesConfig(),
             CalibrationConfig(),
@@ -133,7 +137,10 @@ class SourceConfig:
 
     @property
     def topics(self) -> dict[str, str]:
-        """The ROS topic for each topic name of the suite; the name of the truth is ground_truth/odometry."""
+        """The name in the bag by name in the suite, like the section `topics`: the inverse of `remap`.
+
+        The topic of `truth.source` is included as ground_truth/odometry.
+        """
         truth = {"ground_truth/odometry": self.truth.topic} if self.truth.topic else {}
         return {name: topic for topic, name in self.remap.items()} | truth
 
@@ -174,7 +181,7 @@ def _check_topics_differ(topics: Mapping[str, str], origin: str) -> None:
             )
 
 
-AS_IT_IS = SourceConfig()  #: A source is read by its own topics and files.
+DEFAULT_SOURCE = SourceConfig()  #: The source is read by its own topics and files.
 
 
 def file_in(name: str, folder: Path) -> str:

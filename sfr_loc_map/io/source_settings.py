@@ -11,7 +11,7 @@ from sfr_loc_map.config import build, flatten, suggestion
 from sfr_loc_map.config_file import SECTIONS, check_form, read_sections
 from sfr_loc_map.errors import ConfigError, SfrError
 from sfr_loc_map.io.bag.files import is_bag
-from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, file_in, file_or_topic
+from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig, file_in, file_or_topic
 from sfr_loc_map.io.truth.config import TruthConfig
 
 NAME = "sfr.yaml"
@@ -93,7 +93,7 @@ def source_config(source: Path, path: Path | None = None, remap: Mapping[str, st
     """Return the configuration in a file, by default the `sfr.yaml` beside the source; `remap` overrides topics."""
     check_remap(source, remap or {})
     path = path or config_beside(source)
-    config = AS_IT_IS if path is None else SourceConfig.of(read_sections(path), path)
+    config = DEFAULT_SOURCE if path is None else SourceConfig.of(read_sections(path), path)
     if not remap:
         return config
     kept = {topic: name for topic, name in config.remap.items() if name not in remap.values()}

@@ -23,7 +23,7 @@ from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig
+from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
 from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.io.tables.trajectory_file import ESTIMATE_OPTION, TRUTH_OPTION, LoadedTrajectory, read_trajectory_file
 from sfr_loc_map.io.truth.conversion import truth_of_rb
@@ -102,7 +102,7 @@ def _how_to_read(inputs: ScoreInputs) -> SourceConfig:
     place = inputs.truth or inputs.map_truth
     if place is not None and inputs.config is None and (place.is_dir() or is_bag(place)):
         return source_config(place)
-    return inputs.config or AS_IT_IS
+    return inputs.config or DEFAULT_SOURCE
 
 
 def _read_truth(
@@ -185,7 +185,7 @@ def _as_declared(true: LoadedTrajectory, place: Path | None, how: SourceConfig) 
     if isinstance(poses, Truth):
         sigma_m, sigma_deg = how.truth.sigma_m or poses.sigma_m, how.truth.sigma_deg or poses.sigma_deg
         return replace(true, trajectory=replace(poses, sigma_m=sigma_m, sigma_deg=sigma_deg))
-    if how.truth == AS_IT_IS.truth and (place is None or not place.is_file()):
+    if how.truth == DEFAULT_SOURCE.truth and (place is None or not place.is_file()):
         return true
     return replace(true, trajectory=truth_of_rb(RecordedTruth(poses, true.text), how.truth))
 

@@ -161,7 +161,9 @@ def _by_camera_info(images: BagImages) -> tuple[StereoCalibration, str]:
     infos = bag.first(topics)
     for topic in topics:
         if topic.name not in infos:
-            raise InputError(f"bag '{bag.path}' has no message on '{topic.bag_name}': the rig is unknown; record this topic")
+            raise InputError(
+                f"bag '{bag.path}' has no message on '{topic.bag_name}': the rig is unknown; record this topic"
+            )
     left, right = (infos[topic.name] for topic in topics)
     if images.are_rectified:
         one, other = (RectifiedCamera.of(info) for info in (left, right))
