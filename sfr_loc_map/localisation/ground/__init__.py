@@ -40,14 +40,17 @@ The phase determines what a pair does to its pose. `cases` contains the complete
 | about half of the landmarks unexplained, in 10 pairs in a row | degraded (A) | degraded (U) | degraded (A) |
 | the same in further pairs | degraded (A) | degraded (A) | degraded (A) |
 | two motions, one of them a standstill, in 10 pairs in a row | degraded (A) | degraded (U) | degraded (A) |
-| a body at rest, and one motion outside it | degraded (U) | accepted | degraded (U) |
+| stationary texture, and one motion outside it: a body | degraded (U) | accepted | degraded (U) |
+| the same after a standstill, if most landmarks are stationary | degraded (A) | accepted | degraded (A) |
 | two motions, one of them with far more weight | degraded (A) | accepted | degraded (A) |
 | two motions of similar weight | degraded (A) | degraded (A) | degraded (A) |
 | changed cells that the pose leaves in place | kept from 5 % of all cells | kept from 40 % | kept from 5 % |
 
 While the ground is not identified, the motion that is not selected may be the ground's. Each pair with a second motion,
 or with an unexplained part of the image, is therefore degraded. Unexplained landmarks in the first tracked pair of a
-window are an exception, because their usual fraction is not known yet.
+window are an exception, because their usual fraction is not known yet. Beside a body, only the covariance of that pose
+is larger, because the cells of the body are excluded from the next pairs. This assumes that the rover moves. If an
+object already moves in the first tracked pair of a window, beside a rover at rest, the pose follows the object.
 
 | term | meaning |
 |---|---|

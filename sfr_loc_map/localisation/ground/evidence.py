@@ -180,9 +180,24 @@ class Evidence:
         return found if fraction < MAX_CONTRADICTING_FIRST else None
 
     @property
+    def was_at_rest(self) -> bool:
+        """Whether one motion explained earlier pairs of the window, and the last motion was a standstill."""
+        guesses = self.pair.prediction.guesses
+        last_px = self.tools.image_motion_px(self.main, start=guesses.standstill, end=guesses.repeated_motion)
+        return self.memory.typical is not None and last_px < MOVED_PX
+
+    @property
     def shows_own_body(self) -> bool:
-        """Whether stationary cells show the rover: the main motion is not credible, and another motion was found."""
-        return not self.is_credible and self.motion_off_stationary is not None
+        """Whether stationary cells show the rover: the main motion is not credible, and another motion was found.
+
+        If the rover was at rest and the ground is not identified, the stationary cells may also show the ground, beside
+        an object that begins to move. They then count as the rover only if the minority of the landmarks follows them.
+        """
+        off_stationary = None if self.is_credible else self.motion_off_stationary
+        if off_stationary is None:
+            return False
+        may_be_object = self.was_at_rest and not self.is_identified
+        return not may_be_object or off_stationary.inlier_count > self.main.inlier_count
 
     @cached_property
     def other(self) -> Tracks | None:

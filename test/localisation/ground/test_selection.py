@@ -331,6 +331,35 @@ def test_a_standstill_in_doubt_adds_nothing_to_the_covariance() -> None:
     assert np.trace(stopped[-1].covariance) < 1.1 * np.trace(stopped[0].covariance)
 
 
+def beside_each_other(left_of: StereoPair, right_of: StereoPair, columns: int, stamp_ns: int, seed: int) -> StereoPair:
+    """Return a pair whose left columns show one pair and whose other columns show another, with new noise."""
+    rng = np.random.default_rng(seed)
+
+    def joined(first: NDArray[np.uint8], other: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        return noisy(np.hstack((first[:, :columns], other[:, columns:])), 1, rng)
+
+    return StereoPair(stamp_ns, joined(left_of.left, right_of.left), joined(left_of.right, right_of.right))
+
+
+def test_an_object_that_begins_to_move_before_the_ground_is_identified_does_not_carry_a_rover_at_rest_along() -> None:
+    at_rest = DRIVE[0]
+    pairs = [beside_each_other(DRIVE[max(k - 3, 0)], at_rest, 40, DRIVE[k].stamp_ns, k) for k in range(16)]
+    estimates = run(pairs)
+    errors = [np.linalg.norm(item.T_ds_rb.translation - true_pose(0).translation) for item in estimates]
+    assert max(errors) < 0.003
+    assert {item.state for item in estimates[4:]} == {TrackingState.DEGRADED}
+
+
+def test_a_rover_with_a_body_in_view_drives_off_before_the_ground_is_identified() -> None:
+    pairs = [beside_each_other(DRIVE[0], DRIVE[max(k - 3, 0)], 40, DRIVE[k].stamp_ns, k) for k in range(10)]
+    estimates = run(pairs)
+    truth = [true_pose(max(k - 3, 0)) for k in range(10)]
+    errors = [
+        np.linalg.norm(item.T_ds_rb.translation - to.translation) for item, to in zip(estimates, truth, strict=True)
+    ]
+    assert max(errors) < 0.01
+
+
 def test_nothing_is_left_out_of_a_fault_free_drive_or_of_one_that_stands_still() -> None:
     rng, first = np.random.default_rng(0), DRIVE[0]
     still = [StereoPair(p.stamp_ns, noisy(first.left, 1, rng), noisy(first.right, 1, rng)) for p in DRIVE[:10]]
