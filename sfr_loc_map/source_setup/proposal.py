@@ -262,22 +262,22 @@ def _sync(bag: Bag, given: SyncConfig) -> Findings:
 def _offset_or_tolerance(left_ns: IntArray, right_ns: IntArray, tolerance_ns: int) -> Iterator[tuple[str, float, str]]:
     """Yield the setting of `sync` that pairs left and right stamps, with its value and reason; at most one.
 
-    A difference within the tolerance requires no setting. A constant difference is an offset of the right stamps. A
-    varying difference requires a larger tolerance, which must stay below half a period; otherwise no setting is
-    proposed.
+    A difference within the tolerance requires no setting. A difference of half a period is ambiguous, because a right
+    image is then as near to the next left image, so that no setting is proposed. A constant smaller difference is an
+    offset of the right stamps. A varying difference requires a larger tolerance.
     """
     period_ns = float(min(np.median(np.diff(side)) for side in (left_ns, right_ns)))
     difference_ns = right_ns[nearest_stamps(left_ns, right_ns)[0]] - left_ns
     typical_ns = float(np.median(difference_ns))
     spread_ns = float(np.percentile(np.abs(difference_ns - typical_ns), 95))
     largest_ns = abs(typical_ns) + spread_ns
-    if largest_ns <= below_half_period(tolerance_ns, [int(period_ns)]):
+    if largest_ns <= below_half_period(tolerance_ns, [int(period_ns)]) or 2 * largest_ns >= period_ns:
         return
     if spread_ns < STEADY * period_ns:
         late = f"{abs(typical_ns) / NS_PER_S:.4g} s {'late' if typical_ns > 0.0 else 'early'}"
         text = f"right stamps are {late}, within {spread_ns / NS_PER_S:.2g} s, modulo the period"
         yield "right_offset_s", round(-typical_ns / NS_PER_S, 6), text
-    elif 2 * largest_ns < period_ns:
+    else:
         tolerance_s = round(1.5 * largest_ns / NS_PER_S, 4)
         yield "stamp_tolerance_s", tolerance_s, f"stamps vary by {spread_ns / NS_PER_S:.2g} s"
 

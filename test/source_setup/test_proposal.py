@@ -24,17 +24,17 @@ def test_a_recording_without_images_has_a_proposal(tmp_path: Path) -> None:
     assert propose_config(place, {}).missing
 
 
-def raw_stereo(path: Path) -> Path:
-    """Write raw images whose right header stamps are 40 ms late, and camera_info without a baseline."""
+def raw_stereo(path: Path, late_ns: int = 40_000_000) -> Path:
+    """Write raw images whose right header stamps are late, and camera_info without a baseline."""
     rig = make_world().loc_rig
     image = np.zeros((rig.height, rig.width), np.uint8)
     entries = []
     for recorded_ns in range(10**9, 2 * 10**9, 10**8):
-        for side, late_ns in (("left", 0), ("right", 40_000_000)):
-            info = messages.camera_info(recorded_ns + late_ns, rig, "loc", side)
+        for side, offset_ns in (("left", 0), ("right", late_ns)):
+            info = messages.camera_info(recorded_ns + offset_ns, rig, "loc", side)
             info.p[3] = 0.0
             entries.append((f"/loc/{side}/camera_info", recorded_ns, info))
-            message = messages.image(recorded_ns + late_ns, image, "loc", side)
+            message = messages.image(recorded_ns + offset_ns, image, "loc", side)
             entries.append((f"/loc/{side}/image_raw", recorded_ns, message))
     return write_messages(path, entries)
 
@@ -77,14 +77,11 @@ def test_stamps_of_0_are_replaced_by_the_times_of_recording(tmp_path: Path, sfr:
     assert "stamps: record" in (tmp_path / "rover" / "sfr.yaml").read_text()
 
 
-def test_a_bag_whose_images_cannot_be_paired_is_not_complete(tmp_path: Path) -> None:
-    def right_is_late(topic: str, number: int, message: Any) -> Any:
-        if topic.startswith("/loc/right/image"):
-            message.header.stamp.nanosec = (number % 2) * 40_000_000 + 30_000_000
-        return message
-
-    found = propose_config(broken.rewritten_bag(tmp_path / "x.mcap", right_is_late), {})
-    assert any("stamps" in text for text in found.missing)
+def test_right_images_that_are_half_a_period_late_are_not_paired(tmp_path: Path) -> None:
+    """Each right image is as near to the next left image as to its own."""
+    found = propose_config(raw_stereo(tmp_path / "x", late_ns=50_000_000), {"calibration": {"baseline_m": 0.12}})
+    assert "sync" not in found.sections
+    assert any("sync.right_offset_s" in text for text in found.missing)
 
 
 def test_a_wrong_given_truth_is_refused(tmp_path: Path) -> None:
