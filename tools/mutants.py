@@ -374,7 +374,7 @@ MUTATIONS = (
     Mutation("scoring/provenance.py", "if given != (limits.limits,", "if given == (limits.limits,"),
     # inputs besides the poses
     Mutation("scoring/inputs.py", "[*self.stats, *([] if self.target is None else [self.target])]", "[*self.stats]"),
-    Mutation("scoring/load.py", "    check_one_estimate(found.trajectory, checked)\n", ""),
+    Mutation("scoring/load.py", "[*stats, target] if is_same_run and target is not None else [*stats]", "[]"),
     Mutation("scoring/call_checks.py", "SAME_POSITION_M = 0.002", "SAME_POSITION_M = 0.0"),
     Mutation("scoring/load.py", "    check_one_method(stats, target)\n", ""),
     Mutation("scoring/score_run.py", "fitted_unit(run.convention) or ", ""),

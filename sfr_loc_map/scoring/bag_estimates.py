@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map.calls.call_record import CallRecord, decode_call
-from sfr_loc_map.calls.call_stats import CallStats, estimates_of, stats_of
+from sfr_loc_map.calls.call_stats import CallStats, stats_of
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.poses import read_odometry
 from sfr_loc_map.message_types import ODOMETRY, STRING, TF
-from sfr_loc_map.metrics.frames.association import UPPER, Estimates
+from sfr_loc_map.metrics.frames.association import UPPER
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE, TRUE_POSES, call_topic
 
@@ -25,13 +25,7 @@ class BagEstimate(NamedTuple):
 
     trajectory: Trajectory
     covariance: FloatArray  #: Upper triangles `(N, 21)` of the published covariances.
-    calls: CallStats | None  #: None if the bag has no calls.
-
-
-def bag_estimates(path: Path) -> Estimates:
-    """Return the estimated poses of a bag, with lost flags, covariances and steps."""
-    found = read_bag_estimate(path)
-    return estimates_of(found.trajectory, found.calls, found.covariance)
+    calls: CallStats | None  #: Calls, whose times the node stated; None if the bag has no calls.
 
 
 def read_bag_estimate(path: Path) -> BagEstimate:
@@ -47,7 +41,7 @@ def read_bag_estimate(path: Path) -> BagEstimate:
         )
     trajectory, covariances = read_odometry(bag, topic)
     calls = _calls_of(bag, topic)
-    return BagEstimate(trajectory, covariances[:, *UPPER], stats_of(calls) if calls else None)
+    return BagEstimate(trajectory, covariances[:, *UPPER], stats_of(calls, is_stated=True) if calls else None)
 
 
 def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:

@@ -32,8 +32,10 @@ from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.metrics.errors.cloud_error import PairTruth, truths_of
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TargetRecord
+from sfr_loc_map.scoring.bag_estimates import BagEstimate, read_bag_estimate
 from sfr_loc_map.scoring.call_checks import check_one_estimate, check_one_method
 from sfr_loc_map.scoring.inputs import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE
 
 _log = logging.getLogger(__name__)
@@ -50,8 +52,9 @@ def load_run(
 ) -> Run:
     """Read the files of a run. Poses without stamps get the stamps of the other trajectory, pose by pose.
 
-    Lost flags and covariances of an estimate come from its bag or from the statistics of its calls. Poses and calls may
-    be in memory. `fused` applies to cloud files that do not declare whether they are fused.
+    The calls of the run are those of the bag of the estimate, of the files and in memory. Lost flags and covariances of
+    an estimate come from its calls and its bag. Poses may be in memory. `fused` applies to cloud files that do not
+    declare whether they are fused.
     """
     given_stats = [load_call_stats(path) for path in inputs.stats]
     stats = [*given_stats, *calls]
@@ -63,7 +66,12 @@ def load_run(
     drive = None
     if (inputs.truth or truth) is not None and (inputs.estimate or estimate) is not None:
         true, source = _read_truth(inputs.truth, truth, how)
-        found, estimates = _read_estimate(inputs, estimate, true, stats, target)
+        bag = _read_bag(inputs.estimate, stats)
+        if bag is None:
+            found, estimates = _read_estimate(inputs, estimate, true, stats, target)
+        else:
+            found, estimates = _estimate_of_bag(bag, inputs, stats, target)
+            stats = stats if bag.calls is None else [*stats, bag.calls]
         drive = _drive_of(found, estimates, true, source, inputs.truth, how)
         if nav_stamps_ns is None:
             nav_stamps_ns = _nav_stamps_of(source, stats if target is None else [*stats, target])
@@ -127,6 +135,40 @@ def _read_truth(
     return LoadedTrajectory(place, source.loc.ground_truth), source
 
 
+def _read_bag(path: Path | None, stats: Sequence[CallStats]) -> BagEstimate | None:
+    """Read the estimate of a bag; None for another file. InputError if a localiser has calls in the bag and in files.
+
+    A call that is in both would count twice.
+    """
+    if path is None or not is_bag(path):
+        return None
+    bag = read_bag_estimate(path)
+    if bag.calls is not None and any(item.has_task(Task.LOCALISATION) for item in stats):
+        raise InputError(
+            f"bag '{path}' has the calls of its localiser, and --stats has calls of a localiser, too: give the calls "
+            "once; --stats EST.stats.csv is the default if the file exists: move the file, or convert the poses with "
+            "sfr convert"
+        )
+    return bag
+
+
+def _estimate_of_bag(
+    bag: BagEstimate, inputs: ScoreInputs, stats: Sequence[CallStats], target: CallStats | None
+) -> tuple[LoadedTrajectory, Estimates]:
+    """Return the estimated poses of a bag with the states of its calls, or of the given calls."""
+    assert inputs.estimate is not None  # the path of the bag
+    check_one_estimate(bag.trajectory, _calls_to_check(inputs, stats, target))
+    of_run = stats if bag.calls is None else [*stats, bag.calls]
+    calls = calls_of_poses(bag.trajectory, of_run, target)
+    return LoadedTrajectory(inputs.estimate, bag.trajectory), estimates_of(bag.trajectory, calls, bag.covariance)
+
+
+def _calls_to_check(inputs: ScoreInputs, stats: Sequence[CallStats], target: CallStats | None) -> list[CallStats]:
+    """Return the calls that must belong to the estimate: those of this host, and of a target of the same run."""
+    is_same_run = target is not None and inputs.target_run is None
+    return [*stats, target] if is_same_run and target is not None else [*stats]
+
+
 def _read_estimate(
     inputs: ScoreInputs,
     estimate: Trajectory | None,
@@ -134,13 +176,7 @@ def _read_estimate(
     stats: Sequence[CallStats],
     target: CallStats | None,
 ) -> tuple[LoadedTrajectory, Estimates]:
-    """Read the estimated poses of a bag or file, or use those in memory; missing stamps are those of the truth."""
-    is_same_run = target is not None and inputs.target_run is None
-    checked = [*stats, target] if is_same_run and target is not None else stats
-    if inputs.estimate is not None and is_bag(inputs.estimate):
-        estimates = load_estimates(inputs.estimate, stats, target)
-        check_one_estimate(estimates.trajectory, checked)
-        return LoadedTrajectory(inputs.estimate, estimates.trajectory), estimates
+    """Read the estimated poses of a file, or use those in memory; missing stamps are those of the truth."""
     if inputs.estimate is not None:
         found = read_trajectory_file(inputs.estimate, inputs.columns, ESTIMATE_OPTION)
     else:
@@ -148,7 +184,7 @@ def _read_estimate(
         found = LoadedTrajectory(Path(IN_MEMORY), estimate)
     if found.by_index:
         found = found.with_stamps_of(true)
-    check_one_estimate(found.trajectory, checked)
+    check_one_estimate(found.trajectory, _calls_to_check(inputs, stats, target))
     estimates = estimates_of_calls(found.trajectory, stats, target)
     if found.covariance is not None and estimates.covariance is None:
         estimates = replace(estimates, covariance=found.covariance[:, *UPPER])
@@ -222,15 +258,12 @@ def load_drive(estimate: Path, truth: Path) -> DriveToScore:
     return drive
 
 
-def load_estimates(path: Path, stats: Sequence[CallStats] = (), target: CallStats | None = None) -> Estimates:
-    """Read estimated poses; lost flags and covariances come from the bag or from the statistics of the calls."""
+def load_estimates(path: Path) -> Estimates:
+    """Read estimated poses; lost flags and covariances are those of a bag, and unknown in another file."""
     if not is_bag(path):
-        return estimates_of_calls(read_trajectory_file(path).stamped, stats, target)
-    from sfr_loc_map.scoring.bag_estimates import read_bag_estimate
-
-    found = read_bag_estimate(path)
-    calls = calls_of_poses(found.trajectory, stats, target) if found.calls is None else found.calls
-    return estimates_of(found.trajectory, calls, found.covariance)
+        return Estimates.of(read_trajectory_file(path).stamped)
+    bag = read_bag_estimate(path)
+    return estimates_of(bag.trajectory, bag.calls, bag.covariance)
 
 
 def estimates_of_calls(

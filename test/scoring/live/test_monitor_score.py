@@ -42,10 +42,10 @@ from sfr_loc_map.metrics.table.results import TrajectoryResult
 from sfr_loc_map.nodes.score_file import ScoreFile
 from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.report.deviations import deviations_of
-from sfr_loc_map.scoring.bag_estimates import bag_estimates
 from sfr_loc_map.scoring.live.live_maps import LiveMaps
 from sfr_loc_map.scoring.live.live_score import LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
+from sfr_loc_map.scoring.load import load_estimates
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE, call_topic
 
@@ -152,7 +152,7 @@ def in_bag(path: Path, rows: Sequence[OdometryRow], calls: Sequence[CallRecord])
     for call in calls:
         text = TYPESTORE.types[STRING](encode_call(call))
         entries.append((call_topic(Task.LOCALISATION), call.stamp_ns, text))
-    return bag_estimates(write_messages(path, entries))
+    return load_estimates(write_messages(path, entries))
 
 
 def in_replay(rows: Sequence[OdometryRow], calls: Sequence[CallRecord], *, is_external: bool) -> Estimates:
