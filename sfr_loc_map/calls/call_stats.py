@@ -16,8 +16,9 @@ from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.call_meter import METHOD
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK, Calls, concatenated, stacked, stage_of
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
-from sfr_loc_map.metrics.frames.association import UPPER, Estimates, lost_by_covariance
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates, lost_by_covariance, nearness_ns
 from sfr_loc_map.metrics.table.records import FindingRecord, MethodRecord, ProcessUsage
+from sfr_loc_map.stamp_pairing import nearest_stamps
 from sfr_loc_map.suite_names import Task
 
 SEVERITIES = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}  #: Severity of states; 0 for others.
@@ -100,6 +101,7 @@ def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: Fl
     states = np.full(len(trajectory), "", object)
     steps = of_calls = None
     if stats is not None:
+        stats = with_stamps_of_poses(stats, trajectory.stamps_ns)
         rows = stats.localised_rows(trajectory.stamps_ns)
         states = np.array([*stats.calls.states, ""], object)[rows]
         steps = _steps_between(trajectory.stamps_ns, stats, rows)
@@ -114,6 +116,28 @@ def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: Fl
         is_lost_known = is_known | np.isfinite(covariance).all(axis=1)
     estimates = Estimates.of(trajectory, lost, degraded, covariance, steps)
     return replace(estimates, is_lost_known=is_lost_known, is_degraded_known=is_known)
+
+
+def with_stamps_of_poses(stats: CallStats, stamps_ns: IntArray) -> CallStats:
+    """Return calls of a localiser with the stamps `(N,)` of their poses, from which rounded stamps of a file differ.
+
+    The call of a pose is the nearest one, within the tolerance for stamps of one image (`nearness_ns`) of both the
+    poses and the calls. A call that has the stamp of a pose is not that of another pose.
+    """
+    called_ns, own_ns = np.unique(stats.localised_ns), np.unique(stamps_ns)
+    if not len(called_ns) or not len(own_ns):
+        return stats
+    place, apart_ns = nearest_stamps(own_ns, called_ns)
+    tolerance_ns = min(nearness_ns(called_ns), nearness_ns(own_ns))
+    is_moved = (apart_ns <= tolerance_ns) & ~np.isin(called_ns, own_ns)[place]
+    if not is_moved.any():
+        return stats
+    pose_ns = called_ns.copy()
+    pose_ns[place[is_moved]] = own_ns[is_moved]
+    given_ns, is_localisation = stats.calls.stamps_ns, stats.calls.is_localisation
+    moved_ns = given_ns.copy()
+    moved_ns[is_localisation] = pose_ns[np.searchsorted(called_ns, given_ns[is_localisation])]
+    return replace(stats, calls=replace(stats.calls, stamps_ns=moved_ns))
 
 
 def initialises_again(states: NDArray[np.object_], stamps_ns: IntArray) -> Mask:

@@ -14,7 +14,7 @@ import numpy as np
 
 from sfr_loc_map import io  # readers of sources are loaded when called, because files of trajectories require no images
 from sfr_loc_map.calls.call_files import load_call_stats
-from sfr_loc_map.calls.call_stats import CallStats, estimates_of, united
+from sfr_loc_map.calls.call_stats import CallStats, estimates_of, united, with_stamps_of_poses
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
@@ -283,11 +283,16 @@ def calls_of_poses(
     """
     of_target = [] if target is None or not target.has_stamps else [target]
     for items in (stats, of_target):
-        if own := [item for item in items if np.isin(item.localised_ns, trajectory.stamps_ns).any()]:
+        if own := [item for item in items if _has_call_of_pose(item, trajectory)]:
             return united(own)
     if any(len(item.localised_ns) for item in (*stats, *of_target)):
         _log.warning("no call of the statistics has the stamp of an estimate: the lost poses are unknown")
     return None
+
+
+def _has_call_of_pose(stats: CallStats, trajectory: Trajectory) -> bool:
+    localised_ns = with_stamps_of_poses(stats, trajectory.stamps_ns).localised_ns
+    return bool(np.isin(localised_ns, trajectory.stamps_ns).any())
 
 
 def load_map_truth(

@@ -177,6 +177,28 @@ def test_a_bag_without_calls_has_the_states_of_the_given_calls_which_must_be_its
         load_run(inputs, truth=truth, calls=[replace(calls, positions=np.ones((3, 3)))])
 
 
+@pytest.mark.parametrize("is_rounded", [False, True])
+def test_poses_with_rounded_stamps_have_the_states_and_steps_of_their_calls(tmp_path: Path, is_rounded: bool) -> None:
+    """A TUM file has stamps of microseconds. A pose is missing from the estimate, and two calls have one stamp."""
+    stamps = (1_700_000_000_000_000_000 + 100_000_123 * np.arange(6)).tolist()
+    states = ["tracking", "lost", "tracking", "degraded", "tracking", "tracking"]
+    records = [CallRecord(at, 0.1, state, step=np.ones(48)) for at, state in zip(stamps, states, strict=True)]
+    records.append(CallRecord(stamps[4], 0.1, "degraded", step=np.ones(48)))
+    kept = [0, 1, 3, 4, 5]
+    given_ns = np.array(stamps)[kept]
+    if is_rounded:
+        given_ns = (given_ns + 500) // 1000 * 1000
+    poses = Trajectory(given_ns, np.zeros((5, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (5, 1)))
+    found = estimates_of_calls(poses, [stats_of(records)])
+    assert found.is_lost_known.all()
+    assert found.lost.tolist() == [False, True, False, False, False]
+    assert found.degraded.tolist() == [False, False, True, True, False]
+    assert found.steps is not None
+    assert np.isfinite(found.steps).all(axis=1).tolist() == [True, True, False, True, True]
+    keyframes = poses[::2]
+    assert not estimates_of_calls(keyframes, [stats_of(records)]).lost.any()
+
+
 def test_the_calls_of_a_bag_are_those_of_the_run(tmp_path: Path) -> None:
     """Times are judged, and a crash fails the score; calls of a localiser that are given, too, would count twice."""
     records = [CallRecord(stamp, 0.1, "tracking", finding="crashed: dead" if stamp == 3 else "") for stamp in (1, 2, 3)]
