@@ -120,7 +120,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     |---|---|---|
     | estimates, ground truth, calls, score of the last map | cleared | cleared |
     | stamps of all sources (`CommonRuns`) | late messages of the previous run are dropped | cleared |
-    | clouds, true points and `nav/pose` of maps | kept, because a map may be in progress | kept |
+    | clouds, true points and `nav/pose` of maps | kept; clouds of earlier pairs are not scored | likewise |
     | calibration, configurations of the nodes | kept | kept |
     | whether an estimate and the ground truth were received | kept | kept |
     | type and origin of the ground truth (`TopicTruthInput`) | kept | kept |

@@ -4,7 +4,7 @@
                                └─ live_maps: clouds and their truth, worst map ┘
 
 `MonitorScore` receives the messages. Rows and worst map are those of the current run, and a restart replaces them. The
-clouds and their truth are kept, because a map may be in progress.
+clouds and their truth are kept, because those of the new run may arrive before the new run is detected.
 
 The received rows are scored by the functions that score files (`scoring.score_parts`), so that the figures of a live
 score are bit-identical to those of a recording. The finding about the conventions may differ, because the diagnosis has

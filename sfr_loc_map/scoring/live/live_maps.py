@@ -48,11 +48,14 @@ class MapInputs:
         self._true_points = _Latest[PointImage]()  # `(H, W, 3)` of each pair, metres, LM
         self._poses = _Latest[Transform]()  # `T_lm_navsb` of each pair
         self._clouds = _Latest[PointCloud]()  # clouds as published, with the stamp of the last pair
-        self._fusions = _Latest[CallRecord]()  # fusions by the stamp of their cloud
         self.begin_run()
 
     def begin_run(self) -> None:
-        """Forget which pairs maps must contain. Clouds and truth are kept, because a map may be in progress."""
+        """Forget the fusions and which pairs maps must contain.
+
+        Clouds and truth are kept, because those of the new run may arrive before the new run is detected.
+        """
+        self._fusions = _Latest[CallRecord]()  # fusions by the stamp of their cloud
         self.pair_stamps_ns = set[int]()  # stamps of received mapping pairs, which the maps of the run must contain
         self._mapped_until_ns = -1  # stamp of the last pair of the last map
 
@@ -86,6 +89,7 @@ class MapInputs:
     def take_complete(self) -> Iterator[tuple[PointCloud, list[PairTruth], int]]:
         """Yield and remove the clouds whose pairs and truth are known, with the truth of each pair.
 
+        A cloud whose last pair is not of the run was made of a previous run.
         The third value is the number of pairs since the last map, which the map must contain.
         """
         for stamp_ns in list(self._clouds):
@@ -93,6 +97,8 @@ class MapInputs:
             if fusion is None or self.rig is None:
                 continue
             wanted = fusion.pair_stamps_ns
+            if max(wanted) not in self.pair_stamps_ns:
+                continue
             if not all(stamp in self._true_points and stamp in self._poses for stamp in wanted):
                 continue
             truths = [PairTruth(self._true_points[s], self._poses[s] @ self.rig.T_sb_left, self.rig) for s in wanted]

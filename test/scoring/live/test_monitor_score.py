@@ -357,6 +357,30 @@ def test_a_new_run_forgets_which_pairs_the_maps_of_the_run_before_contain() -> N
     assert expected == [3, 3]
 
 
+@pytest.mark.parametrize("is_fused_late", [False, True])
+def test_a_cloud_of_the_run_before_is_not_judged_in_the_new_run(is_fused_late: bool) -> None:
+    """The truth of the cloud arrives after the stamps have jumped back. The new run misses its last pair."""
+    monitor, points = MonitorScore(ScoreConfig(), None), np.full((NAV_RIG.height, NAV_RIG.width, 3), 2.0)
+    maps, fusion = monitor.map_inputs, CallRecord(100, 0.1, "fused", pair_stamps_ns=(100,), task=Task.MAPPING)
+    maps.set_rig(NAV_RIG)
+    maps.add_pose(100, Transform.identity())
+    maps.add_cloud(100, PointCloud.empty())
+    if not is_fused_late:
+        monitor.add_call(fusion)
+    monitor.restart()
+    maps.add_true_points(100, points)
+    if is_fused_late:
+        monitor.add_call(fusion)
+    assert not monitor.score_maps()
+    for stamp_ns in (1, 2):
+        maps.add_pose(stamp_ns, Transform.identity())
+        maps.add_true_points(stamp_ns, points)
+    monitor.add_call(CallRecord(1, 0.1, "fused", pair_stamps_ns=(1,), task=Task.MAPPING))
+    maps.add_cloud(1, PointCloud.empty())
+    assert [count for _, _, count in maps.take_complete()] == [1]
+    assert maps.unmapped_pairs == 1
+
+
 def live_maps(stretches: Sequence[float]) -> Score:
     """The score of a live run with a limit of 5 cm and a map of one pair for each stretch of the ranges."""
     limits = {"map": {"point_error_mean_m": 0.05}}
