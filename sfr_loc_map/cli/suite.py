@@ -264,12 +264,14 @@ def history(
     """Find the nights and drives at which figures changed; exit code 1 if a figure became and stayed worse."""
     from sfr_loc_map.suite.pages.page import render_history
     from sfr_loc_map.suite.pages.tables import history_tables
-    from sfr_loc_map.suite.statistics.history import Night, find_changes
+    from sfr_loc_map.suite.statistics.history import Night, check_order, find_changes
 
     propose("sfr report A B", why="compares two of these nights in full")
     check_suffix(html, HTML_SUFFIXES)
     check_outputs(json_path, html, inputs=folders, overwrite=overwrite)
-    result = find_changes([Night.read(folder) for folder in folders])
+    nights = [Night.read(folder) for folder in folders]
+    check_order(nights)
+    result = find_changes(nights)
     if html is not None:
         write_text(render_history(result), html)
     show(result.to_dict(), json_path, history_tables(result))

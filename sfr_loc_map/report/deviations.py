@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
 from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS
-from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Reading, label_of
+from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, CloudKind, MapScoreConfig, Reading, label_of
 from sfr_loc_map.metrics.judging.limit_scope import tasks_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
 from sfr_loc_map.metrics.score.caveats import caveats_of
@@ -24,6 +24,7 @@ from sfr_loc_map.metrics.score.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, STANDING, TOTAL, Subject
+from sfr_loc_map.metrics.table.records import MethodKind
 from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.tables.model import METRE, fitting, number
@@ -118,6 +119,8 @@ def _calls_of(item: Verdict, *, is_stated: bool) -> Iterator[str]:
         as_proposed = "the document leaves the method to the supplier [4.2.2, 4.3.2]"
         how = "was stated by the node and not measured from outside" if is_stated else "was measured on the host"
         yield f"{_name(item)} {how}; {on_target if item.subject is Subject.TIMING else as_proposed}."
+    if item.is_of_target:
+        yield f"{_name(item)} was stated by the file of the target and not measured by this suite."
     if is_of_stage(item):
         yield f"{_name(item)} concerns a stage. The mapping call of the document makes one cloud of all pairs [4.3.1]."
 
@@ -222,6 +225,16 @@ def _unjudged_map(score: Score) -> Iterator[str]:
         yield f"{without_truth:.0f} points have no true surface and are not judged."
 
 
+def _fused_cloud(score: Score) -> Iterator[str]:
+    """Yield how the coverage of a fused cloud is counted, if a limit is on it."""
+    is_limited = any(item.figure == "coverage" for item in score.verdicts)
+    if is_limited and score.cloud is not None and score.cloud.kind is CloudKind.FUSED:
+        yield (
+            "The cloud is declared to be fused. A true pixel is therefore covered if a point of any pair is within two "
+            "footprints of a pixel, so that a quarter of the points can give full coverage."
+        )
+
+
 def _unknown_calls(score: Score) -> Iterator[str]:
     """Yield the judged tasks whose calls are unknown, completely or in part."""
     if not score.verdicts:
@@ -242,7 +255,8 @@ def _unknown_calls(score: Score) -> Iterator[str]:
 
 def _external_node(score: Score) -> Iterator[str]:
     """Yield a sentence if the item under test was not isolated."""
-    if score.external is not None:
+    is_external = score.method is not None and score.method.kind is MethodKind.EXTERNAL
+    if score.external is not None or is_external:
         yield "The external node was not isolated: it could read the ground truth from the disk."
 
 
@@ -299,6 +313,7 @@ DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (
     _standing,
     _duplicates,
     _unjudged_map,
+    _fused_cloud,
     _unknown_calls,
     _frames_beyond,
     _external_node,

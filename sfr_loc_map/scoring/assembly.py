@@ -119,6 +119,8 @@ def _unbound_calls(run: Run) -> Iterator[str]:
     unbound = [item for item in run.given_stats if item.positions is None and len(item.localised_ns)]
     if run.drive is not None and unbound:
         yield "the calls (--stats) have no positions: it is not verified that they belong to the run of the estimate"
+    if run.drive is not None and run.target is not None and run.target.positions is None:
+        yield "the calls on the target have no positions: it is not verified that they belong to this estimate"
     if run.cloud is not None and any(item.has_task(Task.MAPPING) for item in run.given_stats):
         yield "the calls of a mapper (--stats) do not identify a cloud: it is not verified that they gave this cloud"
 

@@ -21,6 +21,7 @@ from sfr_loc_map.metrics.calls.call_meter import HOST_CLOCK
 from sfr_loc_map.metrics.calls.call_score import (
     KINDS_OF,
     STATED_CLOCK,
+    at_place,
     completeness_rows,
     concatenated,
     score_calls,
@@ -33,12 +34,18 @@ from sfr_loc_map.metrics.completeness.expected_items import (
     rows_without_cloud,
     rows_without_poses,
 )
-from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, MapScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.config import (
+    AlignedErrorConfig,
+    AssociationMode,
+    CallKind,
+    MapScoreConfig,
+    TrajectoryScoreConfig,
+)
 from sfr_loc_map.metrics.errors.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.aligned_error import aligned_errors
 from sfr_loc_map.metrics.score.caveats import truth_caveats
-from sfr_loc_map.metrics.table.records import Association, TargetRun
+from sfr_loc_map.metrics.table.records import Association, MethodKind, TargetRun
 from sfr_loc_map.metrics.table.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.table.row_part import Place
 from sfr_loc_map.metrics.table.rows import Figure
@@ -190,10 +197,25 @@ def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detail
     scored = score_calls(calls[0], clock, details=details) if calls else CallsResult()
     expected = [*completeness_rows(calls, expected_ns)]
     if (node := run.external) is None:
-        return replace(scored, figures=(*scored.figures, *expected))
+        stated = kinds_of_external_nodes(run.stats)
+        of_host = [at_place(row, Place.STATED) if row.call in stated else row for row in scored.figures]
+        measured = [row for row in expected if row.call not in stated]
+        return replace(scored, figures=(*of_host, *measured))
     scored = with_external(scored, node)
     others = [row for row in expected if row.call not in KINDS_OF[Task(node.task)]]
     return replace(scored, figures=(*scored.figures, *others, *answers_completeness(node)))
+
+
+def kinds_of_external_nodes(stats: Sequence[CallStats]) -> frozenset[CallKind]:
+    """Return the kinds of calls that an external node has stated in the files of a replay; nothing measured them."""
+    tasks = {
+        task
+        for item in stats
+        if item.method is not None and item.method.kind is MethodKind.EXTERNAL
+        for task in Task
+        if item.has_task(task)
+    }
+    return frozenset(kind for task in tasks for kind in KINDS_OF[task])
 
 
 def with_target(
@@ -204,7 +226,7 @@ def with_target(
     expected_ns = expected_ns if calls.has_stamps else {}  # calls without stamps cannot be assigned to pairs
     expected = completeness_rows([calls.calls], expected_ns, Place.TARGET)
     figures = (*of_host.figures, *rows, *expected)
-    return replace(of_host, figures=figures, target=target, warnings=tuple(_target_warnings(target)))
+    return replace(of_host, figures=figures, target=target, caveats=tuple(_target_caveats(target)))
 
 
 def expected_calls(run: Run) -> dict[Task, IntArray | None]:
@@ -225,7 +247,7 @@ def _scored_target(run: Run, calls: CallStats) -> tuple[tuple[Figure, ...], Targ
     return figures, struct_replace(target, about=run.about)
 
 
-def _target_warnings(target: TargetRun) -> Iterator[str]:
+def _target_caveats(target: TargetRun) -> Iterator[str]:
     if target.other_run is not None:
         yield f"the times of {target.name} belong to another run: {target.other_run}"
     elif target.matched_share is not None and target.matched_share < 1.0:

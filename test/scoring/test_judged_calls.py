@@ -193,6 +193,17 @@ def test_a_pose_that_is_initialised_after_a_tracked_pose_is_lost(
     assert sfr("score", *files, "--limits", rules, "--stats", tmp_path / "c.csv").code == code
 
 
+def test_times_that_an_external_node_stated_meet_no_limit(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    """The files of a replay have the times that the node stated; the replay measured others."""
+    stats = write_calls_of(tmp_path / "calls.csv", "node")
+    stats.write_text(stats.read_text().replace(",python,", ",external,"))
+    rules = limits(tmp_path, {**POSITION, "timing": {"localisation_max_s": 1.0}})
+    score, page = tmp_path / "s.json", tmp_path / "r.html"
+    assert sfr("score", *files, "--limits", rules, "--stats", stats, "--json", score).code == 3
+    sfr("report", score, "--test-report", page)
+    assert "The external node was not isolated" in page.read_text()
+
+
 def test_calls_of_several_methods_in_one_file_are_refused(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
     stats = write_calls_of(tmp_path / "calls.csv", "mine")
     first, second, *others = stats.read_text().splitlines(keepends=True)

@@ -51,7 +51,12 @@ def test_scores_of_several_runs_have_no_pass_in_common(tmp_path: Path, sfr: Sfr)
     changed["provenance"]["version"] = "0.0.1"
     (tmp_path / "version.json").write_text(to_json(decoded(json.dumps(changed))))
     (tmp_path / "unknown.json").write_text(to_json(decoded(json.dumps({**changed, "provenance": None}))))
+    save_trajectory(tmp_path / "e2.csv", wandering(2e-4))
+    (tmp_path / "e2.stats.csv").write_text((tmp_path / "e.stats.csv").read_text())
+    second = tmp_path / "second.json"
+    assert sfr("score", tmp_path / "e2.csv", paths[1], "--limits", rules, "--json", second).code == 0
     mixed = {
+        "several estimates": second,
         "2 items under test": scored("item", version="2"),
         "several versions": tmp_path / "version.json",
         "not every score states its inputs and version": tmp_path / "unknown.json",

@@ -44,6 +44,15 @@ def test_times_on_a_target_without_stamps_are_of_no_known_pair(
 ON_TARGET = {"target": {"localisation_p95_s": 1.0}}
 
 
+def test_times_of_a_target_are_stated_by_its_file(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    timing, score, page = write_calls_of(tmp_path / "t.csv", "mine"), tmp_path / "s.json", tmp_path / "r.html"
+    options = ("--limits", limits(tmp_path, {**POSITION, **ON_TARGET}), "--json", score)
+    assert sfr("score", *files, *options, "--target", "board", "--target-timing", timing).code == 0
+    sfr("report", score, "--test-report", page)
+    for text in ("was stated by the file of the target", "The calls on the target have no positions"):
+        assert text in page.read_text()
+
+
 def test_what_a_method_did_wrong_on_the_target_counts(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
     rules = limits(tmp_path, ON_TARGET)
     good, bad = (

@@ -119,8 +119,9 @@ def difference_of(scores: Sequence[Score]) -> str | None:
         return "not every score states its inputs and version"
     if len({(item.version, item.commit) for item in made}) > 1:
         return "the scores were made by several versions of sfr_loc_map"
-    of_source = {"truth": "ground truths", "map_truth": "ground truths", "images": "sets of images"}
-    for role, several in of_source.items():
+    of_run = {"truth": "ground truths", "map_truth": "ground truths", "images": "sets of images"}
+    of_run |= {"estimate": "estimates", "cloud": "clouds"}
+    for role, several in of_run.items():
         files = [item.inputs[role] for item in made if role in item.inputs]
         if len({file.data_sha256 or file.sha256 for file in files}) > 1:
             return f"the scores come from several {several}, which only a suite judges together"

@@ -197,7 +197,7 @@ def copies_table(copies: Sequence[Sequence[str]]) -> Table:
 DEVIATIONS: tuple[RowColumn[CommonDeviation], ...] = (
     heads("deviation", lambda row: row.text),
     numbers("results", lambda row: row.results),
-    words("first result", lambda row: row.first),
+    words("result", lambda row: row.of),
 )
 
 

@@ -15,6 +15,7 @@ import json
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
 
@@ -93,6 +94,7 @@ class Night:
     labels: Mapping[PairKey, str]
     paths: Mapping[PairKey, str]  #: Paths of the sources.
     figures: Mapping[PairKey, Mapping[FigureName, float]]
+    time: str = ""  #: Time of the run, ISO 8601 in UTC; empty if unknown.
 
     @classmethod
     def read(cls, folder: Path) -> Night:
@@ -112,14 +114,26 @@ class Night:
                 for key, item in results.items()
             }
             commit = content["git"]["commit"]
-        return cls(str(folder), commit, labels, paths, figures)
+            time = str(content.get("time") or "")
+        return cls(str(folder), commit, labels, paths, figures, time)
 
     def without_configurations(self) -> Night:
         """Return the night with jobs that are identified by their work and data only, not by their configuration."""
         labels = {without_configuration(key): label for key, label in self.labels.items()}
         paths = {without_configuration(key): path for key, path in self.paths.items()}
         figures = {without_configuration(key): of_job for key, of_job in self.figures.items()}
-        return Night(self.name, self.commit, labels, paths, figures)
+        return Night(self.name, self.commit, labels, paths, figures, self.time)
+
+
+def check_order(nights: Sequence[Night]) -> None:
+    """Raise MetricsError if a night is older than the night before; nights without a time are not compared."""
+    timed = [night for night in nights if night.time]
+    for before, after in pairwise(timed):
+        if after.time < before.time:
+            raise MetricsError(
+                f"'{after.name}' ({after.time}) is older than '{before.name}' ({before.time}): give the suites in the "
+                "order of their time"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -96,9 +96,9 @@ class ReplacedTruth:
 class CommonDeviation(Struct, frozen=True, kw_only=True):
     """A deviation of one or more results from the document, or data of them that is not judged."""
 
-    text: str  #: The deviation of the first of these results. The numbers of other results may differ.
+    text: str  #: The deviation of the result with the largest number in the text.
     results: int  #: Number of results with this deviation.
-    first: str  #: Label of the first of these results.
+    of: str  #: Label of the result of the text.
 
 
 class Group(Struct, frozen=True, kw_only=True):
@@ -178,8 +178,11 @@ class Summary:
         for result in self.results:
             sentences = {NUMBER.sub("0", text): text for text in deviations_of(result.score)}
             for kind, text in sentences.items():
-                known = found.get(kind) or CommonDeviation(text=text, results=0, first=result.job.label)
-                found[kind] = msgspec.structs.replace(known, results=known.results + 1)
+                item = CommonDeviation(text=text, results=1, of=result.job.label)
+                if (known := found.get(kind)) is not None:
+                    largest = max(known, item, key=lambda each: largest_number(each.text))
+                    item = msgspec.structs.replace(largest, results=known.results + 1)
+                found[kind] = item
         return tuple(found.values())
 
     @property
@@ -209,6 +212,11 @@ class Summary:
         parts = {name: to_plain(getattr(self, name)) for name in named}
         head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": to_plain(self.counts)}
         return {**head, **self.run, **parts, "drives": [result.to_dict() for result in self.results]}
+
+
+def largest_number(text: str) -> float:
+    """Return the largest number in a text, 0 without one."""
+    return max((float(match[0]) for match in NUMBER.finditer(text)), default=0.0)
 
 
 def are_decided(groups: Sequence[Group], planned: Collection[GroupKey]) -> bool:

@@ -241,6 +241,18 @@ def test_a_night_of_an_earlier_version_is_refused_in_one_line(sfr: Sfr, tmp_path
     assert "its schema is sfr-suite/9, sfr-suite/1 is required" in done.err
 
 
+def test_nights_in_the_wrong_order_are_refused(sfr: Sfr, tmp_path: Path) -> None:
+    """A change for the worse would otherwise be a change for the better."""
+    folders = written(tmp_path, ["a" * 40] * 2, nights(2))
+    for number, folder in enumerate(folders):
+        content = json.loads((folder / "suite.json").read_text()) | {"time": f"2026-01-0{number + 1}T00:00:00+00:00"}
+        (folder / "suite.json").write_text(json.dumps(content))
+    assert sfr("suite", "history", *folders).code == 0
+    done = sfr("suite", "history", *reversed(folders))
+    assert done.code == 2
+    assert "give the suites in the order of their time" in done.err
+
+
 def test_the_command_names_commits_and_its_json_the_interval(sfr: Sfr, tmp_path: Path) -> None:
     tables = nights(20)
     tables[ComparedKind.ACCURACY][3:5, 12:] *= 6.0
