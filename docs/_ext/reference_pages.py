@@ -232,18 +232,15 @@ def shortfalls() -> str:
     lines = [
         "| part of `judged` | figure | fraction of | complete up to | without limits | allowed by |",
         "|---|---|---|---|---|---|",
+        f"| all | `{JUDGED}` | expected items | any known fraction | any | `--partial` |",
     ]
     for kind in SHORTFALLS:
-        scope = "all" if kind.scope is None else f"`{kind.scope}`"
         own = () if kind.limit_name is None else (kind.limit_name,)
         accepting = [f"`{name}`" for name in (*own, *kind.accepted_by)]
         accepting += [f"`{name}` if the images are unknown" for name in kind.accepted_without_images_by]
         accepting += ["`--partial`"] if kind.is_lifted_by_partial and kind.most is not None else []
-        if kind.figure == JUDGED:
-            lines.append(f"| {scope} | `{JUDGED}` | expected items | any known fraction | any | `--partial` |")
-            continue
         bounds = ["any" if most is None else f"{most:g}" for most in (kind.most, kind.most_without_limits)]
-        cells = (scope, f"`{kind.figure}`", kind.expected, *bounds, ", ".join(accepting) or "-")
+        cells = (f"`{kind.scope}`", f"`{kind.figure}`", kind.expected, *bounds, ", ".join(accepting) or "-")
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 

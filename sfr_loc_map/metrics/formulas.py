@@ -68,7 +68,8 @@ def ends_by_frames(starts: IntArray, frames: int) -> IntArray:
 #
 # All three remove the position error at N. `pose` also removes the attitude error at N. In `displacement` and
 # `position`, this attitude error turns the displacement and therefore counts in the position error. In the attitude
-# and heading error it counts by `position` alone.
+# error it counts by `position` alone. A tilt error at N also counts in the heading error by `displacement`, because
+# the heading of an attitude depends on its tilt.
 
 
 class SubTrajectoryErrors(NamedTuple):

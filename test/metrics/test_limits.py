@@ -12,7 +12,7 @@ from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.metrics.calls.call_score import Calls, score_target
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
-from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS, ShortfallKind
+from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS, UNKNOWN_ITEMS, ShortfallKind
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.formulas import QUANTILES
@@ -351,10 +351,8 @@ def test_an_absent_answer_leaves_no_pass_beside_absent_calls() -> None:
 
 
 def test_the_margin_of_what_is_missed_is_negative() -> None:
-    judged_kind, restarts_kind = (
-        next(kind for kind in SHORTFALLS if kind.figure == name) for name in (JUDGED, "restarts")
-    )
-    short = Shortfall(judged_kind, RowPart("drive"), 1.0, 0.8, "").verdict
+    restarts_kind = next(kind for kind in SHORTFALLS if kind.figure == "restarts")
+    short = Shortfall(UNKNOWN_ITEMS, RowPart("drive"), 1.0, 0.8, "").verdict
     assert (short.name, short.margin, short.is_lower_bound) == ("judged", pytest.approx(-0.2), True)
     restarts = Shortfall(restarts_kind, RowPart("live"), 0.0, 3.0, "").verdict
     assert (restarts.name, restarts.margin, unit_of(restarts).symbol) == ("restarts", -3.0, "")
@@ -394,3 +392,11 @@ def test_a_fraction_of_no_items_meets_its_limit_unless_items_are_required() -> N
     bare = (figure_row("pixels_without_point", n=0),)
     required = parse_limits({"completeness": {"pixels_without_point_max_share": 1.0}}, "limits")
     assert judged_by(Score(figures=bare), required).verdicts[-1].state == "not enough data"
+
+
+def test_a_limit_on_the_target_without_its_calls_names_the_option_that_gives_them() -> None:
+    limits = parse_limits({"target": {"localisation_p95_s": 1.0}}, "limits")
+    rows = (figure_row("judged", part="drive", n=2, value=1.0),)
+    incomplete = judged_by(Score(figures=rows), limits).incomplete or ""
+    assert "target localisation" in incomplete
+    assert "option target_timing" in incomplete

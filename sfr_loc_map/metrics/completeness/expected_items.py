@@ -15,6 +15,9 @@ expected items (`n`, null if it is unknown) and the fraction of them that is jud
 During a run, images and pairs are expected as soon as their result is due (`settled`). A call for a set of pairs is
 expected once, at any pair.
 
+An estimate is judged if it is paired with a true pose. With a matched truth that is sparser than the images, an
+estimate between two true poses also counts as judged, although no figure contains its error (`needs_frame`).
+
 Items that are expected and have a result, but no ground truth, are neither judged nor missing (`images_without_truth`,
 `points_without_truth`). This file has one section for each subject, in the order of this table. `drive` makes the other
 rows of a drive, which are about the gaps between its estimates. `shortfall_kinds` states when a subject is incomplete.

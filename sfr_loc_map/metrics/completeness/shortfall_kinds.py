@@ -26,7 +26,7 @@ class ShortfallKind(NamedTuple):
     """A kind of missing, unjudged or unexpected data of one scope."""
 
     figure: str  #: Figure of completeness, which counts the data as a fraction of the expected ones.
-    scope: Scope | None  #: None for every scope.
+    scope: Scope | None  #: None for every scope, as of `UNKNOWN_ITEMS`.
     expected: str  #: What the figure is a fraction of.
     #: Largest value of the figure for which the scope is complete, if the score has limits; None for any value.
     most: float | None
@@ -80,8 +80,9 @@ OF_TRUTH = "are those of the ground truth, closer than any measurement: give the
 REPEATED_ANSWERS = "{percent} % of the answers belong to pairs that were answered before"
 UNKNOWN_FIGURE = "the fraction of {title} is unknown"
 """Why a scope is incomplete by a figure that is unknown although there are items."""
+UNKNOWN_ITEMS = ShortfallKind(JUDGED, None, "expected items, which are unknown", 1.0, is_limited=False)
+"""The shortfall of a scope whose expected items are unknown (`judging.incomplete.unknown_items`)."""
 SHORTFALLS = (
-    ShortfallKind(JUDGED, None, "expected items, which are unknown", 1.0, is_limited=False),
     # ---- drives
     ShortfallKind("missing", Scope.DRIVE, IMAGES, 0.0, COVERED, is_of_expected=True),
     ShortfallKind(  # not 0 without limits, because the last images of a recording are often not processed

@@ -394,8 +394,8 @@ def _of_left_camera(rig: StereoRig | None) -> Iterator[Mismatch]:
     if rig is not None and rig.T_rb_sb is not None:
         lever = rig.T_rb_sb.apply(np.array([0.0, 0.5 * rig.baseline_m, 0.0]))
         turn = quat_from_matrix(rig.T_rb_sb.rotation.dot(OPTICAL_IN_BODY))
-        yield _left_camera(turn, lever, "in place of RB (optical axes)", "frame=left_optical")
-        yield _left_camera(UPRIGHT, lever, "in place of RB (axes of RB)", "")
+        yield _of_point("left camera", turn, lever, "optical axes", "frame=left_optical")
+        yield _of_point("left camera", UPRIGHT, lever, "axes of RB", "")
 
 
 def _of_fitted_point(truth: PoseArrays, estimate: PoseArrays) -> Iterator[Mismatch]:
@@ -425,14 +425,14 @@ def _of_fitted_point(truth: PoseArrays, estimate: PoseArrays) -> Iterator[Mismat
         lever = np.asarray(np.linalg.lstsq(matrix, (quat_rotate(turn, moves[1]) - moves[0]).ravel(), rcond=1e-3)[0])
         if float(np.sqrt(lever @ lever)) >= MIN_LEVER_M:
             position = ", ".join(f"{value:.2f}" for value in lever)
-            words = f"in place of RB or of another point ({name}, at {position} m in RB)"
-            yield _left_camera(turn, lever, words, "", is_fitted=True)
+            place = f"{name}, at {position} m in RB"
+            yield _of_point("another point", turn, lever, place, "", is_fitted=True)
 
 
-def _left_camera(
-    turn: FloatArray, lever_m: FloatArray, words: str, setting: str, *, is_fitted: bool = False
+def _of_point(
+    name: str, turn: FloatArray, lever_m: FloatArray, place: str, setting: str, *, is_fitted: bool = False
 ) -> Mismatch:
-    """Return the mismatch in which the poses are poses of a camera at a point of RB."""
+    """Return the mismatch in which the poses are poses of a camera or another point of RB, named `name`."""
     if not setting:
         numbers = (*lever_m.tolist(), *turn.tolist())
         setting = "extrinsics=" + ",".join(repr(round(number, 9)) for number in numbers)
@@ -441,8 +441,9 @@ def _left_camera(
         of_rb = quat_multiply(q, quat_conjugate(turn))
         return p - quat_rotate(of_rb, lever_m), of_rb
 
-    sentence = f"its poses are those of the left camera {words}: transform them by the extrinsics of the camera"
-    return Mismatch("left camera", setting, sentence, undo, is_fitted)
+    point = name if is_fitted else f"the {name}"
+    sentence = f"its poses are those of {point} in place of RB ({place}): transform them by the extrinsics of the point"
+    return Mismatch(name, setting, sentence, undo, is_fitted)
 
 
 def _upright(quats: FloatArray) -> FloatArray:

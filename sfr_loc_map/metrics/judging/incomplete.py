@@ -1,8 +1,9 @@
 """What makes a score incomplete: expected data that are missing or cannot be judged, and data that are wrong.
 
-`incompleteness` goes through the table `SHORTFALLS` (`metrics.completeness.shortfall_kinds`) for each scope of the
-score. Unless the rules of the score accept a kind of shortfall, its finder compares the figure with the largest
-complete value. Most kinds have the finder `above_most`; `FINDERS` has the others.
+For each scope of the score, `incompleteness` states whether the expected items are unknown (`unknown_items`) and goes
+through the table `SHORTFALLS` (`metrics.completeness.shortfall_kinds`). Unless the rules of the score accept a kind of
+shortfall, its finder compares the figure with the largest complete value. Most kinds have the finder `above_most`;
+`FINDERS` has the others.
 """
 
 from __future__ import annotations
@@ -13,7 +14,14 @@ from typing import NamedTuple
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.completeness.drive import DISTANCE, TIME, LongestGap, covered_text
-from sfr_loc_map.metrics.completeness.shortfall_kinds import COVERED, JUDGED, SHORTFALLS, UNKNOWN_FIGURE, ShortfallKind
+from sfr_loc_map.metrics.completeness.shortfall_kinds import (
+    COVERED,
+    JUDGED,
+    SHORTFALLS,
+    UNKNOWN_FIGURE,
+    UNKNOWN_ITEMS,
+    ShortfallKind,
+)
 from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.metrics.errors.other_frames import BEYOND
 from sfr_loc_map.metrics.formulas import QUANTILES
@@ -22,12 +30,17 @@ from sfr_loc_map.metrics.score.limits import Limit, LimitSection, Rules, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject, statistic_title, title_of
-from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart
+from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure
 
 NOT_DUE = "no result of the {part} is due yet"
+NO_MESSAGE = "no message of the live run was received"
 UNKNOWN = "the expected items of the {part} are unknown: score against the source"
-NO_CALL = "no {part} call was measured: give the calls of the run (option stats)"
+NO_CALL = {
+    Place.HOST: "no {part} call was measured: give the calls of the run (option stats)",
+    Place.TARGET: "no {part} call was measured: give the calls on the target (option target_timing)",
+}
+"""Reason for unknown expected calls, by the place of the calls."""
 NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (option stats)"
 NO_STAMP = "the {part} calls have no stamps, so their pairs are unknown"
 OF_BOUNDS = ("p50", "p95", "p99")
@@ -52,7 +65,7 @@ class Shortfall(NamedTuple):
             name=self.kind.limit_name or self.kind.figure,
             row=self.row,
             subject=Subject.COMPLETENESS,
-            part=self.part.text if self.kind.figure == JUDGED else None,
+            part=self.part.text if self.kind.scope is None else None,
             figure=self.kind.figure,
             statistic="value",
             limit=self.most,
@@ -68,8 +81,9 @@ def incompleteness(score: Score) -> list[Shortfall]:
     parts = judged_parts(rules, score) if rules.limits else [RowPart(task) for task in tasks_of(score)]
     found: list[Shortfall] = []
     for part in parts:
+        found += unknown_items(part, score, rules)
         for kind in SHORTFALLS:
-            if kind.scope in (None, part.what):
+            if kind.scope == part.what:
                 most = largest_complete(kind, rules, score)
                 found += FINDERS.get(kind.figure, above_most)(kind, part, score, most)
     return found
@@ -83,7 +97,7 @@ def largest_complete(kind: ShortfallKind, rules: Rules, score: Score) -> float |
     has_images = score.association is None or bool(score.association.images)
     for limit in rules.limits:
         most = max(most, kind.allowed_fraction(limit.name, limit.limit, has_images=has_images))
-    return most if most < 1.0 or kind.figure == JUDGED else None
+    return most if most < 1.0 else None
 
 
 def text_of(missing: Iterable[Shortfall]) -> str | None:
@@ -94,6 +108,15 @@ def text_of(missing: Iterable[Shortfall]) -> str | None:
 def is_lifted_by_partial(score: Score) -> bool:
     """Return whether partial judging (`--partial`) accepts an incomplete score."""
     return not incompleteness(struct_replace(score, rules=Rules.of(limits_of(score), partial=True)))
+
+
+def unknown_items(part: RowPart, score: Score, rules: Rules) -> Iterator[Shortfall]:
+    """Yield a shortfall if the expected items of a scope are unknown, which limits do not accept without `--partial`."""
+    if not rules.limits or rules.partial:
+        return
+    row = score.figure(JUDGED, subject=Subject.COMPLETENESS, part=part)
+    if row is None or row.value is None:
+        yield Shortfall(UNKNOWN_ITEMS, part, 1.0, None, why_unknown(part, row), score.index_of(row))
 
 
 # ---- finders: each yields the shortfalls of one kind and scope; `most` is the largest complete value, None for any
@@ -112,13 +135,6 @@ def above_most(kind: ShortfallKind, part: RowPart, score: Score, most: float | N
         yield Shortfall(kind, part, most, None, kind.text_of_nothing, index)
     elif row.value is not None and row.value > most:
         yield Shortfall(kind, part, most, row.value, filled_text(kind, row.value, calls, score), index)
-
-
-def unknown_items(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
-    """Yield a shortfall if the expected items of a scope are unknown."""
-    row = score.figure(JUDGED, subject=Subject.COMPLETENESS, part=part)
-    if most is not None and (row is None or row.value is None):
-        yield Shortfall(kind, part, most, None, why_unknown(part, row), score.index_of(row))
 
 
 def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
@@ -182,14 +198,13 @@ def unknown_state(kind: ShortfallKind, part: RowPart, score: Score, most: float 
 
 Finder = Callable[[ShortfallKind, RowPart, Score, float | None], Iterator[Shortfall]]
 FINDERS: dict[str, Finder] = {
-    JUDGED: unknown_items,
     "lost": unknown_state,
     "degraded": unknown_state,
     ERRORS_BEYOND: beyond_the_judged,
     STANDING: met_by_standing,
 }
-"""Finders of the kinds of shortfalls that depend on more than the row of their figure. The last three depend on the
-limits of the score, each of which can have a shortfall. All other kinds have the finder `above_most`."""
+"""Finders of the kinds of shortfalls that depend on more than the row of their figure. They depend on the limits of the
+score, each of which can have a shortfall. All other kinds have the finder `above_most`."""
 
 
 def limits_in(score: Score) -> tuple[Limit, ...]:
@@ -245,11 +260,12 @@ def beyond_text(score: Score, limit: Limit, share: float, value: float) -> str:
 def why_unknown(part: RowPart, row: Figure | None) -> str:
     """Return why the judged fraction of a part is unknown."""
     if row is None and part.call is not None:
-        return NO_CALL.format(part=part.of_calls.text)
+        return NO_CALL[part.place].format(part=part.of_calls.text)
     if row is not None and part.place is Place.TARGET:
         return NO_STAMP.format(part=part.of_calls.text)
-    text = NOT_DUE if row is not None and row.n == 0 else UNKNOWN
-    return text.format(part=part.text)
+    if row is not None and row.n == 0:
+        return NO_MESSAGE if part.what == Scope.LIVE else NOT_DUE.format(part=part.text)
+    return UNKNOWN.format(part=part.text)
 
 
 def missing_text(score: Score) -> str:

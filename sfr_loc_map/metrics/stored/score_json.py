@@ -24,7 +24,6 @@ from sfr_loc_map.metrics.table.catalogue import Subject
 T = TypeVar("T")
 HASH = "content_sha256"  #: Key of the hash of all other values.
 UNDEFINED = ("sigma", "mean_plus_3sigma")  #: Statistics of fewer than two sub-trajectories, which are written as null.
-MAX_NUMBER = 1e100  #: Maximum number of a figure; its squares and sums are finite.
 SCORE_AGAIN = "score the estimate again with this version (sfr score EST TRUTH --json S.json)"
 
 

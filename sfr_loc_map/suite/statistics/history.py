@@ -28,11 +28,12 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.metrics.statistics.intervals import Interval
 from sfr_loc_map.metrics.stored.comparison import Outcome
-from sfr_loc_map.metrics.stored.score_json import MAX_NUMBER, to_plain
+from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
 from sfr_loc_map.suite.statistics.pairing import PairKey, have_one_configuration, without_configuration
 from sfr_loc_map.suite.statistics.summary import SCHEMA
 
+MAX_NUMBER = 1e100  #: Maximum number of a figure; its squares and sums are finite.
 WINDOWS = (1, 4)  #: Lengths of the mean, nights: 1 detects large changes immediately, 4 detects small changes later.
 FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and jobs.
 REFERENCE = 30  #: Maximum number of reference nights.
