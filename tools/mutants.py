@@ -426,8 +426,8 @@ MUTATIONS = (
     Mutation("metrics/completeness/copies.py", "return found & is_moving", "return found"),
     # the table against the raw values of a file
     Mutation(
-        "metrics/stored/contradiction.py",
-        "if (problem := raw_contradiction(score)) is not None:",
+        "metrics/stored/file_check.py",
+        "if (problem := fault_of_raw_values(score)) is not None:",
         "if (problem := None):",
     ),
     Mutation(
@@ -486,11 +486,11 @@ MUTATIONS = (
     Mutation("metrics/score/verdict.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
     Mutation("metrics/judging/limited_value.py", '"mean_plus_3sigma": 3.0, "max"', '"mean_plus_3sigma": 1.0, "max"'),
     Mutation(
-        "metrics/stored/contradiction.py",
+        "metrics/stored/file_check.py",
         "expected = mean_plus_3sigma(row.mean, row.sigma)",
         "expected = row.mean_plus_3sigma",
     ),
-    Mutation("metrics/stored/contradiction.py", "if mine != theirs and not _is_near(mine, theirs):", "if False:"),
+    Mutation("metrics/stored/file_check.py", "if mine != theirs and not _is_near(mine, theirs):", "if False:"),
     Mutation(
         "metrics/judging/limited_value.py",
         "math.inf if row.value is None else row.value\n",

@@ -23,7 +23,7 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
 from sfr_loc_map.metrics.score.limits import BOUND, LIMITED_NUMBERS, Limits, LimitSection, Rules
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.stored.raw_values import raw_contradiction
+from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
 from sfr_loc_map.metrics.stored.score_json import from_dict, from_json, to_dict, to_json
 from sfr_loc_map.metrics.table.details import Details
 from sfr_loc_map.metrics.table.records import AnswerCounts, Association, ExternalScore, FindingKind, FindingRecord
@@ -224,14 +224,14 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
     assert bounds[0] is not None
     assert bounds[0] == bounds[1]
     for score in found:
-        assert raw_contradiction(score) is None
+        assert fault_of_raw_values(score) is None
         row = score.judged_row("horizontal")
         assert row is not None
         assert row.rmse is not None
         smaller = replace(row, rmse=0.9 * row.rmse)
         rows = tuple(smaller if each is row else each for each in score.figures)
-        assert "rmse of horizontal" in (raw_contradiction(replace(score, figures=rows)) or "")
-        assert "its errors are absent" in (raw_contradiction(replace(score, errors=(), details=None)) or "")
+        assert "rmse of horizontal" in (fault_of_raw_values(replace(score, figures=rows)) or "")
+        assert "its errors are absent" in (fault_of_raw_values(replace(score, errors=(), details=None)) or "")
 
 
 def test_a_limit_on_horizontal_errors_is_judged_by_each_reading() -> None:

@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.score.limits import Population, Terms
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics import tolerance
 from sfr_loc_map.metrics.statistics.tolerance import Sample
-from sfr_loc_map.metrics.stored.contradiction import stored_contradiction
+from sfr_loc_map.metrics.stored.file_check import fault_of_file
 from sfr_loc_map.metrics.table.rows import figure_row
 
 SHAPES = (1.0, 1.0, 1.0), (1.0, 0.3, 0.3), (1.0, 0.0, 0.0)
@@ -141,7 +141,7 @@ def test_a_bound_of_another_release_of_scipy_is_the_same_but_for_rounding() -> N
     found, _ = judged(long_score(), limit=10.0, prob=0.95, confidence=0.95)
     for factor, is_refused in ((1.0 + 1e-12, False), (1.0 + 1e-6, True)):
         rows = [replace(row, value=factor * row.value) if row.figure == "bound" else row for row in found.figures]
-        problem = stored_contradiction(replace(found, figures=tuple(rows)))
+        problem = fault_of_file(replace(found, figures=tuple(rows)))
         assert (problem is not None) == is_refused, problem
 
 

@@ -111,7 +111,7 @@ def is_lifted_by_partial(score: Score) -> bool:
 
 
 def unknown_items(part: RowPart, score: Score, rules: Rules) -> Iterator[Shortfall]:
-    """Yield a shortfall if the expected items of a scope are unknown, which limits do not accept without `--partial`."""
+    """Yield a shortfall if the expected items of a scope are unknown, and `--partial` does not accept it."""
     if not rules.limits or rules.partial:
         return
     row = score.figure(JUDGED, subject=Subject.COMPLETENESS, part=part)

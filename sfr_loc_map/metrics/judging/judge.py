@@ -11,6 +11,7 @@ the other limits (`several_scores.each_by_its_limits`). See docs/metrics.md, "Ve
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
@@ -29,6 +30,13 @@ from sfr_loc_map.metrics.table.row_part import RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure
 
 
+class ProvedBound(NamedTuple):
+    """The proof of a limit with a fraction and a confidence, and its tolerance bound as a row of the table."""
+
+    proof: Proof
+    row: Figure
+
+
 def judged_by(score: Score, limits: Limits | None, *, partial: bool = False) -> Score:
     """Return a score with its rules, the verdict on each limit, and the verdict over all limits."""
     return with_verdicts(struct_replace(score, rules=Rules.of(limits, partial=partial)))
@@ -38,7 +46,7 @@ def with_verdicts(score: Score) -> Score:
     """Return a score with its tolerance bounds as rows, and the verdicts that follow from its figures and rules."""
     proofs = proofs_of(score)
     others = tuple(row for row in score.figures if row.figure != BOUND)
-    table = struct_replace(score, figures=(*others, *bound_rows(proofs)))
+    table = struct_replace(score, figures=(*others, *(bound.row for bound in proofs.values())))
     missing = incompleteness(table)
     incomplete = text_of(missing)
     stated = missing if limits_of(table) is not None else []
@@ -62,22 +70,21 @@ def overall_verdict(score: Score, states: Sequence[VerdictState], incomplete: st
 
 
 def verdicts_on_limits(
-    score: Score, proofs: Mapping[Limit, Proof], incomplete: Collection[RowPart]
+    score: Score, proofs: Mapping[Limit, ProvedBound], incomplete: Collection[RowPart]
 ) -> Iterator[Verdict]:
     """Yield the verdict on each limit of a score: pass, fail, incomplete, not enough data or not judged.
 
     A figure that equals its limit passes. A pass requires that the part of the score that the figure describes is
     complete. A signed mean (heading) is compared by its absolute value. If estimate and truth contradict each other,
     all verdicts on limits are `not judged`. `certain` states whether the 95 % interval is on one side of the limit, and
-    is None without an interval. The rows of the proofs are the last rows of the score, in the order of the proofs.
+    is None without an interval. The rows of the proofs are rows of the score.
     """
     limits = limits_of(score) or Limits()
-    first_bound = len(score.figures) - len(proofs)
-    rows_of_proofs = dict(zip(proofs, range(first_bound, len(score.figures)), strict=True))
     for limit in limits.limits:
         if limit in proofs:
             truth_error = truth_error_of(limit, score, score.reading)
-            verdict = proof_verdict(limit, proofs[limit], rows_of_proofs[limit], truth_error)
+            bound = proofs[limit]
+            verdict = proof_verdict(limit, bound.proof, score.index_of(bound.row), truth_error)
         else:
             verdict = verdict_on(limit, value_of(limit, score), limits)
             verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, limits))
@@ -199,22 +206,17 @@ def part_of(limited: LimitedNumber, row: Figure | None) -> str | None:
     return None if limited.part is None else limited.part.text
 
 
-def proofs_of(score: Score) -> dict[Limit, Proof]:
+def proofs_of(score: Score) -> dict[Limit, ProvedBound]:
     """Return what the errors of a score prove about each limit with a fraction and a confidence."""
     found = {}
     limits = limits_of(score)
     for limit in () if limits is None else limits.limits:
         if limit.terms is not None:
-            sample = sample_of(score, limit.limited.figure, limit.condition)
-            found[limit] = prove(limit.terms, limit.limit, {"": [sample]} if sample else {})
+            figure = limit.limited.figure
+            sample = sample_of(score, figure, limit.condition)
+            proof = prove(limit.terms, limit.limit, {"": [sample]} if sample else {})
+            found[limit] = ProvedBound(proof, bound_row(figure, KINDS[figure].unit, limit.condition, proof))
     return found
-
-
-def bound_rows(proofs: Mapping[Limit, Proof]) -> Iterator[Figure]:
-    """Yield the tolerance bounds as rows of the table of figures."""
-    for limit, proof in proofs.items():
-        figure = limit.limited.figure
-        yield bound_row(figure, KINDS[figure].unit, limit.condition, proof)
 
 
 def _by_reading(limit: Limit, score: Score, limits: Limits) -> dict[str, VerdictState]:

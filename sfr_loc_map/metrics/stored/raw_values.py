@@ -37,7 +37,7 @@ WITHOUT_RESULT: dict[str, tuple[str, Subject]] = {
 """The only figure of completeness of a part without estimate or cloud, and the subject that such a part lacks."""
 
 
-def raw_contradiction(score: Score) -> str | None:
+def fault_of_raw_values(score: Score) -> str | None:
     """Return the first contradiction between the figures and the raw values of a score; None if there is none."""
     of_raw = (*_required(score), *_of_sub_trajectories(score), *_of_points(score), *_of_calls(score), *_of_axes(score))
     of_table = (*_of_pairs(score), *_of_first_calls(score), *_of_counts(score), *_of_judged(score), *_of_answers(score))

@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.score.score import SCHEMA, Score
-from sfr_loc_map.metrics.stored.contradiction import stored_contradiction
+from sfr_loc_map.metrics.stored.file_check import fault_of_file
 from sfr_loc_map.metrics.table.catalogue import Subject
 
 T = TypeVar("T")
@@ -129,7 +129,7 @@ def decoded(text: str | bytes, origin: str = "score") -> Score:
 
 def checked(score: Score, origin: str) -> Score:
     """Return the score if its verdicts follow from its figures; otherwise InputError, which names the contradiction."""
-    if (problem := stored_contradiction(score)) is not None:
+    if (problem := fault_of_file(score)) is not None:
         raise InputError(f"{origin} contradicts itself: {problem}; {SCORE_AGAIN}")
     return score
 

@@ -15,14 +15,14 @@ from sfr_loc_map.metrics.formulas import mean_plus_3sigma
 from sfr_loc_map.metrics.judging.judge import with_verdicts
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.stored.raw_values import raw_contradiction
+from sfr_loc_map.metrics.stored.raw_values import fault_of_raw_values
 from sfr_loc_map.metrics.table.catalogue import KINDS, clause_of
 from sfr_loc_map.metrics.table.rows import Figure
 
 ROUNDING = 1e-9  #: Relative tolerance between a stored and a derived number.
 
 
-def stored_contradiction(score: Score) -> str | None:
+def fault_of_file(score: Score) -> str | None:
     """Return the first contradiction between a stored score and its figures and rules; None if there is none."""
     for row in score.figures:
         if (problem := fault_of_keys(row)) is not None:
@@ -34,7 +34,7 @@ def stored_contradiction(score: Score) -> str | None:
             return (
                 f"mean_plus_3sigma of {row.label} is {row.mean_plus_3sigma:.9g}, but |mean| + 3 sigma is {expected:.9g}"
             )
-    if (problem := raw_contradiction(score)) is not None:
+    if (problem := fault_of_raw_values(score)) is not None:
         return problem
     again = with_verdicts(score)
     if not _are_near(again.figures, score.figures):
