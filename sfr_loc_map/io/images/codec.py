@@ -24,7 +24,10 @@ from sfr_loc_map.message_stamps import stamp_of
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 JPEG_MAGIC = b"\xff\xd8"
 FORMATS = "PNG, JPEG, PGM or PPM"  #: Supported formats; their size is known before decoding.
-_PNM = re.compile(rb"P[2356](?:\s+|\s*#[^\n]*\n)+(\d{1,9})(?:\s+|\s*#[^\n]*\n)+(\d{1,9})\s")
+_GAP = rb"(?:\s|#[^\n]*\n)++"  #: Between the numbers in the head of a PGM or PPM; possessive, so that it is fast.
+_PNM = re.compile(rb"P[2356]%b(\d{1,9})%b(\d{1,9})\s" % (_GAP, _GAP))
+_BINARY_PNM = re.compile(rb"P[56]%b\d{1,9}%b\d{1,9}%b(\d{1,5})\s" % (_GAP, _GAP, _GAP))
+"""Head of a PGM or PPM; of a binary one with the value of a white sample."""
 BAYER = {
     "rggb": cv2.COLOR_BayerBG2GRAY,
     "bggr": cv2.COLOR_BayerRG2GRAY,
@@ -175,6 +178,8 @@ def decoded(raw: bytes) -> Samples:
             return Samples(np.ascontiguousarray(simplejpeg.decode_jpeg(raw, "GRAY", strict=True)[:, :, 0]))
     if raw.startswith(PNG_MAGIC):
         raw = _critical_chunks(raw)
+    elif raw.startswith((b"P2", b"P3")):
+        raw += b"\n"  # OpenCV rejects text without a separator after the last number
     level = cv2.utils.logging.setLogLevel(0)  # errors of corrupt images are reported by exceptions
     try:
         image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -184,6 +189,9 @@ def decoded(raw: bytes) -> Samples:
         cv2.utils.logging.setLogLevel(level)
     if image is None:
         raise InputError("its data is corrupt; restore the original")
+    binary = _BINARY_PNM.match(raw[:4096])
+    if binary and (white := int(binary[1])) < 255:  # OpenCV scales text, but not binary samples
+        image = np.minimum(image.astype(np.uint32) * 255 // white, 255).astype(np.uint8)
     return Samples(np.asarray(image))
 
 

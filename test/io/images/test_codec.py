@@ -90,6 +90,19 @@ def smooth_image() -> np.ndarray:
     return cv2.GaussianBlur(rng.integers(0, 256, (64, 64), dtype=np.uint8), (0, 0), 2)
 
 
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"P5\n# white is 15\n2 2\n15\n" + bytes([0, 5, 7, 15]),
+        b"P6 2 2 15\n" + bytes([0, 0, 0, 5, 5, 5, 7, 7, 7, 15, 15, 15]),
+        b"P2\n2 2\n15\n0 5\n7 15",
+        b"P3\n2 2\n15\n0 0 0 5 5 5\n7 7 7 15 15 15",
+    ],
+)
+def test_the_white_of_pgm_and_ppm_is_255_and_the_last_line_needs_no_end(data: bytes) -> None:
+    assert decoded(data).grey().tolist() == [[0, 85], [119, 255]]
+
+
 def test_any_flipped_byte_of_a_png_is_noticed() -> None:
     data = encode_png(smooth_image())
     for place in np.random.default_rng(1).integers(8, len(data), 100):
@@ -128,6 +141,7 @@ SMALL = r"(up to \d+ in all|at most \d+ decoded bytes)"
         (b"P5\n-1 2\n255\n" + bytes(9), "another format"),
         (b"P5\n999999 999999\n255\n" + bytes(9), "it is 999999 x 999999"),
         (b"P5\n20 20\n255\n" + bytes(9), "corrupt"),
+        (b"P5" + b" " * 4000 + b"x", "another format"),
         (b"P3\n2 2\n255\n1 2 x", "corrupt"),
         *((png(depth, colour, side), SMALL) for depth, colour, side in ((8, 0, 8193), (8, 2, 8000), (16, 6, 5000))),
     ],
