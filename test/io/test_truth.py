@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -150,6 +151,20 @@ def tf(stamp: int, parent: str, child: str, x: float) -> Any:
     transform = T["geometry_msgs/msg/Transform"](vector(x, 0.0, 0.0), turn(0.0, 0.0, 0.0, 1.0))
     item = T["geometry_msgs/msg/TransformStamped"](bag_messages.header(stamp, parent), child, transform)
     return T["tf2_msgs/msg/TFMessage"]([item])
+
+
+def test_an_empty_last_path_is_ignored_and_a_window_of_poses_is_reported(
+    tmp_path: Path, poses: Trajectory, caplog: pytest.LogCaptureFixture
+) -> None:
+    paths = list(messages("path", poses))
+    topic, stamp, last = paths[-1]
+    read = TruthConfig(source=TOPICS["path"])
+    empty = write_messages(tmp_path / "empty", [*paths, (topic, stamp + NS_PER_S, replace(last, poses=[]))])
+    assert len(read_truth(empty, read)) == COUNT
+    assert not caplog.text
+    windows = [(topic, stamp, replace(path, poses=path.poses[-5:])) for topic, stamp, path in paths]
+    assert len(read_truth(write_messages(tmp_path / "window", windows), read)) == 5
+    assert f"{COUNT - 1} of {COUNT} paths begin up to" in caplog.text
 
 
 def test_poses_are_not_interpolated_over_a_gap_of_a_transform(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -6,6 +6,7 @@ skipped.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -15,7 +16,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.geodesy import enu_m
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.io.bag.frames import pose_row
-from sfr_loc_map.message_stamps import jumped_back, stamp_of
+from sfr_loc_map.message_stamps import NS_PER_S, jumped_back, stamp_of
 from sfr_loc_map.message_types import FIX, ODOMETRY, PATH, POINT, POSE, POSE_WITH_COVARIANCE, TRANSFORM
 from sfr_loc_map.topics import TRUE_POSES
 
@@ -64,7 +65,8 @@ class TruthReader:
             return
         first_ns, last_ns = stamp_of(message.poses[0]), stamp_of(message.poses[-1])
         if len(message.poses) > 1 and not last_ns > first_ns:
-            raise InputError(f"{self._where}: all poses of a path have the same stamp: give each pose its own stamp")
+            found = "all poses of a path have the same stamp" if last_ns == first_ns else "a path ends before it begins"
+            raise InputError(f"{self._where}: {found}: give each pose its own stamp, in increasing order")
         known_ns = self._path_end_ns
         if known_ns is not None and jumped_back(known_ns, last_ns):
             known_ns = None
@@ -108,6 +110,21 @@ TRUTH_TYPES: Mapping[str, Callable[[TruthReader, Any], Iterator[TrueRow]]] = {
     FIX: TruthReader._fix,
 }
 """Readers of true poses by message type, live and in bags; if one body has several types, the first is preferred."""
+
+
+def first_pose_ns(raw: bytes) -> int | None:
+    """Return the stamp of the first pose of a serialised path, ns (CDR, XTypes 1.3, 7.4); None if it has no pose.
+
+    A truncated message has no pose, too.
+    """
+    order = "<" if raw[1:2] and raw[1] & 1 else ">"
+    try:
+        (name_length,) = struct.unpack_from(f"{order}I", raw, 12)
+        end_of_name = 16 + name_length
+        count, seconds, nanoseconds = struct.unpack_from(f"{order}IiI", raw, end_of_name + -end_of_name % 4)
+    except struct.error:
+        return None
+    return int(seconds) * NS_PER_S + int(nanoseconds) if count else None
 
 
 def _is_place(latitude: float, longitude: float) -> bool:

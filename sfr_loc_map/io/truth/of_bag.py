@@ -19,10 +19,11 @@ from sfr_loc_map.io.bag.frames import chain_above, chain_poses, trajectory_of, v
 from sfr_loc_map.io.bag.poses import read_frames, read_odometry
 from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
-from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TruthReader
+from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TruthReader, first_pose_ns
 from sfr_loc_map.io.truth.names import is_own
 from sfr_loc_map.io.truth.pose_checks import check_clock
 from sfr_loc_map.io.truth.recorded import RecordedTruth
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_types import ODOMETRY, PATH, POSE_WITH_COVARIANCE
 from sfr_loc_map.topics import TRUE_POSES
 
@@ -88,7 +89,7 @@ def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
     where = f"'{topic.bag_name}' of bag '{bag.path}'"
     messages: Iterable[Any] = (message for _, _, message in bag.messages([topic]))
     if topic.msgtype == PATH:  # the last path contains all earlier poses, possibly corrected
-        messages = _last_message(bag, topic)
+        messages = _last_path(bag, topic, where)
     reader = TruthReader(topic.msgtype, where)
     rows = [row for message in messages for row in reader.rows(message)]
     if reader.invalid:
@@ -100,12 +101,26 @@ def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
     return poses, np.reshape([rows[k][2] for k in valid], (-1, 6))
 
 
-def _last_message(bag: Bag, topic: Topic) -> list[Any]:
-    """Return the last message of a topic, or an empty list; only the last message is deserialised."""
-    last = None
+def _last_path(bag: Bag, topic: Topic, where: str) -> list[Any]:
+    """Return the last path that has poses, or an empty list; only this path is deserialised.
+
+    A warning reports that it begins after earlier paths, as a path that contains only the latest poses.
+    """
+    last, begins_ns = None, list[int]()
     for _, _, raw in bag.stream([topic]):
-        last = raw
-    return [] if last is None else [bag.deserialise(topic, last)]
+        begin_ns = first_pose_ns(raw)
+        if begin_ns is not None:
+            begins_ns.append(begin_ns)
+            last = raw
+    if last is None:
+        return []
+    if earlier := sum(begin_ns < begins_ns[-1] for begin_ns in begins_ns):
+        lost_s = (begins_ns[-1] - min(begins_ns)) / NS_PER_S
+        _log.warning(
+            f"truth {where}: the last path is used, but {earlier} of {len(begins_ns)} paths begin up to {lost_s:g} s "
+            "before it: their earlier poses are not used; record all poses in each path, or each pose as a message"
+        )
+    return [bag.deserialise(topic, last)]
 
 
 def _tf_poses(bag: Bag, frame: str) -> Trajectory:
