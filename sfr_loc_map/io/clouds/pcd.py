@@ -118,6 +118,8 @@ def _pcd_head(data: bytes) -> tuple[dict[str, list[str]], list[str], int]:
 def _uncompressed(body: bytes, dtype: np.dtype[Any], count: int) -> Columns:
     """Return the scalar fields of binary_compressed data: sizes, then LZF of all values field by field."""
     size, full_size = (int(number) for number in np.frombuffer(body[:8].ljust(8, b"\0"), "<u4"))
+    if len(body) < 8:
+        raise ValueError(f"its compressed data has {len(body)} bytes: at least the 8 bytes of two sizes are required")
     if size > len(body) - 8:
         raise ValueError(f"its compressed data is truncated: {size} bytes are declared, {len(body) - 8} are present")
     if full_size != count * dtype.itemsize:

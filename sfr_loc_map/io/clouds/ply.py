@@ -186,14 +186,16 @@ def _ply_text(data: bytes, position: int, count: int, properties: list[_Property
     if len(scalars) == len(properties):
         table = number_table(rows, len(scalars))
         return {name: table[:, column] for column, name in enumerate(scalars)}, position
-    values = np.zeros((count, len(scalars)))
-    for row, line in enumerate(rows):
+    numbers: list[bytes] = []
+    for line in rows:
         words = PLAIN_NAN.sub(b"nan", line).split()
-        index, column = 0, 0
+        index, of_scalars = 0, list[bytes]()
         for item in properties:
             if item.length_kind:
                 index += 1 + parse_count(words[index].decode("ascii", "replace"))
             else:
-                values[row, column] = float(words[index])
-                index, column = index + 1, column + 1
-    return {name: values[:, column] for column, name in enumerate(scalars)}, position
+                of_scalars.append(words[index])
+                index += 1
+        numbers.append(b" ".join(of_scalars))
+    table = number_table(numbers, len(scalars))
+    return {name: table[:, column] for column, name in enumerate(scalars)}, position

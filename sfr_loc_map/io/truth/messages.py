@@ -28,7 +28,7 @@ unknown)."""
 
 
 class TruthReader:
-    """Converts the messages of a topic to true poses; `invalid` counts fixes without a position.
+    """Converts the messages of a topic to true poses.
 
     The variance in z of a fix without altitude is that of an unknown component.
     """
@@ -38,7 +38,6 @@ class TruthReader:
 
         `where` names the topic in errors.
         """
-        self.invalid = 0
         self._where = where
         self._first: tuple[float, float, float] | None = None
         self._path_end_ns: int | None = None
@@ -81,11 +80,8 @@ class TruthReader:
         yield stamp_of(message), (point.x, point.y, point.z, 0.0, 0.0, 0.0, 0.0), UNKNOWN
 
     def _fix(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
-        """Yield the position of a fix. A receiver without a fix may send 0, 0 or NaN with the status of a fix."""
-        if message.status.status == NO_FIX:  # status -2 (unknown) is accepted: some drivers never set it
-            return
-        if not _is_place(message.latitude, message.longitude):
-            self.invalid += 1
+        """Yield the position of a fix, if the message has one."""
+        if message.status.status == NO_FIX or is_placeholder(message):
             return
         has_height = bool(np.isfinite(message.altitude))
         height = message.altitude if has_height else 0.0 if self._first is None else self._first[2]
@@ -127,6 +123,11 @@ def first_pose_ns(raw: bytes) -> int | None:
     return int(seconds) * NS_PER_S + int(nanoseconds) if count else None
 
 
-def _is_place(latitude: float, longitude: float) -> bool:
-    """Return whether latitude and longitude are those of a fix; 0, 0 is a placeholder of receivers."""
-    return abs(latitude) <= 90.0 and abs(longitude) <= 360.0 and (latitude, longitude) != (0.0, 0.0)
+def is_placeholder(message: Any) -> bool:  # noqa: ANN401 - a message of any library
+    """Return whether a NavSatFix states a fix, but has no position: some receivers send 0, 0 or NaN.
+
+    Status -2 (unknown) counts as a fix, because some drivers never set the status.
+    """
+    latitude, longitude = message.latitude, message.longitude
+    is_place = abs(latitude) <= 90.0 and abs(longitude) <= 360.0 and (latitude, longitude) != (0.0, 0.0)
+    return message.status.status != NO_FIX and not is_place

@@ -19,12 +19,12 @@ from sfr_loc_map.io.bag.frames import chain_above, chain_poses, trajectory_of, v
 from sfr_loc_map.io.bag.poses import read_frames, read_odometry
 from sfr_loc_map.io.tables.stamps import check_order
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
-from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TruthReader, first_pose_ns
+from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TrueRow, TruthReader, first_pose_ns, is_placeholder
 from sfr_loc_map.io.truth.names import is_own
 from sfr_loc_map.io.truth.pose_checks import check_clock
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.message_types import ODOMETRY, PATH, POSE_WITH_COVARIANCE
+from sfr_loc_map.message_types import FIX, ODOMETRY, PATH, POSE_WITH_COVARIANCE
 from sfr_loc_map.topics import TRUE_POSES
 
 _log = logging.getLogger(__name__)
@@ -91,9 +91,13 @@ def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
     if topic.msgtype == PATH:  # the last path contains all earlier poses, possibly corrected
         messages = _last_path(bag, topic, where)
     reader = TruthReader(topic.msgtype, where)
-    rows = [row for message in messages for row in reader.rows(message)]
-    if reader.invalid:
-        text = f"{reader.invalid} fixes at 0, 0 or with NaN are ignored, {len(rows)} are used"
+    rows = list[TrueRow]()
+    placeholders = 0
+    for message in messages:
+        rows += reader.rows(message)
+        placeholders += topic.msgtype == FIX and is_placeholder(message)
+    if placeholders:
+        text = f"{placeholders} fixes at 0, 0 or with NaN are ignored, {len(rows)} are used"
         _log.warning(f"truth {where}: {text}")
     stamped_poses = [(stamp_ns, pose) for stamp_ns, pose, _ in rows]
     valid = valid_indices(stamped_poses, f"truth {where}")

@@ -99,11 +99,13 @@ PLY = f"ply\nformat ascii 1.0\ncomment sfr pair_stamps_ns 5\nelement vertex 1\n{
     [
         (PCD, "1\nHEIGHT 1\nPOINTS 1", "900000000000\nHEIGHT 1\nPOINTS 900000000000", "bytes of text: "),
         (PCD, "POINTS 1", "POINTS 7", "WIDTH and HEIGHT give 1"),
+        (PCD, "DATA ascii\n1 2 3", "DATA binary_compressed\n1234", "has [45] bytes: at least the 8 bytes"),
         (PCD, "COUNT 1 1 1", "COUNT 1 1 999999999", "which is not supported"),
         (PCD, "DATA ascii\n1 2 3", "DATA binary\n1234", "bytes: 1 points"),
         (PLY, "vertex 1", "vertex -1", "'-1' is not a count"),
         (PLY, "1 2 3\n", "1\n", "are required"),
         (PLY, "float z", "list uchar int z", "no field z"),
+        (PLY, "float z\nend_header\n1 2 3", "float z\nproperty list uchar int n\nend_header\n1 2 1_0 0", "1_0"),
         (PLY, "stamps_ns 5", "stamps_ns 5.5", "is not an integer number of nanoseconds"),
         (PLY, "pair_stamps_ns 5", "fused maybe", "true or false is required"),
     ],
