@@ -128,12 +128,7 @@ def propose_config(
     proposal = _given(source, given, path, before or {})
     recorded = Bag(source) if format_of(source) is SourceFormat.BAG else None
     if recorded is not None:
-        proposal = proposal.adding(_topics(recorded, proposal.config))
-        renamed = recorded.renamed(proposal.config.remap)
-        proposal = proposal.adding(_origin_of_stamps(renamed))
-        bag = renamed.stamped_by(proposal.config.sync.stamps)
-        proposal = proposal.adding(_calibration(bag, proposal.config.calibration))
-        proposal = proposal.adding(_sync(bag, proposal.config.sync))
+        proposal = _with_topics_and_stamps(proposal, recorded)
     try:
         loc = _opened_drive(source, proposal.config)
     except CalibrationError:
@@ -143,23 +138,36 @@ def propose_config(
     if loc is None:
         return proposal
     proposal = proposal.adding(_extrinsics(loc, proposal.config))
-    given_truth = given.get("truth", {})
     try:
         truth = loc.ground_truth
     except SfrError as error:
-        if {"source", "frame"} & given_truth.keys():
+        if {"source", "frame"} & given.get("truth", {}).keys():
             raise
         return proposal.adding(Findings(missing=(str(error),)))
     if truth is None and recorded is not None:
         text = f"no truth: a score requires --set truth.source=TOPIC or FILE{could_be_truth(recorded)}"
-        proposal = proposal.adding(Findings(remarks=(text,)))
-    if truth is None or len(truth) < 2:
-        return proposal
-    if "lever_arm_m" not in given_truth:
+        return proposal.adding(Findings(remarks=(text,)))
+    return proposal if truth is None or len(truth) < 2 else _with_truth(proposal, truth, loc.stamps_ns)
+
+
+def _with_topics_and_stamps(proposal: Proposal, recorded: Bag) -> Proposal:
+    """Return a proposal with the topics, stamps and calibration that a bag requires to be opened."""
+    proposal = proposal.adding(_topics(recorded, proposal.config))
+    renamed = recorded.renamed(proposal.config.remap)
+    proposal = proposal.adding(_origin_of_stamps(renamed))
+    bag = renamed.stamped_by(proposal.config.sync.stamps)
+    proposal = proposal.adding(_calibration(bag, proposal.config.calibration))
+    return proposal.adding(_sync(bag, proposal.config.sync))
+
+
+def _with_truth(proposal: Proposal, truth: Trajectory, stamps_ns: Sequence[int]) -> Proposal:
+    """Return a proposal with the components of a ground truth, and a condition for the pairs with these stamps."""
+    proposal = proposal.adding(Findings(truth=_components(truth)))
+    if "lever_arm_m" not in proposal.sections.get("truth", {}):
         proposal = proposal.adding(_lever_arm(truth, proposal.config))
-    if "conditions" not in given:
-        proposal = proposal.adding(_condition(loc.stamps_ns, truth))
-    return proposal.adding(Findings(truth=_components(truth)))
+    if "conditions" not in proposal.sections:
+        proposal = proposal.adding(_condition(stamps_ns, truth))
+    return proposal
 
 
 def _copied(sections: Mapping[str, Any]) -> dict[str, Any]:
