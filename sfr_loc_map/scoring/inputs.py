@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from sfr_loc_map.calls.call_files import stats_beside
 from sfr_loc_map.calls.call_stats import CallStats
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -71,6 +73,34 @@ class ScoreInputs:
         return cls(estimate=estimate, truth=truth, stats=tuple(stats))
 
 
+class FileState(NamedTuple):
+    """What changes if a file is replaced or written."""
+
+    device: int
+    inode: int
+    size: int
+    modified_ns: int
+
+    @classmethod
+    def of(cls, path: Path) -> FileState:
+        """Return the state of the file to which a path leads."""
+        found = path.stat()
+        return cls(found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
+
+
+def states_of(inputs: ScoreInputs) -> dict[Path, FileState]:
+    """Return the states of the existing input files, before they are read."""
+    files = (inputs.estimate, inputs.truth, inputs.cloud, inputs.map_truth, inputs.target, inputs.target_about)
+    return {path: FileState.of(path) for path in (*files, *inputs.stats) if path is not None and path.exists()}
+
+
+def check_unchanged(states: Mapping[Path, FileState]) -> None:
+    """Raise InputError if a file is no longer the file that was read."""
+    for path, state in states.items():
+        if not path.exists() or FileState.of(path) != state:
+            raise InputError(f"'{path}' was changed or replaced while it was scored: score it again")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveToScore:
     """Estimated and true poses of RB in DS."""
@@ -131,6 +161,8 @@ class Run:
     in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hashes of inputs that are not files, by role.
     #: Settings of localiser and mapper that differ from the defaults, for provenance.
     settings: Mapping[str, object] = field(default_factory=dict)
+    #: States of the input files before they were read.
+    states: Mapping[Path, FileState] = field(default_factory=dict)
 
     @property
     def all_calls(self) -> list[CallStats]:

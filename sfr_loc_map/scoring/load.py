@@ -34,7 +34,7 @@ from sfr_loc_map.metrics.frames.association import UPPER, Estimates
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TargetRecord
 from sfr_loc_map.scoring.bag_estimates import BagEstimate, read_bag_estimate
 from sfr_loc_map.scoring.call_checks import check_one_estimate, check_one_method
-from sfr_loc_map.scoring.inputs import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.inputs import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs, states_of
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE
 
@@ -56,6 +56,7 @@ def load_run(
     an estimate come from its calls and its bag. Poses may be in memory. `fused` applies to cloud files that do not
     declare whether they are fused.
     """
+    states = states_of(inputs)
     given_stats = [load_call_stats(path) for path in inputs.stats]
     stats = [*given_stats, *calls]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
@@ -77,6 +78,7 @@ def load_run(
             nav_stamps_ns = _nav_stamps_of(source, stats if target is None else [*stats, target])
     return Run(
         inputs=with_read_files(inputs, how),
+        states=states,
         stats=stats,
         given_stats=given_stats,
         target=target,

@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import InputFile, Provenance
 from sfr_loc_map.package_commit import package_commit
-from sfr_loc_map.scoring.inputs import IN_MEMORY, Run
+from sfr_loc_map.scoring.inputs import IN_MEMORY, Run, check_unchanged
 
 
 def provenance_of(run: Run, config: ScoreConfig) -> Provenance:
@@ -55,6 +55,7 @@ def provenance_of(run: Run, config: ScoreConfig) -> Provenance:
             files[name] = InputFile(
                 path=str(hashed), resolved=str(hashed.resolve()), sha256=hash_path(hashed), data_sha256=data.get(name)
             )
+    check_unchanged(run.states)
     if run.drive is not None and isinstance(run.drive.truth, Truth) and "truth" in files:
         files["truth"] = struct_replace(files["truth"], read_from=run.drive.truth.read_from or None)
     if (sha256 := _images_sha256(run)) is not None:
