@@ -50,7 +50,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
-from sfr_loc_map.localisation.findings import Findings, Verdict
+from sfr_loc_map.localisation.findings import Finding, Findings, Verdict
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.ground.cases import Case, case_of, effect_of, findings_of
@@ -58,8 +58,8 @@ from sfr_loc_map.localisation.ground.cell_change import LEVEL, Change, change_of
 from sfr_loc_map.localisation.ground.cell_motion import MOVED_PX
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL
 from sfr_loc_map.localisation.ground.evidence import CLEAR_RATIO, Evidence
-from sfr_loc_map.localisation.ground.identification import Fault
-from sfr_loc_map.localisation.ground.memory import MIN_EXCESS, EarlierImage, GroundMemory
+from sfr_loc_map.localisation.ground.identification import Fault, Phase
+from sfr_loc_map.localisation.ground.memory import MIN_EXCESS, EarlierImage, Effect, GroundMemory
 from sfr_loc_map.localisation.ground.motion_tools import ComparedPair, MotionTools
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
@@ -109,9 +109,17 @@ class Ground(NamedTuple):
 
     @classmethod
     def unselected(cls, tracks: Tracks, memory: GroundMemory) -> Ground:
-        """Return all tracks as those of the ground, without a comparison with earlier pairs."""
-        learnt = replace(memory, previous=None)
-        return cls(tracks, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), memory, learnt, memory.earlier)
+        """Return all tracks as those of the ground, without a comparison with earlier pairs.
+
+        A doubt persists. The recovery from earlier faults continues as if the image moved.
+        """
+        assert memory.earlier is not None, "a window has begun"
+        earlier = memory.earlier._replace(age=memory.earlier.age + 1)
+        learnt = replace(memory, earlier=earlier, previous=None)
+        is_in_doubt = memory.identification.phase is Phase.IN_DOUBT
+        effect = Effect(Finding.GROUND_IN_DOUBT) if is_in_doubt else Effect()
+        findings = findings_of(effect, memory, is_trusted=tracks.is_trusted, is_moving=True)
+        return cls(tracks, findings, NO_ROWS, MotionSize(0.0, 0.0), memory, learnt, earlier)
 
     def memory_after(self, verdict: Verdict) -> GroundMemory:
         """Return the memory after the pair.

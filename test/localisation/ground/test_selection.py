@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from helpers import ROOT
 from helpers.loc_drive import drive, noisy, run
-from helpers.made_scene import LOC_RIG, true_pose
+from helpers.made_scene import HEIGHT, LOC_RIG, true_pose
 from sfr_loc_map.bench.fault_benchmark import ErrorReport, stated_errors
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
@@ -105,9 +105,12 @@ def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
 
 
 def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> None:
-    before = replace(GroundMemory.none((32, 32)), previous=np.zeros((16, 16), np.float32))
+    image = np.zeros((16, 16), np.float32)
+    earlier = EarlierImage(image, Pose(np.eye(3), np.zeros(3)))
+    before = replace(GroundMemory.none((32, 32)), earlier=earlier, previous=image)
     after = replace(before, previous=np.ones((16, 16), np.float32), faults=ImageFaults(transfers=2))
-    ground = Ground.unselected(None, before)._replace(learnt=after)  # type: ignore[arg-type]
+    tracks = SimpleNamespace(is_trusted=True)
+    ground = Ground.unselected(tracks, before)._replace(learnt=after)  # type: ignore[arg-type]
     refused = decide({Finding.CONTRADICTED})
     assert ground.memory_after(refused) is before
     learnt = ground._replace(outlasts_refusal=True).memory_after(refused)
@@ -312,6 +315,23 @@ def test_a_fast_drive_on_a_bare_road_is_not_lost(shared_data: Path) -> None:
     states = [localiser.process(replace(pair, left=bare(pair.left), right=bare(pair.right))).state for pair in pairs]
     assert TrackingState.LOST not in states
     assert states.count(TrackingState.TRACKING) > 0.6 * len(states)
+
+
+@pytest.mark.parametrize("stale_from_row", [0, HEIGHT // 2])
+def test_the_ground_stays_in_doubt_while_stale_images_are_blanked(stale_from_row: int) -> None:
+    """No motion can then be selected, and the covariance contains the ambiguity as in a pair with good images."""
+    doubt = Identification(Phase.IN_DOUBT, pairs_left=LONG_DOUBT_PAIRS)
+    stale = DRIVE[12].left.copy()
+    stale[stale_from_row:] = DRIVE[11].left[stale_from_row:]
+    sigmas = []
+    for left in (DRIVE[12].left, stale):
+        by = Localiser(LOC_RIG, LocalisationConfig(), true_pose(0))
+        run(DRIVE[:12], by)
+        by._state = replace(by._state, ground_memory=replace(by._state.ground_memory, identification=doubt))
+        estimate = by.process(replace(DRIVE[12], left=left))
+        assert estimate.state is TrackingState.DEGRADED
+        sigmas.append(np.sqrt(np.trace(estimate.covariance[:3, :3])))
+    assert sigmas[1] > 0.9 * sigmas[0]
 
 
 def test_a_standstill_in_doubt_adds_nothing_to_the_covariance() -> None:
