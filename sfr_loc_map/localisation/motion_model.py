@@ -108,22 +108,18 @@ class LastPose:
         return LastPose(T_world_left, since.T_last_now, stamp_ns, stamp_ns, stamp_ns - self.tracked_ns, speed)
 
     def at_stamp(self, stamp_ns: int | None) -> LastPose:
-        """Return the pose with another stamp `known_ns`."""
-        return replace(self, known_ns=stamp_ns)
+        """Return the pose with another stamp `known_ns`, because an external pose is valid at this stamp.
 
-    def placed(self, stamp_ns: int | None) -> LastPose:
-        """Return the pose after an external pose was applied at a stamp. The speed is unknown and set to 0."""
-        return replace(self, known_ns=stamp_ns, speed=Speed(0.0, 0.0))
+        The speed is kept, because the rover may have continued at this speed while its motion was unobserved.
+        """
+        return replace(self, known_ns=stamp_ns)
 
     def adjusted(self, T_world_left: Transform) -> LastPose:
         """Return the pose after an adjustment of the map moved it."""
         return replace(self, T_world_left=T_world_left)
 
     def without_prediction(self) -> LastPose:
-        """Return the pose after tracking was lost. The next pose is then predicted at the last known pose.
-
-        The speed is kept, because the rover may have continued at this speed while its motion was unobserved.
-        """
+        """Return the pose after tracking was lost. The next pose is predicted at this pose, and the speed is kept."""
         return replace(self, T_before_last=Transform.identity())
 
     def restarted(self, stamp_ns: int) -> LastPose:

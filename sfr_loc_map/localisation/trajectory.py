@@ -349,7 +349,7 @@ def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: Rover
     )
     return replace(
         path,
-        last=path.last.placed(stamp_ns),
+        last=path.last.at_stamp(stamp_ns),
         datum=replace(path.datum, T_ds_world=T_ds_world, placed=pose),
         errors=path.errors.placed(LocatedCovariance(T_world_left.translation, covariance)),
         history=History(),
