@@ -16,6 +16,11 @@ MAX_MISSED_PAIRS = 4
 """Maximum number of missing pairs over which the last motion is repeated. Chosen by hand: 0.5 s at 10 Hz.
 If larger, guesses far from the pose cost the time of an alignment. If smaller, more gaps require relocalisation."""
 
+MAX_JITTER_NS = 10_000_000
+"""Maximum difference of two stamps that may be of one moment, ns. Chosen by hand: a tenth of the period at 10 Hz. If
+larger, an unobserved motion between two pairs is not reported. If smaller, a start pose that another program computed
+for the first pair degrades the first window. The covariance contains the motion in this time in any case."""
+
 
 class Guesses(NamedTuple):
     """Initial guesses of the next pose of the left camera in the world."""
@@ -70,10 +75,10 @@ class LastPose:
     def has_gap(self, stamp_ns: int) -> bool:
         """Return whether the motion from the last known pose to a pair that begins a window is unobserved.
 
-        There is no gap before the first pair. A start pose with a later stamp causes no gap either, because images show
-        the motion up to this stamp.
+        There is no gap before the first pair, or if the stamps are equal up to jitter (`MAX_JITTER_NS`). A start pose
+        with a later stamp causes no gap either, because images show the motion up to this stamp.
         """
-        return self.known_ns is not None and self.known_ns < stamp_ns
+        return self.known_ns is not None and stamp_ns - self.known_ns > MAX_JITTER_NS
 
     def predict(self, stamp_ns: int, odometry: Transform | None, model: RoverModel) -> Guesses:
         """Return the initial guesses of the next pose.

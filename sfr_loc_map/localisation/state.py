@@ -13,8 +13,8 @@ Five other events change the state:
 
 - A keyframe of the previous call is finished: path, map, calibration and recovery images. If its adjustment diverged,
   the map is discarded, the calibration is reset and `has_diverged` is set instead.
-- An external pose is applied: path. `trajectory._placed` applies a pose whose stamp is more than one period later than
-  the last pair that was accepted or began a window, and a pose without such a pair. The map is then discarded.
+- An external pose is applied: path. `trajectory._placed` applies a pose whose stamp is more than 1.5 periods later
+  than the last pair that was accepted or began a window, and a pose without such a pair. The map is then discarded.
   `trajectory._rebased` applies any other pose.
 - A pair arrives: path (its stamp; with the first pair also the stamp of the start pose).
 - `set_pose` is called: path.

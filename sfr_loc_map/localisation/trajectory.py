@@ -54,6 +54,11 @@ from sfr_loc_map.localisation.uncertainty.step_covariance import (
 )
 from sfr_loc_map.message_stamps import NS_PER_S
 
+MAX_LATER_PERIODS = 1.5
+"""Maximum number of periods between the last accepted pose and a later external pose that applies to it. An external
+pose for the next pair, which is kept, is one period later. With a limit of exactly one period, the jitter of the stamps
+would decide whether the map is discarded."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PublishedPose:
@@ -321,9 +326,9 @@ def given(path: PathState, pose: StartPose, model: RoverModel) -> PathState:
 def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, bool]:
     """Return the path with the pending external pose applied if its stamp is reached, and whether to discard the map.
 
-    An external pose that is at most one period later than the last accepted pose applies to that pose, with the
-    covariance of an unobserved motion between the two. If the external pose is still later, its position in the map is
-    unknown. The map is then discarded, and the motion from the stamp of the external pose to the pair is unobserved.
+    An external pose that is at most `MAX_LATER_PERIODS` later than the last accepted pose applies to that pose, with
+    the covariance of an unobserved motion between the two. If the external pose is still later, its position in the map
+    is unknown. The map is then discarded, and the motion from the stamp of the external pose to the pair is unobserved.
     """
     pending = path.datum.pending
     if pending is None:
@@ -333,7 +338,7 @@ def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tupl
         return path, False
     path = replace(path, datum=replace(path.datum, pending=None))
     last_ns = path.history.last_ns
-    if last_ns is None or at_ns > last_ns + path.last.period_ns:
+    if last_ns is None or at_ns - last_ns > MAX_LATER_PERIODS * path.last.period_ns:
         placed = _placed(path, pending.pose, at_ns, model)
         unobserved = _unobserved_of_left(placed, stamp_ns, model)
         return replace(placed, errors=placed.errors.kept(unobserved)), True

@@ -172,6 +172,12 @@ def test_set_pose_is_where_the_next_estimate_starts(estimates: list[PoseEstimate
     np.testing.assert_allclose(by.process(DRIVE[14]).T_ds_rb.matrix, true_pose(20).matrix, atol=1e-9)
 
 
+@pytest.mark.parametrize(("ahead_ns", "state"), [(1, TrackingState.INITIALISING), (PERIOD_NS, TrackingState.DEGRADED)])
+def test_a_start_pose_shortly_before_the_first_pair_leaves_no_gap(ahead_ns: int, state: TrackingState) -> None:
+    by = Localiser(LOC_RIG, start=StartPose(true_pose(0), stamp_ns=DRIVE[0].stamp_ns - ahead_ns))
+    assert by.process(DRIVE[0]).state is state
+
+
 def test_a_start_pose_holds_at_its_stamp_however_late_the_truth_begins(estimates: list[PoseEstimate]) -> None:
     apart = [replace(pair, stamp_ns=START_NS + 11 * 10**9 * k) for k, pair in enumerate(DRIVE[:6])]
     for late_s, held in ((22, 2), (3600, 0)):  # of another clock: at the first pair

@@ -313,13 +313,23 @@ def test_a_pose_from_outside_while_a_pose_is_kept_leaves_the_motion_since_its_st
     assert is_map_forgotten
     at_pair = path.errors.kept_motion
     expected = np.square(LENGTH / 0.1 * 0.8)  # the rover may have continued at its last speed
-    assert LENGTH / 0.1 > model.bounds.unseen_speed_m_s
+    assert model.bounds.unseen_speed_m_s < LENGTH / 0.1
     np.testing.assert_allclose(at_pair[[0, 1], [0, 1]], expected, rtol=1e-6)
     later = trajectory.kept(path, 12 * PERIOD_NS, model)[0].errors.kept_motion
     assert np.linalg.eigvalsh(later - at_pair)[0] >= 0.0
     without_stamp = trajectory.given(path, StartPose(Transform(np.eye(3), STEP), NOTHING), model)
     at_next = trajectory.with_pending_pose(without_stamp, 12 * PERIOD_NS, model)[0]
     np.testing.assert_array_equal(at_next.errors.kept_motion, NOTHING)
+
+
+@pytest.mark.parametrize("jitter_ns", [0, 1, 1_000_000])
+def test_jitter_of_the_stamps_does_not_decide_whether_a_pose_from_outside_discards_the_map(jitter_ns: int) -> None:
+    model = model_of(IN_CAMERA)
+    path = move(move(begun(), 1, STEP), 2, 2.0 * STEP)
+    kept_ns = 3 * PERIOD_NS + jitter_ns
+    path = trajectory.kept(path, kept_ns, model)[0]
+    path = trajectory.given(path, StartPose(Transform(np.eye(3), 3.0 * STEP), NOTHING, kept_ns), model)
+    assert not trajectory.with_pending_pose(path, kept_ns, model)[1]
 
 
 @pytest.mark.parametrize("kept_pairs", [range(3, 33), ()])
