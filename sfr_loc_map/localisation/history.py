@@ -38,6 +38,10 @@ class History(NamedTuple):
         """Return the history with a further pose. The oldest pose is removed from a full history."""
         return History((*self.poses[-(HISTORY_PAIRS - 1) :], pose))
 
+    def with_last(self, pose: PastPose) -> History:
+        """Return the history with another last pose."""
+        return History((*self.poses[:-1], pose))
+
     def at(self, stamp_ns: int) -> tuple[PastPose, float]:
         """Return the pose at a stamp, and the time between the returned pose and the stamp, s.
 

@@ -261,6 +261,8 @@ def adjusted(path: PathState, window: SlidingWindow, model: RoverModel, *, has_y
     A change of the yaw correction displaces the pose. The covariance of the next step to a new pose grows by the square
     of this displacement. If the pose is kept first, the step to the kept pose contains the displacement itself, and its
     covariance is that of an unobserved motion.
+
+    An external pose for this pair applies to the adjusted pose, because later poses continue from it.
     """
     T_world_left = Transform(*window.newest_pose)
     published = path.published
@@ -268,7 +270,12 @@ def adjusted(path: PathState, window: SlidingWindow, model: RoverModel, *, has_y
         moved = size_of(path.last.T_world_left.inverse() @ T_world_left)
         published = replace(published, undone_by_next_step=published.undone_by_next_step + moved.covariance)
     errors = path.errors.adjusted(model.sources.adjustment_inflation * window.covariance)
-    return replace(path, last=path.last.adjusted(T_world_left), errors=errors, published=published)
+    last = path.last.adjusted(T_world_left)
+    history = path.history
+    if history.last_ns == last.tracked_ns:
+        follows_directly = history.poses[-1].follows_directly
+        history = history.with_last(_past_pose(last, errors, follows_directly=follows_directly))
+    return replace(path, last=last, errors=errors, published=published, history=history)
 
 
 def _past_pose(last: LastPose, errors: PathErrors, *, follows_directly: bool) -> PastPose:

@@ -377,6 +377,15 @@ def test_a_pose_set_at_the_present_pair_has_no_errors_of_the_image() -> None:
     assert np.trace(move(path, 3, 3.0 * STEP).errors.alone) > 0.0
 
 
+def test_a_pose_from_outside_for_the_pair_of_a_keyframe_applies_to_its_adjusted_pose() -> None:
+    """A correction of the yaw moves the keyframe by 5 mm, and the next pair is tracked from there."""
+    moved = STEP + np.array([0.005, 0.0, 0.0])
+    path = adjusted(move(begun(), 1, STEP), moved)
+    path = set_at(move(path, 2, moved + STEP), 1, 2)
+    present = (path.datum.T_ds_world @ path.last.T_world_left).translation
+    np.testing.assert_allclose(present, 2.0 * STEP, atol=1e-12)
+
+
 @pytest.mark.parametrize("is_new_window", [False, True])
 def test_the_noise_of_two_images_is_added_between_a_pose_from_outside_and_the_present_pose(
     *, is_new_window: bool
