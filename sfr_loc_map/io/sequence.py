@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -86,11 +86,18 @@ class Source:
     loc: LocSequence | None  #: The drive.
     nav: NavSequence | None  #: The mapping pairs.
     missing_loc_ns: tuple[int, ...] = ()  #: Stamps of localisation pairs that are listed but have no images.
-    missing_nav_ns: tuple[int, ...] = ()  #: Stamps of mapping pairs that are listed but have no images, or no pose.
+    find_missing_nav: Callable[[], tuple[int, ...]] = (
+        tuple  #: Returns `missing_nav_ns`; that of a bag reads all stamps.
+    )
     config: SourceConfig = DEFAULT_SOURCE  #: Configuration that the source is read with.
     truth_files: tuple[Path, ...] = ()  #: Files and bags with the truth besides `path`, by the layout or configuration.
     calibration: str = ""  #: Origin of the calibration of the drive, if it is not part of the layout.
     recorded: RecordedBag | None = None  #: The bag, if its messages are used as recorded; None for all other sources.
+
+    @property
+    def missing_nav_ns(self) -> tuple[int, ...]:
+        """Stamps of mapping pairs that are listed but have no images, or no pose."""
+        return self.find_missing_nav()
 
     @property
     def skipped_pairs(self) -> int:

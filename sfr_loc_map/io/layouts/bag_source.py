@@ -240,9 +240,8 @@ class BagNavSequence(_BagPairs):
     def _pairs(self) -> dict[int, dict[str, int]]:
         return {stamp: parts for stamp, parts in self._image_pairs.items() if stamp in self._pose_of_pair}
 
-    @property
     def missing_ns(self) -> tuple[int, ...]:
-        """Stamps of the pairs that are skipped because they have no pose."""
+        """Return the stamps of the pairs that are skipped because they have no pose."""
         return tuple(stamp for stamp in self._image_pairs if stamp not in self._pose_of_pair)
 
     def parts(self) -> dict[int, dict[str, int]]:
@@ -300,7 +299,7 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
         SourceFormat.RAW_BAG if is_raw else SourceFormat.CONFIGURED_BAG if is_adapted else SourceFormat.BAG,
         loc,
         nav,
-        missing_nav_ns=() if nav is None else nav.missing_ns,
+        find_missing_nav=tuple if nav is None else nav.missing_ns,
         calibration="" if loc is None else loc.calibrated_by,
         recorded=None if is_raw or is_adapted else RecordedBag(path, config.remap),
     )

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -98,7 +99,7 @@ def open_folder(path: Path, config: SourceConfig) -> Source:
         loc=drive,
         nav=None if nav is None else FolderNavSequence(nav.rig, nav.pairs),
         missing_loc_ns=() if loc is None else loc.missing_ns,
-        missing_nav_ns=() if nav is None else nav.missing_ns,
+        find_missing_nav=partial(tuple, () if nav is None else nav.missing_ns),
     )
 
 

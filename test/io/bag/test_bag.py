@@ -94,6 +94,28 @@ def test_a_file_that_the_metadata_do_not_name_is_reported(
     assert "second_1.mcap ignored" in caplog.text
 
 
+def test_topics_that_the_calibration_calls_the_other_side_are_refused(tmp_path: Path, world: World) -> None:
+    """cam0 of the chain is the right camera, so that its images are those of loc/right."""
+    rig = world.loc_rig
+    camera = {"camera_model": "pinhole", "intrinsics": [rig.fx, rig.fy, rig.cx, rig.cy]}
+    camera |= {"distortion_model": "none", "distortion_coeffs": [], "resolution": [rig.width, rig.height]}
+    T_cam1_cam0 = np.eye(4)
+    T_cam1_cam0[0, 3] = rig.baseline_m
+    chain = tmp_path / "camchain.yaml"
+    chain.write_text(json.dumps({"cam0": camera, "cam1": camera | {"T_cn_cnm1": T_cam1_cam0.tolist()}}))
+    calibration = CalibrationConfig(file=str(chain))
+    for left, right in (("cam1", "cam0"), ("cam0", "cam1")):
+        names = {f"/loc/{side}/image_rect": f"/{name}/image" for side, name in zip(SIDES, (left, right), strict=True)}
+        entries = [(names.get(topic, topic), *rest) for topic, *rest in loc_entries(world)]
+        bag = write_messages(tmp_path / left, entries)
+        config = SourceConfig(remap={new: old for old, new in names.items()}, calibration=calibration)
+        if left == "cam1":
+            assert open_source(bag, config).loc.rig.baseline_m == pytest.approx(rig.baseline_m)
+        else:
+            with pytest.raises(InputError, match=r"left and right swapped\? Exchange the topics"):
+                open_source(bag, config)
+
+
 def test_mapping_pairs_without_a_pose_are_skipped_and_of_two_poses_the_first_is_used(
     tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture
 ) -> None:
