@@ -118,7 +118,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     | state | new run | `~/reset` |
     |---|---|---|
-    | estimates, ground truth, calls, score of the last map | cleared | cleared |
+    | estimates, ground truth, calls, stamps of images, score of the last map | cleared | cleared |
     | stamps of all sources (`CommonRuns`) | late messages of the previous run are dropped | cleared |
     | clouds, true points and `nav/pose` of maps | kept; clouds of earlier pairs are not scored | likewise |
     | calibration, configurations of the nodes | kept | kept |
@@ -159,6 +159,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._receive(PoseStamped, NAV_POSE, self._on_pose, of_rover)
         for side in SIDES:
             self._receive(CameraInfo, f"nav/{side}/camera_info", partial(self._on_camera_info, side), info)
+        self.endpoints.add_subscription(CameraInfo, "loc/left/camera_info", self._on_image_info, info)
         self._receive(PointCloud2, TRUE_POINTS, self._on_true_points, shallow)
         self._receive(PointCloud2, CLOUD, self._on_cloud, shallow)
         for task in Task:
@@ -225,6 +226,11 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self.worker.enqueue_droppable(partial(callback, message), size_bytes)
 
         return self.endpoints.add_subscription(kind, topic, received, qos)
+
+    def _on_image_info(self, message: CameraInfo) -> None:
+        """Add the stamp of an image. Lost messages do not count: the stamps matter only without any estimate."""
+        if (stamp_ns := stamp_of(message)) > 0:
+            self.worker.enqueue_droppable(lambda: self._score.add_image(stamp_ns))
 
     # ---- in the worker's thread
 

@@ -17,10 +17,10 @@ from lifecycle_msgs.msg import Transition
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import NavSatFix, PointCloud2
+from sensor_msgs.msg import CameraInfo, NavSatFix, PointCloud2
 from std_msgs.msg import Float64, String
 
-from helpers.made_scene import NAV_RIG, PERIOD_NS, START_NS, nav_pair
+from helpers.made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, START_NS, nav_pair
 from helpers.made_suites import SFR
 from helpers.manager import Capture, LocalNode, Manager
 from helpers.node_scenes import params, raw, send_infos
@@ -95,6 +95,20 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
         peer.until(lambda: not association_of(report), "the reset")
         last_ns = START_NS + 20 * PERIOD_NS
         assert any(f"reset 1 time(s), last after the stamp {last_ns} ns" in text for text in warnings_of(report))
+
+
+def test_a_run_without_any_pose_for_its_images_is_incomplete(ros: None, capfd: Capture, tmp_path: Path) -> None:
+    save = tmp_path / "score.json"
+    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode, *params(f"save_file:={save}")):
+        for index in range(3):
+            message = bag_messages.camera_info(START_NS + index * PERIOD_NS, LOC_RIG, "loc", "left")
+            peer.publish(CameraInfo, "loc/left/camera_info", raw(message))
+
+        def incomplete() -> str:
+            assert peer.call("monitor_node/save").success
+            return json.loads(save.read_text())["incomplete"] or ""
+
+        peer.until(lambda: "no pose for any of 3 images" in incomplete(), "the images")
 
 
 def test_the_report_of_the_previous_process_is_kept_at_an_activation(ros: None, capfd: Capture, tmp_path: Path) -> None:

@@ -176,7 +176,7 @@ def saved(made: Made) -> Score:
     monitor.map_inputs.add_cloud(NAV_STAMPS[-1], replace(made.cloud, fused=None, pair_stamps_ns=None))
     assert monitor.score_maps()
     add_poses(monitor, made)
-    return from_json(to_json(monitor.result(LiveRun(image_stamps_ns=STAMPS))))
+    return from_json(to_json(monitor.result()))
 
 
 # ---- the views that show
@@ -259,7 +259,7 @@ def test_a_live_run_without_a_dropped_message_passes_a_limit_on_dropped_messages
     rules = {"minimum_independent": 1, **of_drive, "completeness": {"dropped_max_share": 0.01}}
     monitor = MonitorScore(CONFIG, parse_limits(rules, "limits"))
     add_poses(monitor, Made())
-    score = monitor.result(LiveRun(image_stamps_ns=STAMPS))
+    score = monitor.result()
     assert (score.verdict, score.number("dropped", part=None), score.number("restarts")) == ("pass", 0.0, 0.0)
 
 
@@ -272,6 +272,8 @@ def test_a_live_run_with_a_silent_node_is_incomplete_at_its_end(silent: str) -> 
     rules = {"minimum_independent": 1, **(of_drive if silent == "mapper" else of_map)}
     monitor = MonitorScore(CONFIG, parse_limits(rules, "limits"))
     monitor.map_inputs.set_rig(NAV_RIG)
+    for stamp_ns in STAMPS.tolist():
+        monitor.add_image(stamp_ns)
     for item in made.nav:
         monitor.map_inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
         monitor.map_inputs.add_true_points(item.pair.stamp_ns, item.truth)
@@ -282,8 +284,8 @@ def test_a_live_run_with_a_silent_node_is_incomplete_at_its_end(silent: str) -> 
             monitor.add_call(record)
         monitor.map_inputs.add_cloud(NAV_STAMPS[-1], replace(made.cloud, fused=None, pair_stamps_ns=None))
         assert monitor.score_maps()
-    assert monitor.result(LiveRun(image_stamps_ns=STAMPS, in_flight_s=10.0)).verdict == "pass"
-    score = from_json(to_json(monitor.result(LiveRun(image_stamps_ns=STAMPS))))
+    assert monitor.result(LiveRun(in_flight_s=10.0)).verdict == "pass"
+    score = from_json(to_json(monitor.result()))
     assert score.verdict == "incomplete"
     missing = "100 % of the mapping pairs have no point" if silent == "mapper" else f"no pose for any of {COUNT} images"
     assert missing in (score.incomplete or "")

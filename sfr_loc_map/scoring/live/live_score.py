@@ -34,7 +34,6 @@ class LiveRun:
 
     in_flight_s: float = 0.0  #: Length of the latest interval, whose results may still arrive; 0 after the run.
     details: bool = True  #: Whether the data of plots is kept, in addition to the errors of sub-trajectories.
-    image_stamps_ns: IntArray | None = None  #: Stamps of the images; None if they are unknown.
     dropped: int = 0  #: Number of messages that were lost in transport or dropped.
     restarts: int = 0  #: Number of restarts caused by a jump of the stamps.
     resets_ns: tuple[int, ...] = ()  #: Last stamps before each reset by the operator.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -10,7 +11,7 @@ import numpy as np
 
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.calls.call_stats import CallStats
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.io.truth.config import RB_ITSELF, TrackedBodyConfig
 from sfr_loc_map.metrics.completeness.expected_items import with_unmapped_pairs
 from sfr_loc_map.metrics.config import ScoreConfig
@@ -50,6 +51,16 @@ class MonitorScore:
         self.rows = ReceivedRows(self._body)
         self.maps = LiveMaps(self._limits, partial=self._config.trajectory.partial)
         self._diagnosis = LastDiagnosis()
+        self._images_ns = array("q")  # stamps of the images before the first estimate, 8 bytes each
+
+    def add_image(self, stamp_ns: int) -> None:
+        """Add the stamp of an image of the localisation cameras, for which a pose is expected.
+
+        Images only count if the run ends without any estimate. A best-effort subscription may lose messages, so that
+        the images between the estimates are not all known.
+        """
+        if not self.rows.has_estimates:
+            self._images_ns.append(stamp_ns)
 
     def add_estimate(
         self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], covariance: FloatArray | None
@@ -84,17 +95,16 @@ class MonitorScore:
         """
         is_under_way = live.in_flight_s > 0.0
         stats = self.rows.calls.stats()
-        drive = self._drive(stats, live.image_stamps_ns, is_under_way=is_under_way)
+        drive = self._drive(stats, is_under_way=is_under_way)
         unmapped = 0 if is_under_way else self.map_inputs.unmapped_pairs
         surface = self.maps.result
         if surface is not None and unmapped:
             surface = replace(surface, figures=with_unmapped_pairs(surface.figures, unmapped))
-        images_ns = () if live.image_stamps_ns is None else live.image_stamps_ns
         run = Run(
             ScoreInputs(),
             [] if stats is None else [stats],
             drive=drive,
-            unposed_images=0 if is_under_way or self.rows.has_estimates else len(images_ns),
+            unposed_images=0 if is_under_way or self.rows.has_estimates else len(set(self._images_ns)),
             nav_stamps_ns=np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64),
             unmapped_pairs=unmapped if surface is None else 0,
         )
@@ -116,12 +126,10 @@ class MonitorScore:
         if drive is not None:
             self._diagnosis = LastDiagnosis(poses, convention_mismatch(drive, self._config))
 
-    def _drive(
-        self, stats: CallStats | None, image_stamps_ns: IntArray | None = None, *, is_under_way: bool = False
-    ) -> DriveToScore | None:
+    def _drive(self, stats: CallStats | None, *, is_under_way: bool = False) -> DriveToScore | None:
         """Return the received drive with the states and covariances of its calls; None without estimate or truth."""
         truth = self.rows.truth()
         estimates = self.rows.estimates(stats, is_under_way=is_under_way)
         if truth is None or estimates is None:
             return None
-        return DriveToScore(estimates, truth, image_stamps_ns=image_stamps_ns)
+        return DriveToScore(estimates, truth)
