@@ -55,7 +55,9 @@ def silence_of(
     offered = {publisher.reliability for publisher in of_type}
     if requested is Reliability.RELIABLE and offered == {Reliability.BEST_EFFORT}:
         text = f"the publisher {names} offers best_effort but reliable is requested: nothing is received"
-        fix = "set input.reliability of the node to best_effort, or the publisher's reliability to reliable"
+        override = f"qos_overrides.{topic}.subscription.reliability"
+        fix = f"set {override} of the node to best_effort (images and poses: or input.reliability), or the publisher's "
+        fix += "reliability to reliable"
         return Issue(Cause.QOS, topic, text, fix)
     text = f"the publisher {names} exists, but no message was received"
     fix = "check whether it publishes; a container with --net=host also requires --ipc=host to share /dev/shm"

@@ -161,6 +161,11 @@ def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Issue:
     return found
 
 
+def _is_refused(seen: Observation, name: str, topic: ObservedTopic) -> bool:
+    """Return whether a node receives no message of a topic because the publishers offer less reliability."""
+    return topic.is_published and _silence(seen, name, topic).cause is Cause.QOS
+
+
 def _camera_topics(seen: Observation, rig: str) -> Issues:
     for side in SIDES:
         images = seen.images(rig, side)
@@ -237,7 +242,7 @@ def _stereo(seen: Observation, rig: str) -> Issues:
 
 
 def _images_of(topic: ObservedTopic, depth: SampleDepth, size: tuple[int, int] | None) -> list[StampedImage] | Issue:
-    """Return the images of a topic with their stamps; a issue if they are unreadable or differ from a known size.
+    """Return the images of a topic with their stamps; an issue if they are unreadable or differ from a known size.
 
     `size` is the width and height in camera_info.
     """
@@ -313,7 +318,7 @@ def _truth(seen: Observation) -> Issues:
         if rig not in seen.rigs:
             continue
         topic, images = seen.topics.get(name), seen.image_stamps(rig)
-        if topic is not None and set(topic.types) - set(EXPECTED[name]):
+        if topic is not None and (set(topic.types) - set(EXPECTED[name]) or _is_refused(seen, name, topic)):
             yield from _topic(seen, name, topic)
         elif topic is None or not topic.is_published or not len(topic.stamps_ns):
             comes_with_pairs = rig == "nav" and topic is not None and topic.is_published

@@ -10,7 +10,7 @@ import pytest
 from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.observation import EXPECTED, RIG_OF_NODE, Observation, ObservedNode, ObservedTopic, SourceKind
 from sfr_loc_map.message_types import IMAGE
-from sfr_loc_map.transport_issues import Publisher
+from sfr_loc_map.transport_issues import Publisher, Reliability
 
 
 def test_a_node_without_its_cameras_waits() -> None:
@@ -38,6 +38,20 @@ def test_two_publishers_of_images_are_reported() -> None:
         issues = examine(Observation("", SourceKind.GRAPH, topics={"loc/left/image_rect": images}))
         found = [(item.where, item.text) for item in issues if item.cause == "several_publishers"]
         assert found == [("/eye", "2 publishers (/camera, /player)")][: count - 1]
+
+
+def test_ground_truth_that_a_node_does_not_receive_is_blocking() -> None:
+    for name, rig in (("ground_truth/points", "nav"), ("ground_truth/odometry", "loc")):
+        (msgtype, *_) = EXPECTED[name]
+        for offered, is_received in ((Reliability.BEST_EFFORT, False), (Reliability.RELIABLE, True)):
+            publishers = (Publisher("/driver", msgtype, offered),)
+            requests = {"metrics_monitor": Reliability.RELIABLE}
+            truth = ObservedTopic(f"/{name}", (msgtype,), publishers, np.array([1]), requests=requests)
+            images = ObservedTopic("x", (IMAGE,), (Publisher("/driver", IMAGE),))
+            seen = Observation("", SourceKind.GRAPH, topics={name: truth, f"{rig}/left/image_rect": images})
+            found = [item for item in examine(seen) if item.where == f"/{name}"]
+            assert [(item.cause, item.is_blocking) for item in found] == [("qos", True)][: not is_received]
+            assert all(f"qos_overrides./{name}.subscription.reliability" in item.fix for item in found)
 
 
 def test_images_of_which_none_has_a_stamp_are_no_fault() -> None:
