@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.calls.call_files import save_stats
-from sfr_loc_map.calls.call_record import CallRecord
+from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError
 from sfr_loc_map.geometry import cloud, trajectory
@@ -30,6 +30,7 @@ from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_tra
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import printable
+from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.metrics.score import score
 from sfr_loc_map.metrics.stored.score_json import load_score, to_json
@@ -82,8 +83,13 @@ class Trajectory(Shown, trajectory.Trajectory):
 
     @classmethod
     def from_estimates(cls, estimates: Iterable[PoseEstimate]) -> Self:
-        """Return the poses of estimates, as `sfr.localise(..., live=True)` and `sfr.Localiser` return them."""
-        return cls.from_poses((item.stamp_ns, item.T_ds_rb) for item in estimates)
+        """Return the poses of estimates, as `sfr.localise(..., live=True)` and `sfr.Localiser` return them.
+
+        The calls have the states, reasons and covariances of the estimates. Their time and memory are unknown.
+        """
+        found = [*estimates]
+        poses = cls.from_poses((item.stamp_ns, item.T_ds_rb) for item in found)
+        return replace(poses, records=tuple(call_of_estimate(item, CallUsage()) for item in found))
 
     @staticmethod
     def load(path: PathLike) -> Trajectory:

@@ -98,8 +98,14 @@ def test_poses_come_as_they_are_estimated(estimate: suite.Trajectory, folder: Pa
     first = next(live)
     assert first.stamp_ns == estimate.stamps_ns[0]
     rest = list(live)
-    assert np.array_equal(suite.Trajectory.from_estimates([first, *rest]).positions, estimate.positions)
+    together = suite.Trajectory.from_estimates([first, *rest])
+    assert np.array_equal(together.positions, estimate.positions)
+    assert [record.outcome for record in together.records] == [record.outcome for record in estimate.records]
     source = suite.open(folder)
+    scores = [suite.score(poses, source, ["frames=2"], LIMITS, spacing=1) for poses in (together, estimate)]
+    assert len({score.verdict for score in scores}) == 1
+    assert len({score.number("nees", part="pose") for score in scores}) == 1, "covariances of the estimates"
+    assert scores[0].number("localisation", "mean", part=None) is None, "times of the estimates are unknown"
     by_hand = suite.Localiser(source.loc.rig, start=estimate.pose(0))
     assert [by_hand.process(pair).state for pair in source.loc.pairs()] == [item.state for item in (first, *rest)]
 
