@@ -68,7 +68,7 @@ class StatedErrors:
     position_ratio: float | None = None  #: Largest ratio of a position error to its 3 sigma (from the trace).
     attitude_ratio: float | None = None  #: Largest ratio of an attitude error to its 3 sigma.
     step_ratio: float | None = None  #: Largest ratio of the translation or rotation error of a step to its 3 sigma.
-    beyond_share: float | None = None  #: Fraction of valid pairs with a ratio above `SILENT_RATIO`.
+    beyond_share: float | None = None  #: Fraction of compared pairs with a ratio above `SILENT_RATIO`.
     largest_error_m: float | None = None  #: Largest position error of valid pairs, metres.
 
     @property
