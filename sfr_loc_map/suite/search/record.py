@@ -75,7 +75,7 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema"
     points: list[PointRecord]  #: Points of the search with a result, in the order of the search.
     left_out: list[LeftOutRecord] = []  #: Points whose scenario cannot be run. They do not count as misses.
     usual: PointRecord  #: The unchanged scenario.
-    found: PointRecord  #: The point with the smallest margin.
+    found: PointRecord  #: The point with the smallest margin, which may be the unchanged scenario.
     case: PointRecord  #: The smallest change of the scenario that still misses the limit.
     slices: list[SliceRecord] = []
     coverage: list[CoverageRecord] = []

@@ -166,12 +166,13 @@ def _search(specification: SearchSpecification, points: _Points, *, at_random: b
     if not tried:
         last_reason = [*points.left_out.values()][-1]
         raise InputError(f"{specification.path}: no point can be run; reason for the last point: {last_reason}")
-    found = max(tried, key=lambda item: item.ratio)
+    usual = TriedPoint(usual_point, usual_ratio)
+    found = max([usual, *tried], key=lambda item: item.ratio)
     case = reduced(found, parameters, points.evaluate)
     slices = slices_of(parameters, case, tried, chosen.slices, points.evaluate) if chosen.slices else []
     return SearchResult(
         specification=specification,
-        usual=TriedPoint(usual_point, usual_ratio),
+        usual=usual,
         left_out=points.left_out,
         tried=tuple(tried),
         found=found,

@@ -77,6 +77,24 @@ def test_the_worst_case_is_reduced_and_runs_again(specification: SearchSpecifica
     assert again.done == 0
 
 
+def test_an_unchanged_scenario_that_misses_the_limit_is_the_worst_case(
+    specification: SearchSpecification, tmp_path: Path
+) -> None:
+    store = Store(tmp_path / "out")
+
+    def run(jobs: Sequence[Job]) -> None:
+        for job in jobs:
+            error = 0.05 + 0.1 * (job.source.settings["light.sun_elevation_deg"] == 40.0 and not job.faults)
+            row = figure_row("position", "distance=5", "pose", n=30, mean_plus_3sigma=error)
+            provenance = Provenance(version="", configuration={"suite.key": job.key})
+            score = Score(figures=(row,), association=ASSOCIATION, provenance=provenance)
+            store.save(job, JobOutcome(result=to_json(score)))
+
+    result = find_worst_case(specification, store, run)
+    assert result.found == result.case == result.usual
+    assert result.record.found.fails
+
+
 def test_the_case_repeats_the_faults_and_the_settings_of_the_jobs(tmp_path: Path) -> None:
     """Faults of a fraction of the pairs hit the same pairs again, because the case states the seed of the faults."""
     running = {"seed": 7, "start": "identity", "spacing": 2, "rebase": "displacement", "partial": True, "threads": 2}
@@ -87,7 +105,7 @@ def test_the_case_repeats_the_faults_and_the_settings_of_the_jobs(tmp_path: Path
     specification = load_search(tmp_path / "search.yaml")
     store = Store(tmp_path / "out")
     result = find_worst_case(specification, store, Host(store).run)
-    with_fault = replace(result, case=result.found)
+    with_fault = replace(result, case=result.tried[0])
     (tmp_path / "case.yaml").write_text(case_file(with_fault))
     planned, _ = make_plan(load_specification(tmp_path / "case.yaml"), store.facts_of, store.cache)
     assert all(job.faults.startswith("blurred:share=0.3,amount=") for job in planned)
