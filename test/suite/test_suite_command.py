@@ -370,7 +370,7 @@ def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(
     if incomplete:
         (first, *_) = found["groups"][0]["verdicts"]
         assert (first["name"], first["verdict"], first["missed_by"]) == ("judged", "incomplete", 1)
-        assert "incomplete: 1 of 2 results of score" in run.err
+        assert "incomplete: 1 drive of score" in run.err
 
 
 @pytest.fixture(scope="module")

@@ -43,8 +43,7 @@ SUITE_JSON = "suite.json"
 def suite_tables(summary: Summary) -> list[Table]:
     """Return the tables of a suite: verdicts, failures, budgets, counts, pooled errors, maps and drives, workers."""
     pages = {result.job.key for result in linked(summary)}
-    maps = [result for result in summary.results if result.score.has(Subject.MAP)]
-    maps.sort(key=lambda result: -map_error_of(result.score))
+    maps = worst_maps_first(summary.results)
     of_drives = "Errors over the sub-trajectories of the first condition."
     tables = (
         verdict_table(summary),
@@ -282,15 +281,33 @@ def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
 
 
 def worst_first(summary: Summary) -> list[ScoredJob]:
-    """Return the drives with a trajectory in the order of decreasing mean + 3 sigma of position."""
+    """Return the drives with a trajectory in the order of decreasing mean + 3 sigma of position.
+
+    A drive without this figure, for example a lost one, is before the others.
+    """
     drives = [result for result in summary.results if result.score.association is not None]
-    return sorted(drives, key=lambda result: -1.0 if result.position_m is None else result.position_m, reverse=True)
+    return sorted(drives, key=lambda result: _rank(result.position_m), reverse=True)
+
+
+def worst_maps_first(results: Sequence[ScoredJob]) -> list[ScoredJob]:
+    """Return the results with a map in the order of decreasing error. A map without an error is before the others."""
+    maps = [result for result in results if result.score.has(Subject.MAP)]
+    return sorted(maps, key=lambda result: _rank(map_error_of(result.score)), reverse=True)
+
+
+def _rank(error: float | None) -> float:
+    return math.inf if error is None else error
 
 
 def linked(summary: Summary) -> list[ScoredJob]:
-    """Return the results that have their own page: the worst drives, and the maps."""
-    maps = [result for result in summary.results if result.score.association is None]
-    return (worst_first(summary) + maps)[:MAX_PAGES]
+    """Return the results that have their own page: the worst drives and the worst maps.
+
+    If there are too many, half of the pages are reserved for maps and half for drives.
+    """
+    drives = worst_first(summary)
+    maps = [result for result in worst_maps_first(summary.results) if result.score.association is None]
+    chosen_maps = maps[: max(MAX_PAGES // 2, MAX_PAGES - len(drives))]
+    return drives[: MAX_PAGES - len(chosen_maps)] + chosen_maps
 
 
 def result_table(

@@ -77,6 +77,7 @@ class JobSource:
     variant: str = ""  #: Variant of an error budget (`variants.py`); otherwise empty.
     faults: str = ""  #: Faults that belong to the variant, joined by `+`.
     seed: int = 0  #: Seed of a simulation; otherwise 0.
+    identical: tuple[str, ...] = ()  #: Names of further sources with the same data, which have the same jobs.
 
     @property
     def drive_identity(self) -> tuple[SourceKind, str]:

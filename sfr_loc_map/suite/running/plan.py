@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -41,7 +42,10 @@ def make_plan(
     of_drives = with_drives([item.source for item in ready], [item.trace for item in ready])
     for source, item in zip(of_drives, ready, strict=True):
         for job in _jobs(specification, code, source, item.possible):
-            jobs.setdefault(job.key, job)  # named by the first configuration with this job
+            known = jobs.setdefault(job.key, job)  # named by the first source and configuration with this job
+            if source.name not in (known.source.name, *known.source.identical):
+                identical = (*known.source.identical, source.name)
+                jobs[job.key] = replace(known, source=replace(known.source, identical=identical))
     if not jobs and not refusals:
         raise ConfigError(f"{specification.path}: there is no job: the sources have no data for 'tasks'")
     return list(jobs.values()), refusals

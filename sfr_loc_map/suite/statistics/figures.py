@@ -11,6 +11,8 @@ from sfr_loc_map.metrics.table.catalogue import CATALOGUE, KINDS, TOTAL, Subject
 
 MAP_ERRORS = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and TOTAL in kind.compared]
 """Map errors that are compared."""
+LEAST_ERROR = 1e-6
+"""Minimum compared error, in its unit (m, deg or relative), because the logarithms of errors are compared."""
 LEAST_SHARE = 1e-4  #: Minimum uncovered fraction of a map, because the logarithms of fractions are compared.
 
 
@@ -39,9 +41,9 @@ class FigureName:
 
 
 def figures_of(score: Score) -> dict[FigureName, float]:
-    """Return the compared figures that a score has: all counts, and the positive values of other figures.
+    """Return the compared figures that a score has: all counts and errors, and the positive values of other figures.
 
-    Other figures must be positive because their logarithms are compared.
+    Other figures must be positive because their logarithms are compared. A time or memory of 0 is unknown.
     """
     found: dict[FigureName, float | None] = {}
     errors = [kind for kind in KINDS.values() if kind.subject is Subject.TRAJECTORY]
@@ -65,7 +67,10 @@ def figures_of(score: Score) -> dict[FigureName, float]:
     for call in (CallKind.LOCALISATION, CallKind.MAPPING_CALL, CallKind.MAPPING):
         found[FigureName(ComparedKind.TIME, f"{call} mean, s")] = score.number(call, "mean", part=None)
         found[FigureName(ComparedKind.MEMORY, f"{call} peak, bytes")] = score.number("peak", part=call)
-    defined = {name: value for name, value in found.items() if value is not None and value > 0.0}
+    known = {name: value for name, value in found.items() if value is not None and value >= 0.0}
+    errors_of = (ComparedKind.ACCURACY, ComparedKind.NEES)
+    raised = {name: max(value, LEAST_ERROR) if name.kind in errors_of else value for name, value in known.items()}
+    defined = {name: value for name, value in raised.items() if value > 0.0}
     if (drive := score.association) is not None:
         counts = {
             FigureName(ComparedKind.LOST, "lost, frames"): drive.lost,
@@ -76,10 +81,10 @@ def figures_of(score: Score) -> dict[FigureName, float]:
     return defined
 
 
-def map_error_of(score: Score) -> float:
-    """Return the map error by which results are ranked; 0 without a map."""
+def map_error_of(score: Score) -> float | None:
+    """Return the map error by which results are ranked; None if it is unknown."""
     errors = (score.number(kind.name, kind.compared[0], part=None) for kind in MAP_ERRORS)
-    return next((error for error in errors if error is not None), 0.0)
+    return next((error for error in errors if error is not None), None)
 
 
 def _compared_title(title: str, statistic: str) -> str:

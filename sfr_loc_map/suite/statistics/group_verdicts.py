@@ -39,7 +39,7 @@ class GroupVerdict(Verdict, frozen=True, kw_only=True):
     """The verdict on a limit over all drives of a group; `n` counts sub-trajectories or drives."""
 
     over: str  #: `pooled` values, the `worst drive` for figures that cannot be pooled, or `all drives` of a proof.
-    missed_by: int  #: Number of drives that miss the limit.
+    missed_by: int  #: Number of drives that miss the limit; repeats and copies of a drive count once.
 
 
 def verdicts_over(
@@ -56,7 +56,7 @@ def verdicts_over(
     the first drive without a result, in the order of the keys.
     """
     scores = [result.score for result in results]
-    yield from _verdicts_without_limit(scores)
+    yield from _verdicts_without_limit(results)
     group_subjects = {subject for score in scores for subject in tasks_of(score)}
     for limit in () if limits is None else limits.limits:
         if task_of(limit) not in group_subjects and task_of(limit) in suite_subjects:
@@ -67,26 +67,27 @@ def verdicts_over(
             yield verdict_over_drives(limit, limits or Limits(), results, pooled)
 
 
-def _verdicts_without_limit(scores: Sequence[Score]) -> Iterator[GroupVerdict]:
+def _verdicts_without_limit(results: Sequence[DriveScore]) -> Iterator[GroupVerdict]:
     """Yield the verdicts on findings, contradictions and incomplete scores."""
-    wrong = [item for score in scores for item in finding_verdicts(score)]
-    for name in dict.fromkeys(item.name for item in wrong):
-        found = [item for item in wrong if item.name == name]
+    scores = [result.score for result in results]
+    wrong = [(result.drive_key, item) for result in results for item in finding_verdicts(result.score)]
+    for name in dict.fromkeys(item.name for _, item in wrong):
+        found = [item for _, item in wrong if item.name == name]
         worst = replace(max(found, key=lambda item: item.value or 0.0), n=len(scores))
-        yield _group_verdict(worst, WORST_DRIVE, len(found))
-    if contradicted := sum(score.contradiction is not None for score in scores):
+        yield _group_verdict(worst, WORST_DRIVE, len({drive_key for drive_key, item in wrong if item.name == name}))
+    if contradicted := len({result.drive_key for result in results if result.score.contradiction is not None}):
         value, state = float(contradicted), VerdictState.NOT_JUDGED
         plain = plain_verdict("convention_mismatch_drives", 0.0, value, state)
         yield _group_verdict(replace(plain, n=len(scores)), WORST_DRIVE, contradicted)
     if (several := items_under_test(scores)) > 1:
         plain = plain_verdict("items_under_test_max", 1.0, float(several), VerdictState.NOT_JUDGED)
         yield _group_verdict(replace(plain, n=len(scores)), ALL_DRIVES, several)
-    if incomplete := [score for score in scores if score.incomplete is not None]:
-        rows = [row for score in incomplete for row in score.rows("judged", subject=Subject.COMPLETENESS)[:1]]
+    if incomplete := [result for result in results if result.score.incomplete is not None]:
+        rows = [row for _, score, _ in incomplete for row in score.rows("judged", subject=Subject.COMPLETENESS)[:1]]
         fractions = [row.value for row in rows if row.value is not None]
         # an incomplete drive prevents a pass, whatever the figures of the other drives
         smallest = replace(judged_share_verdict(min(fractions, default=None)), n=len(scores))
-        yield _group_verdict(smallest, WORST_DRIVE, len(incomplete))
+        yield _group_verdict(smallest, WORST_DRIVE, len({result.drive_key for result in incomplete}))
 
 
 def verdict_over_drives(
@@ -96,7 +97,8 @@ def verdict_over_drives(
 
     A drive without a value of the figure makes the verdict incomplete.
     """
-    scores = [result.score for result in results if task_of(limit) in tasks_of(result.score)]
+    of_task = [result for result in results if task_of(limit) in tasks_of(result.score)]
+    scores = [result.score for result in of_task]
     figures = [value_of(limit, score) for score in scores]
     values = [figure.value for figure in figures if figure.value is not None]
     worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
@@ -116,7 +118,9 @@ def verdict_over_drives(
     verdict = replace(verdict_on(limit, judged, limits), n=count)
     if not all(_count_of(limit, score) for score in scores):
         verdict = of_incomplete(verdict)
-    return _group_verdict(verdict, over, sum(not meets(limit, value) for value in values))
+    of_drives = zip((result.drive_key for result in of_task), figures, strict=True)
+    missing = {key for key, figure in of_drives if figure.value is not None and not meets(limit, figure.value)}
+    return _group_verdict(verdict, over, len(missing))
 
 
 def independent_of_drives(limit: Limit, results: Sequence[DriveScore]) -> float:

@@ -296,7 +296,8 @@ def copies_in(jobs: Sequence[Job]) -> Iterator[tuple[str, ...]]:
     """Yield the names of the sources that are copies of one drive, for each drive with copies."""
     names: dict[object, dict[str, None]] = {}
     for job in jobs:
-        names.setdefault(job.source.drive_identity, {})[job.source.name] = None
+        of_drive = names.setdefault(job.source.drive_identity, {})
+        of_drive |= dict.fromkeys((job.source.name, *job.source.identical))
     yield from (tuple(of_drive) for of_drive in names.values() if len(of_drive) > 1)
 
 

@@ -57,7 +57,8 @@ def _incomplete_text(group: Group, item: GroupVerdict) -> str:
         return (
             f"{item.name} of {group.task}, {group.configuration}: incomplete, because drives lack values of the figure"
         )
-    text = f"incomplete: {item.missed_by} of {group.results} results of {group.task}, {group.configuration}"
+    drives = "1 drive" if item.missed_by == 1 else f"{item.missed_by} drives"
+    text = f"incomplete: {drives} of {group.task}, {group.configuration}"
     return text if item.value is None else f"{text}; the worst drive covers {100.0 * item.value:.4g} %"
 
 

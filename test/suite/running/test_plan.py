@@ -15,6 +15,7 @@ from sfr_loc_map.suite.running.plan import make_plan
 from sfr_loc_map.suite.running.source_readers import SourceFacts
 from sfr_loc_map.suite.running.specification import Refusal, load_specification
 from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.statistics.summary import copies_in
 
 
 def facts(path: Path) -> SourceFacts:
@@ -136,6 +137,8 @@ def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None
     (tmp_path / "copy" / "drive_elsewhere").write_text("content")
     job = plan_of(tmp_path, sources=["drive1"])[0][0]
     assert plan_of(tmp_path, sources=["copy/drive_elsewhere"])[0][0].key == job.key
+    (both,) = plan_of(tmp_path, sources=["drive1", "copy/drive_elsewhere"])[0]
+    assert [*copies_in([both])] == [("drive1", "drive_elsewhere")]
     limits = {"trajectory": [{"condition": "distance=5", "position_mean_m": 0.1}]}
     assert plan_of(tmp_path, sources=["drive1"], limits=limits)[0][0].key == job.key
     terms = {"limit": 10.0, "prob": 0.9, "confidence": 0.9, "interpretation": "ensemble"}

@@ -14,8 +14,10 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import holm
 from sfr_loc_map.metrics.stored.comparison import Outcome
+from sfr_loc_map.metrics.table.rows import figure_row
 from sfr_loc_map.suite.pages.tables import comparison_tables
 from sfr_loc_map.suite.statistics.comparison import compare_suites, ratio_interval, sign_flip_p
+from sfr_loc_map.suite.statistics.figures import LEAST_ERROR, figures_of
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
 
 POSITION = "position over 1 m, m"
@@ -137,3 +139,10 @@ def test_exact_probability_is_that_of_all_signs() -> None:
 def test_holm_is_as_in_the_text() -> None:
     assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert holm([0.5, None, 0.9]) == pytest.approx([1.0, None, 1.0])
+
+
+def test_an_error_of_zero_is_a_figure_and_a_time_of_zero_is_unknown(score: Score) -> None:
+    figures = (*scaled(score, 0.0).figures, figure_row("localisation", mean=0.0))
+    found = {name.name: value for name, value in figures_of(struct_replace(score, figures=figures)).items()}
+    assert found[POSITION] == LEAST_ERROR
+    assert "localisation mean, s" not in found

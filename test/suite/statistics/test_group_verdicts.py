@@ -70,6 +70,8 @@ def test_a_limit_on_a_statistic_that_drives_do_not_pool_is_that_of_the_worst_dri
         assert (found.state, found.over, found.value, found.row) == (state, "worst drive", max(values), None)
         missed = sum(value > factor * max(values) for value in values)
         assert (found.missed_by, found.n) == (missed, sum(score.figure("position").n for _, score, _ in results))
+    repeats = group_of(f"position_{statistic}_m", 0.0, [*results, results[0]])
+    assert repeats.missed_by == 6, "a repeat is the same drive"
     truth, estimate = drive(0, count=80)
     short = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
     few = group_of(f"position_{statistic}_m", 10.0, [DriveScore("short", short)])
