@@ -68,6 +68,17 @@ def test_a_statistic_that_was_made_smaller_contradicts_the_raw_values(
         assert problem.startswith(f"{statistic} of {figure}"), problem
 
 
+@pytest.mark.parametrize("bounded", [False, True])
+def test_an_interval_that_was_changed_contradicts_the_errors(*, bounded: bool) -> None:
+    """The number of independent errors follows from the frames of all sub-trajectories, if the details have them."""
+    score = scored(5000 if bounded else 300, 8, bounded=bounded)
+    assert fault_of_raw_values(score) is None
+    for name in ("low95", "high95") if bounded else ("low95", "high95", "independent"):
+        problem = fault_of_raw_values(edited(score, "position", name, 1.01, "pose"))
+        assert problem is not None
+        assert problem.startswith(f"{name} of position")
+
+
 @pytest.mark.parametrize("statistic", ["mean", "sigma"])
 def test_an_axis_that_was_made_smaller_contradicts_the_position_error(statistic: str) -> None:
     """A suite pools the axes."""

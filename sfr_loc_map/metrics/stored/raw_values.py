@@ -16,16 +16,19 @@ from sfr_loc_map.metrics.calls.call_score import AFTER_FIRST, FIRST
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS, ShortfallKind
 from sfr_loc_map.metrics.config import CallKind, Condition
+from sfr_loc_map.metrics.errors.trajectory_errors import overlap_of
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.score.limits import LimitSection
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, STANDING, Subject
+from sfr_loc_map.metrics.statistics.intervals import interval95
+from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject
 from sfr_loc_map.metrics.table.details import CallPlots, Details, SubTrajectoryRows
 from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart, Scope, is_of_pair
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 ROUNDING_M = 1e-9  #: Largest error by rounding of errors that are differences of coordinates.
 EXACT = 1e-9  #: Relative tolerance of a recomputed statistic.
+RESAMPLED = 1e-6  #: Relative tolerance of a bound of an interval, which is a sum over many resampled series.
 DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 """Rounding of the errors of sub-trajectories and of map points in the data of the plots, m."""
 SIGMAS = 5.0  #: A quantile contradicts the sample if a sampled fraction deviates by more standard deviations than this.
@@ -136,7 +139,9 @@ def _of_answers(score: Score) -> Iterator[str]:
 def _of_sub_trajectories(score: Score) -> Iterator[str]:
     """Yield the contradictions between the judged rows of sub-trajectories and their errors, or the sample of these."""
     details = None if score.details is None else score.details.trajectory
-    thinned = {} if details is None else {rows.condition: rows for rows in details.sub_trajectories if rows.every > 1}
+    pieces = () if details is None else details.sub_trajectories
+    thinned = {rows.condition: rows for rows in pieces if rows.every > 1}
+    complete = {rows.condition: rows for rows in pieces if rows.every == 1}
     exact = {(item.figure, item.condition) for item in score.errors}
     for row in score.figures:
         if row.condition is None or row.part != score.reading:
@@ -145,6 +150,7 @@ def _of_sub_trajectories(score: Score) -> Iterator[str]:
         if errors is not None:
             rounding_m = 0.0 if (row.figure, row.condition) in exact else DIGITS_M
             yield from _computed_again(row, errors, rounding_m)
+            yield from _of_independent(row, errors, complete.get(row.condition), score, rounding_m)
         elif (rows := thinned.get(row.condition)) is not None:
             yield from _of_thinned(row, rows)
 
@@ -188,6 +194,34 @@ def _computed_again(row: Figure, errors: FloatArray, rounding: float) -> Iterato
         if stored == derived or (stored is None and name in STATISTICS):
             continue
         if stored is None or derived is None or abs(stored - derived) > 4.0 * rounding + EXACT * abs(derived):
+            yield f"{name} of {row.label} is {_text(stored)}, but its errors give {_text(derived)}"
+
+
+def _of_independent(
+    row: Figure, errors: FloatArray, rows: SubTrajectoryRows | None, score: Score, rounding: float
+) -> Iterator[str]:
+    """Yield the contradictions between the number of independent errors, the 95 % interval and all errors of a row.
+
+    The overlap follows from the frames of all sub-trajectories (`rows`). If they are unknown, the stored number of
+    independent errors gives the overlap, and only the interval is compared.
+    """
+    if rows is not None and score.association is not None and len(rows.start_frame):
+        starts, ends = np.array(rows.start_frame), np.array(rows.end_frame)
+        overlap = overlap_of(starts, ends, score.association.spacing_frames)
+        independent = len(errors) / overlap
+        if row.independent is None or abs(row.independent - independent) > EXACT * independent:
+            yield f"independent of {row.label} is {_text(row.independent)}, but its frames give {independent:.9g}"
+            return
+    if not row.independent:
+        return
+    values = errors if errors.shape[1] > 1 else errors[:, 0]
+    interval = interval95(values, len(errors) / row.independent, unsigned=KINDS[row.figure].is_unsigned)
+    for name, stored, derived in zip(
+        ("low95", "high95"), (row.low95, row.high95), interval or (None, None), strict=True
+    ):
+        if stored == derived:
+            continue
+        if stored is None or derived is None or abs(stored - derived) > 100.0 * rounding + RESAMPLED * abs(derived):
             yield f"{name} of {row.label} is {_text(stored)}, but its errors give {_text(derived)}"
 
 
