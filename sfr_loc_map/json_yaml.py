@@ -91,15 +91,21 @@ class _BoundedLoader(yaml.SafeLoader):
                 keys.add((key.tag, key.value))
         return node
 
-    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+    def number_of_int(self, node: yaml.ScalarNode) -> int | str:
+        if ":" in node.value:  # `1:30` is a string in YAML 1.2, 90 in 1.1
+            return str(node.value)
         if len(node.value) > 4 * MAX_DIGITS:
             raise yaml.YAMLError(f"an integer of {len(node.value)} digits is too long")
         if node.value.lstrip("+-").isdecimal():  # `030` is 30 in YAML 1.2, 24 in 1.1
             return int(node.value)
         return int(super().construct_yaml_int(node))
 
+    def number_of_float(self, node: yaml.ScalarNode) -> float | str:
+        return str(node.value) if ":" in node.value else float(super().construct_yaml_float(node))
 
-_BoundedLoader.add_constructor("tag:yaml.org,2002:int", _BoundedLoader.construct_yaml_int)
+
+_BoundedLoader.add_constructor("tag:yaml.org,2002:int", _BoundedLoader.number_of_int)
+_BoundedLoader.add_constructor("tag:yaml.org,2002:float", _BoundedLoader.number_of_float)
 # `1e-3` is a number in YAML 1.2 and in other programs, but a string in YAML 1.1.
 _BoundedLoader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
 
