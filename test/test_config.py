@@ -123,9 +123,9 @@ def test_files_that_are_no_mapping(tmp_path: Path, content: bytes | None, words:
 
 def test_names_and_merged_maps_of_yaml(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
-    path.write_text(
-        "e: [1:30, 1:30.5]\na: &a {x: 1}\nb: &b {y: 1e-3}\nc: {<<: *a, <<: *b, x: 2}\nd: {1e-3: 1.5e3, 1: one, '1': text}\n"
-    )
+    lines = ["a: &a {x: 1}", "b: &b {y: 1e-3}", "c: {<<: *a, <<: *b, x: 2}"]
+    lines += ["d: {1e-3: 1.5e3, 1: one, '1': text}", "e: [1:30, 1:30.5]"]
+    path.write_text("\n".join(lines))
     content = load_yaml(path)
     assert content["c"] == {"x": 2, "y": 0.001}
     assert content["e"] == ["1:30", "1:30.5"], "not numbers of base 60"

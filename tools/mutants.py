@@ -359,7 +359,7 @@ MUTATIONS = (
     Mutation(JOB, "(self.source, Path(self.path).name if is_fetched else self.path)", "object()"),
     Mutation(JOB, "else self.path), self.source_sha256", "else self.path), object()"),
     Mutation(STORE, ', *sorted(self.failures.glob("*.json"))', ""),
-    Mutation(JOB, "fault_seed, self.repeat)", "fault_seed)"),
+    Mutation(JOB, "self.fault_seed), self.repeat)", "self.fault_seed))"),
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
     Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),
     # edited scores
