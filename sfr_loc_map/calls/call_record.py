@@ -180,9 +180,27 @@ def tracking_warning(records: Sequence[CallRecord], source: object) -> str | Non
 
 
 def encode_call(record: CallRecord) -> str:
-    """Return a call as JSON; numbers have the shortest form that is exact when read back."""
-    finite = {name: float(value) for name, value in record.statistics.items() if math.isfinite(value)}
-    return msgspec.json.encode(replace(record, statistics=finite), enc_hook=_to_plain).decode()
+    """Return a call as JSON; numbers have the shortest form that is exact when read back.
+
+    JSON has no NaN: an unknown processing time is 0, and other unknown values are omitted.
+    """
+    record = replace(
+        record,
+        processing_time_s=record.processing_time_s if math.isfinite(record.processing_time_s) else 0.0,
+        statistics=_finite(record.statistics),
+        times=_finite(record.times),
+        covariance=_finite_or_none(record.covariance),
+        step=_finite_or_none(record.step),
+    )
+    return msgspec.json.encode(record, enc_hook=_to_plain).decode()
+
+
+def _finite(values: Mapping[str, float]) -> dict[str, float]:
+    return {name: float(value) for name, value in values.items() if math.isfinite(value)}
+
+
+def _finite_or_none(values: FloatArray | None) -> FloatArray | None:
+    return values if values is not None and np.isfinite(values).all() else None
 
 
 def decode_call(text: str, task: Task) -> CallRecord:
@@ -202,6 +220,8 @@ def decode_call(text: str, task: Task) -> CallRecord:
         for name, value, shape in (("step", record.step, (STEP_SIZE,)), ("covariance", record.covariance, (6, 6))):
             if value is not None and (value.shape != shape or not np.isfinite(value).all()):
                 raise ValueError(f"'{name}' has the shape {value.shape}: finite numbers of shape {shape} are required")
+        if record.covariance is not None and (variances := np.diag(record.covariance)).min() < 0.0:
+            raise ValueError(f"a variance of 'covariance' is {variances.min():g}: at least 0 is required")
     time_s = record.processing_time_s or math.nan  # 0 is unknown, because JSON has no NaN
     return replace(record, processing_time_s=time_s, state=record.state or DEFAULT_STATE[task])
 
@@ -211,4 +231,7 @@ def _to_plain(value: Any) -> Any:  # noqa: ANN401 - an array or a number of NumP
 
 
 def _from_plain(kind: type[Any], value: Any) -> FloatArray:  # noqa: ANN401 - JSON
-    return np.array(value, np.float64)
+    numbers = np.array(value)
+    if numbers.dtype.kind not in "if":
+        raise ValueError(f"an array has {numbers.dtype.name} values: numbers are required")
+    return numbers.astype(np.float64)

@@ -307,19 +307,22 @@ def _propose_next(context: Context, result: Score) -> None:
     from sfr_loc_map.metrics.judging.incomplete import is_lifted_by_partial
 
     estimate, truth, html, json_path = (context.params[name] for name in ("estimate", "truth", "html", "json_path"))
+    written = [context.params[name] for name in ("json_path", "html", "junit", "points", "pieces")]
+    is_written = any(path not in (None, STANDARD_OUTPUT) for path in written)
+    again = "... --overwrite" if is_written and not context.params["overwrite"] else "..."
     if result.incomplete is not None and is_lifted_by_partial(result):
-        propose("... --partial", why="judges the part that the estimate covers")
+        propose(f"{again} --partial", why="judges the part that the estimate covers")
     elif result.contradiction is not None:
         words = ("sfr", "score", estimate, truth, *given_words(context, *OF_COMPARISON), "--diagnose")
         propose(*words, why="finds the convention mismatch and its correction")
     elif html is not None:
         propose(f"open {html} in a browser")
     elif not result.verdicts:
-        propose("... --limits limits.yaml --html report.html", why="sfr init writes limits to fill in")
+        propose(f"{again} --limits limits.yaml --html report.html", why="sfr init writes limits to fill in")
     elif json_path is not None:
         propose("sfr", "report", json_path, why="the same as a page with figures")
     else:
-        propose("... --html report.html", why="the same command, with a page of figures")
+        propose(f"{again} --html report.html", why="the same command, with a page of figures")
 
 
 def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *, lenient: bool) -> None:

@@ -27,6 +27,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
 
 MIN_PAIRS = 20
+CORRECTED = "corrected"  #: Name of the run with the corrected calibration.
 COMPARED = (
     (Variant.FORWARD, Variant.BACKWARD),
     (Variant.FORWARD, Variant.EVERY_SECOND),
@@ -92,7 +93,7 @@ def check_drive(
     figures += [row for condition in conditions for row in hat_rows((forward, *others), condition)]
     figures += [row for offset in offsets for row in offset_rows(offset)]
     if wrong_offsets:
-        corrected = run_pairs(drive, config, "corrected", corrected_drive(drive, wrong_offsets).kept)
+        corrected = run_pairs(drive, config, CORRECTED, corrected_drive(drive, wrong_offsets).kept)
         figures += [cost_row(wrong_offsets, compare(forward, corrected, condition)) for condition in conditions]
     results = results_of(agreements)
     return DriveCheck(

@@ -10,10 +10,10 @@ from typing import Any
 from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.evidence.calibration import Advice
-from sfr_loc_map.evidence.check import check_drive
+from sfr_loc_map.evidence.check import CORRECTED, check_drive
 from sfr_loc_map.evidence.check_result import OF_SUBJECTS, SCHEMA, Check, CheckResult, combined
 from sfr_loc_map.evidence.overlap import check_maps
-from sfr_loc_map.evidence.variants import DriveRun, calls_of
+from sfr_loc_map.evidence.variants import DriveRun, Variant, calls_of
 from sfr_loc_map.io.sequence import Source, drive_of
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -30,6 +30,7 @@ TOO_FEW = {
     MAPS: f"no two mapping pairs have {MIN_OVERLAP} points in common",
 }
 """Why there is not enough data, by subject."""
+NAMES_OF_OWN_RUNS = frozenset((*Variant, CORRECTED))  #: Names that an estimate of another method must not have.
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,4 +136,7 @@ def names_of_estimates(paths: Sequence[Path]) -> dict[Path, str]:
     if len(set(paths)) < len(paths):
         raise ConfigError(f"'--estimate {paths[0]}' is given twice: give different estimates")
     has_equal_names = len({path.name for path in paths}) < len(paths)
-    return {path: str(path) if has_equal_names else path.name for path in paths}
+    names = {path: str(path) if has_equal_names else path.name for path in paths}
+    if reserved := [name for name in names.values() if name in NAMES_OF_OWN_RUNS]:
+        raise ConfigError(f"'--estimate {reserved[0]}' has the name of a run of the check: rename the file")
+    return names

@@ -182,8 +182,10 @@ def localiser_steps(
 ) -> Iterator[Step]:
     """Yield the step of each pair of a drive by our localiser or by a method under test.
 
-    `watch` is called after each pair of our localiser.
+    `watch` is called after each pair of our localiser. InputError if the drive has no pair.
     """
+    if not len(sequence):
+        raise InputError("the drive has no complete pair of images: at least one is required; sfr info SRC shows why")
     with checked_clock():
         if isinstance(how, UnderTest):
             yield from localise_with(how, sequence, start.T_ds_rb)

@@ -35,7 +35,7 @@ def test_a_call_comes_back_to_the_last_bit() -> None:
         123456789,
         1000,
         {"inliers": np.float64(1 / 3), "unknown": np.nan},
-        rng.normal(size=(6, 6)) / 3.0,
+        (half := rng.normal(size=(6, 6)) / 3.0) @ half.T,
         "few_landmarks",
         rng.normal(size=48) / 3.0,
         "late: 3 s",
@@ -51,6 +51,14 @@ def test_a_call_comes_back_to_the_last_bit() -> None:
         if name != "statistics":
             np.testing.assert_array_equal(getattr(found, name), getattr(record, name), strict=False)
     assert found.statistics == {"inliers": 1 / 3}
+
+
+def test_what_is_unknown_in_a_call_is_unknown_when_read_back() -> None:
+    unknown = np.full((6, 6), np.nan)
+    record = CallRecord(5, math.nan, "tracking", None, None, {"a": math.inf}, unknown, times={"b": math.nan, "c": 1.0})
+    found = decode_call(encode_call(record), Task.LOCALISATION)
+    assert math.isnan(found.processing_time_s)
+    assert (found.statistics, found.times, found.covariance) == ({}, {"c": 1.0}, None)
 
 
 def optional(values: st.SearchStrategy[object]) -> st.SearchStrategy[object]:
@@ -155,6 +163,9 @@ def test_a_time_of_0_is_unknown_in_a_live_score_as_in_a_file() -> None:
         '{"stamp_ns": 5, "processing_time_s": 1, "task": "cooking"}',
         '{"stamp_ns": 5, "processing_time_s": 1, "step": [1.0]}',
         '{"stamp_ns": 5, "processing_time_s": 1, "covariance": [[1e999]]}',
+        f'{{"stamp_ns": 5, "processing_time_s": 1, "covariance": {(-np.eye(6)).tolist()}}}',
+        f'{{"stamp_ns": 5, "processing_time_s": 1, "step": {["1"] * 48}}}'.replace("'", '"'),
+        f'{{"stamp_ns": 5, "processing_time_s": 1, "step": {[True] * 48}}}'.lower(),
         '{"stamp_ns": 5, "processing_time_s": 1, "peak_rss_bytes": -1}',
         '{"stamp_ns": 5, "processing_time_s": 1, "statistics": {"x": "y"}}',
         '{"stamp_ns": 5, "processing_time_s": 1, "reason": "' + "x" * 2_000_000 + '"}',

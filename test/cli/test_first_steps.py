@@ -81,6 +81,8 @@ def test_the_next_step_repeats_the_options_that_were_given(hints: Sfr, trajector
     steps.append(hints(*given, "--limits", trajectory.with_name("none.yaml")).err)
     assert steps[0] == f"next: sfr {' '.join(map(str, given))} --limits limits.yaml --html report.html"
     assert "next:" not in steps[1]
+    again = hints(*given, "--json", trajectory.with_name("s.json")).err.splitlines()[-1]
+    assert "--overwrite --limits limits.yaml" in again  # the file exists now
 
 
 def test_no_next_step_is_printed_beside_json(hints: Sfr, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from helpers.cli_result import Sfr
 from helpers.loc_drive import drive, run
 from helpers.made_scene import LOC_RIG
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.evidence.calibration import CameraOffset, corrected_drive
 from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.recording import names_of_estimates
@@ -138,6 +138,8 @@ def test_the_command_writes_rows_and_takes_two_other_estimates(
 def test_estimates_with_the_same_file_name_are_named_by_their_paths() -> None:
     left, right = Path("a/wheels.csv"), Path("b/wheels.csv")
     assert names_of_estimates([left, Path("c.csv")]) == {left: "wheels.csv", Path("c.csv"): "c.csv"}
+    with pytest.raises(ConfigError, match="rename the file"):
+        names_of_estimates([left, Path("b/backward")])
     assert names_of_estimates([left, right]) == {left: "a/wheels.csv", right: "b/wheels.csv"}
     rows = [figure_row("difference", "distance=1", f"forward - {name}", n=2, rmse=0.1) for name in "ab"]
     assert len(items_with("difference", rows)) == 2

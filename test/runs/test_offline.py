@@ -13,15 +13,17 @@ import pytest
 
 from helpers.made_scene import HEIGHT, LOC_RIG, WIDTH, loc_pair, write_folder
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.evidence.variants import PairsInMemory
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.localisation.visualisation import STRIP
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.runs.offline import localise, map_pairs, start_pose, true_start, unstamped_start_warning
+from sfr_loc_map.runs.offline import localise, map_pairs, run_localiser, start_pose, true_start, unstamped_start_warning
 from sfr_loc_map.runs.track_video import track_video
 
 FIRST_NS = 1_000_000_000_000
@@ -122,3 +124,8 @@ def test_a_film_has_one_image_for_each_pair_and_estimates_stay_the_same(tmp_path
     assert [image.shape for image in images] == 4 * [(HEIGHT + STRIP, WIDTH, 3)]
     grey = images[0][4 : HEIGHT - 4, 4 : WIDTH - 4].mean(axis=2)
     assert np.median(np.abs(grey - 0.75 * loc_pair(0).left[4:-4, 4:-4])) < 12
+
+
+def test_a_drive_without_pairs_is_refused() -> None:
+    with pytest.raises(InputError, match="no complete pair"):
+        run_localiser(PairsInMemory(LOC_RIG, []), LocalisationConfig(), StartPose(Transform.identity()))
