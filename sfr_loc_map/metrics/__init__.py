@@ -4,7 +4,7 @@
     poses, truth, images, calls, pairs ─► completeness ────────────┤
     cloud, truth ─► errors (cloud_error) ──────────────────────────┼─► table ─► score ─► judging ─► stored
     times, memory ─► calls ────────────────────────────────────────┤              limits ─┘
-    poses, truth ─► diagnosis (contradiction) ─────────────────────┘
+    poses, truth ─► diagnosis (convention mismatch) ───────────────┘
 
 The modules beside the folders: `formulas` is the one page of formulas, in the order of the clauses of the
 specification. `formulas_beside` has the formulas of figures that the specification does not define. `sub_trajectories`

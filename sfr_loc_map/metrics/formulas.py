@@ -205,7 +205,8 @@ def heading(attitude: FloatArray) -> FloatArray:
 def heading_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
     """Return estimated minus actual heading, signed and wrapped to (-180, 180], degrees; the inputs are in radians."""
     error = np.degrees(estimated - actual)
-    return np.asarray(error - 360.0 * np.ceil((error - 180.0) / 360.0))
+    is_wrapped = (error > -180.0) & (error <= 180.0)  # kept to the bit, because rounding could move it out of the range
+    return np.where(is_wrapped, error, error - 360.0 * np.ceil((error - 180.0) / 360.0))
 
 
 # ---- 4.3.1 and 4.3.2, time and memory of a mapping call: the modules of `metrics.calls`; 4.3.3 is a title

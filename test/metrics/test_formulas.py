@@ -61,6 +61,8 @@ def test_heading_is_that_of_the_forward_axis_and_errors_are_wrapped() -> None:
         error = formulas.heading_error_deg(np.radians(np.array([angle])), np.zeros(1))
         assert error == pytest.approx(wrapped, abs=1e-9)
     assert formulas.heading_error_deg(np.array([0.3]), np.array([0.1]))[0] > 0.0, "estimated less actual"
+    lowest = np.nextafter(-np.pi, 0.0)
+    assert formulas.heading_error_deg(np.array([lowest]), np.zeros(1))[0] == np.degrees(lowest), "kept to the bit"
 
 
 @pytest.mark.clause("4.2.3.2")

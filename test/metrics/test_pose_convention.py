@@ -97,3 +97,9 @@ def test_the_left_camera_is_to_the_left_of_the_rig() -> None:
     for frame, across in (("left", 0.06), ("sb", 0.0), ("right_optical", -0.06)):
         in_sb = RIG.T_rb_sb.inverse() @ PoseConvention.parse([f"frame={frame}"]).T_rb_child(RIG)
         np.testing.assert_allclose(in_sb.translation, [0.0, across, 0.0], atol=1e-12)
+
+
+def test_no_poses_are_no_poses_in_any_convention() -> None:
+    empty = Trajectory(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 4)))
+    for setting in ("inverse_motion=true", "inverse=true", "quaternion=wxyz", "mirrored=true"):
+        assert len(converted(empty, PoseConvention.parse([setting]), Transform.identity())) == 0

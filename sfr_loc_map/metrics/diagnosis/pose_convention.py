@@ -156,7 +156,8 @@ def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Tr
         positions = positions * MIRROR
         quats = quats * MIRROR_QUAT
     if convention.inverse or convention.inverse_motion:
-        first = Transform.from_quat(positions[0], quats[0]) if convention.inverse_motion else Transform.identity()
+        has_first = convention.inverse_motion and len(positions) > 0
+        first = Transform.from_quat(positions[0], quats[0]) if has_first else Transform.identity()
         quats = quat_normalised(quat_conjugate(quats))
         positions = first.apply(quat_rotate(quats, first.translation - positions))
         quats = quat_multiply(quat_multiply(first.quat_xyzw, quats), first.quat_xyzw)
