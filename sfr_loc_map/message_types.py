@@ -54,6 +54,8 @@ class HealthKey(StrEnum):
     """State of the managed node."""
     ACTIVITY = "activity"
     """What the node does before it can process data; empty afterwards."""
+    PERIOD = "period_s"
+    """Period of the health status, s."""
 
 
 COMPILING = "compiling"  #: Activity of a node that compiles its kernels.

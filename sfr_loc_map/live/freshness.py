@@ -19,7 +19,7 @@ class Freshness:
 
 
 NODE_FRESHNESS = Freshness(after_s=1.5, periods=1.6)
-"""A node reports its health once a second by a timer, so one missing report makes it stale."""
+"""A node reports its health by a timer, with the period in the report, so one missing report makes it stale."""
 TOPIC_FRESHNESS = Freshness(after_s=1.6, periods=3.0)
 """The period of a topic varies with its source, so two messages may be missing."""
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import statistics
-from collections import deque
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from itertools import islice
 from typing import Any
@@ -33,9 +32,7 @@ class NodeReports:
     call: CallRecord | None = None
     problem: str | None = None
     heard_s: float = 0.0
-    health_s: float | None = None
     in_graph: bool | None = None
-    periods: deque[float] = field(default_factory=lambda: deque(maxlen=5))
 
     def add(self, update: updates.Call | updates.Status) -> None:
         """Add a call or a status."""
@@ -46,21 +43,26 @@ class NodeReports:
             self._add_status(update)
 
     def _add_status(self, status: updates.Status) -> None:
-        message, now_s = status.message[:MAX_LETTERS], status.received_s
+        message = status.message[:MAX_LETTERS]
         if status.kind is not StatusKind.HEALTH:
             self.problem = message
         else:
-            self.periods.extend(() if self.health_s is None else (now_s - self.health_s,))
-            self.health_s = now_s
             self.level = Level(status.level)
             self.message = message
             kept = islice(status.values.items(), MAX_VALUES)
             self.values = {name[:MAX_LETTERS]: text[:MAX_LETTERS] for name, text in kept}
 
     def is_stale(self, now_s: float) -> bool:
-        """Return whether the node has been silent for longer than `NODE_FRESHNESS`."""
-        period = statistics.median(self.periods) if len(self.periods) > 2 else 0.0
-        return NODE_FRESHNESS.is_stale(now_s - self.heard_s, period)
+        """Return whether the node has been silent for longer than `NODE_FRESHNESS` with the period that it reports."""
+        return NODE_FRESHNESS.is_stale(now_s - self.heard_s, self._period_s)
+
+    @property
+    def _period_s(self) -> float:
+        """Period of the health status; 0 if it is unknown."""
+        with suppress(ValueError):
+            period_s = float(self.values.get(HealthKey.PERIOD, ""))
+            return period_s if math.isfinite(period_s) else 0.0
+        return 0.0
 
     def _drops(self) -> dict[str, int]:
         """Return the number of dropped messages by cause, in words."""

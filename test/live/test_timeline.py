@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from helpers.live_run import STEP_NS, call, health, pose_pair
 from helpers.made_scores import LIMITS, whole_score
 from sfr_loc_map.live.run_end import RunEnd
@@ -100,6 +102,15 @@ def test_a_pose_is_stale_once_poses_or_its_node_stop() -> None:
     for number in range(20, 60):
         state.put(pose_pair(number, 0.1 * number)[1])
     assert state.live_to_plain(5.9)["localisation"]["stale"], "the node is silent although poses arrive"
+
+
+def test_a_node_is_silent_by_the_period_that_it_reports() -> None:
+    for period_s, silent_s in ((1.0, 3.0), (10.0, 17.0)):
+        state = LiveState()
+        report = health("monitor_node", 1.0)
+        state.put(replace(report, values=report.values | {"period_s": str(period_s)}))
+        stale = [state.live_to_plain(now_s)["nodes"][0]["stale"] for now_s in (1.0 + period_s, 1.0 + silent_s)]
+        assert stale == [False, True]
 
 
 def test_a_call_without_a_pose_leaves_the_poses_stale() -> None:

@@ -222,6 +222,7 @@ class StatusReporter:
         values: dict[str, Value] = {
             HealthKey.LIFECYCLE: snapshot.lifecycle,
             HealthKey.ACTIVITY: self._activity,
+            HealthKey.PERIOD: self._config.period_s,
             "received_messages_hz": self._rate(self._arrivals, now),
             "processed_hz": self._rate(self._calls, now),
             "waiting": snapshot.waiting,
