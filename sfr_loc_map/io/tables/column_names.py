@@ -233,7 +233,10 @@ def _of_header(cells: Sequence[str], found: Mapping[str, int], below: Sequence[s
 
 
 def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
-    """Return the columns that the user names as `NAME=HEADER[UNIT]`, or as `NAME[UNIT]` in the order of columns."""
+    """Return the columns that the user names as `NAME=HEADER[UNIT]`, or as `NAME[UNIT]` in the order of columns.
+
+    A given unit has priority over that in the header, and this over that in a line of units below the header.
+    """
     header = _header_above(head)
     items = [item.strip() for item in columns.split(",")]
     is_ordered = not any("=" in item for item in items)
@@ -261,6 +264,9 @@ def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
         index_of[key] = index
         if unit:
             units[key] = unit
+    number = max((number for number, line in enumerate(head.before) if head.cells_of(line) == header), default=0)
+    below = _units_below(head, number, len(header)) if header else []
+    units = {key: below[index] for key, index in index_of.items() if index < len(below) and below[index]} | units
     titles = [*header, *(f"#{number + 1}" for number in range(len(header), head.width))]
     ignored = tuple(title for index, title in enumerate(titles) if index not in index_of.values())
     return PoseColumns("columns as given", head.separator, index_of, units, head.width, by_header=True, ignored=ignored)

@@ -411,6 +411,15 @@ def test_the_header_of_given_columns_is_below_a_title(tmp_path: Path) -> None:
     assert found.trajectory.positions.tolist() == [[1.25, 2.5, 3.0]]
 
 
+@pytest.mark.parametrize(("columns", "metres"), [("t,x,y,z", 0.001), ("t[s],x[cm],y[cm],z[cm]", 0.01)])
+def test_given_columns_have_the_units_below_the_header_unless_units_are_given(
+    tmp_path: Path, columns: str, metres: float
+) -> None:
+    (tmp_path / "x.csv").write_text("Zeit,Ost,Nord,Oben\ns,mm,mm,mm\n1,1000,2000,3000\n2,1000,2000,3500\n")
+    found = read_trajectory_file(tmp_path / "x.csv", columns).trajectory
+    np.testing.assert_allclose(found.positions[1], np.array([1000, 2000, 3500]) * metres)
+
+
 def test_a_truth_and_a_conversion_require_poses_with_stamps(tmp_path: Path, sfr: Sfr) -> None:
     (tmp_path / "poses.txt").write_text(rows(matrices(drive()), separator=" "))
     done = sfr("convert", tmp_path / "poses.txt", tmp_path / "poses.csv")
