@@ -13,12 +13,11 @@ from typing import NamedTuple
 
 import msgspec
 
-from sfr_loc_map.metrics.calls.call_score import AFTER_FIRST, FIRST
 from sfr_loc_map.metrics.config import CallKind, Reading, label_of
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import ALIGNED, KINDS, Subject, statistic_title, title_of
-from sfr_loc_map.metrics.table.row_part import DIRECTIONS, Place
+from sfr_loc_map.metrics.table.row_part import AFTER_FIRST, DIRECTIONS, FIRST, Place
 from sfr_loc_map.metrics.table.rows import NUMBERS, Figure
 from sfr_loc_map.report import notes
 from sfr_loc_map.report.glossary import glossary

@@ -11,9 +11,10 @@ from helpers.map_scenes import RIG, cloud_of, points_of, wall
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.config import MapScoreConfig
-from sfr_loc_map.metrics.errors.cloud_error import POINTS, PairTruth, score_map, score_nearest
+from sfr_loc_map.metrics.errors.cloud_error import PairTruth, score_map, score_nearest
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_plain
+from sfr_loc_map.metrics.table.row_part import POINTS
 
 CONFIG = MapScoreConfig()
 

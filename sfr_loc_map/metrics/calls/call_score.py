@@ -25,7 +25,7 @@ from sfr_loc_map.metrics.table.catalogue import Subject, clause_of
 from sfr_loc_map.metrics.table.details import CallHistogram, CallPlots, CallSeries, column
 from sfr_loc_map.metrics.table.records import CallRecords, ExternalScore, TargetRun
 from sfr_loc_map.metrics.table.results import CallsResult
-from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
+from sfr_loc_map.metrics.table.row_part import AFTER_FIRST, FIRST, Place, RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.suite_names import Task
 
@@ -42,8 +42,6 @@ KINDS_OF = {Task.LOCALISATION: (CallKind.LOCALISATION,), Task.MAPPING: tuple(STA
 """Kinds of calls by their task."""
 HISTOGRAM_BINS = 40
 SERIES_ROWS = 2000  #: Maximum number of calls of each kind in plots.
-FIRST = "first call"  #: Part of the row of the first measured call.
-AFTER_FIRST = "after the first call"  #: Part of the row of the calls after the first.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -39,9 +39,9 @@ from sfr_loc_map.metrics.completeness.shortfall_kinds import HIDDEN_CONDITIONS, 
 from sfr_loc_map.metrics.config import Condition, ConditionKind
 from sfr_loc_map.metrics.frames.association import unique_rows
 from sfr_loc_map.metrics.table.records import Association
+from sfr_loc_map.metrics.table.row_part import DISTANCE, TIME
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
-DISTANCE, TIME = "distance", "time"  #: Parts of the rows of the longest gap.
 DOUBLED_SHARE = 0.1  #: A file contains two runs if the fraction of repeated stamps with another position exceeds this.
 
 

@@ -38,7 +38,7 @@ from sfr_loc_map.metrics.completeness.shortfall_kinds import ANSWERED_TWICE, IN_
 from sfr_loc_map.metrics.config import AssociationMode, CallKind
 from sfr_loc_map.metrics.frames.association import has_own, nearness_ns
 from sfr_loc_map.metrics.table.records import Association, ExternalScore
-from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
+from sfr_loc_map.metrics.table.row_part import COUNT, Place, RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
@@ -57,7 +57,7 @@ def expected_row(part: RowPart, judged: int, expected: int | None) -> Figure:
 def share_rows(name: str, count: int | None, total: int) -> Iterator[Figure]:
     """Yield the rows of a count, None if it is unknown, as a fraction of a total and as a number."""
     yield figure_row(name, n=total, value=None if count is None else share_of(count, total))
-    yield figure_row(name, part="count", n=total, value=count)
+    yield figure_row(name, part=COUNT, n=total, value=count)
 
 
 def share_of(count: int, total: int) -> float | None:
@@ -253,7 +253,7 @@ def map_completeness(
 
 def with_unmapped_pairs(rows: Sequence[Figure], unmapped: int) -> tuple[Figure, ...]:
     """Return the rows of the score of a cloud after further expected pairs that have no cloud."""
-    (bare,) = (row for row in rows if (row.figure, row.part) == ("pairs_without_cloud", "count"))
+    (bare,) = (row for row in rows if (row.figure, row.part) == ("pairs_without_cloud", COUNT))
     expected = (bare.n or 0) + unmapped
     without = int(bare.value or 0) + unmapped
     changed = [expected_row(RowPart(Scope.MAP), expected - without, expected)]

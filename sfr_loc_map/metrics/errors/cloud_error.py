@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.statistics.intervals import chi2_interval95
 from sfr_loc_map.metrics.table.details import ErrorImage, MapDetails, PointRows, Triangulation, column
 from sfr_loc_map.metrics.table.records import CloudRecord
 from sfr_loc_map.metrics.table.results import MapResult
-from sfr_loc_map.metrics.table.row_part import pair_part, range_part
+from sfr_loc_map.metrics.table.row_part import POINTS, pair_part, range_part
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 FOOTPRINTS = 2.0  #: Distance, in pixel footprints Z / f, within which a point of a fused cloud covers a true point.
@@ -31,7 +31,6 @@ NEES_BLOCK_PX = 32
 """Size of a block, px. One point of each block tests sigma, because errors of neighbours are correlated."""
 IMAGE_WIDTH = 128
 CLOUD_ROWS = 8000
-POINTS = "map points"  #: Part of the NEES of the sigma of map points.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

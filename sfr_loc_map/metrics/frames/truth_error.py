@@ -14,10 +14,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.frames.association import unique_rows
+from sfr_loc_map.metrics.table.row_part import ATTITUDE, TURN
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
-
-ATTITUDE = "attitude"  #: Part of the row of the attitude error.
-TURN = "attitude at the start"  #: Part of the rows of the displacement of N+x by an attitude error at N.
 
 
 def as_truth(truth: Trajectory) -> Truth:

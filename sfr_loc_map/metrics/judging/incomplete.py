@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.completeness.drive import DISTANCE, TIME, LongestGap, covered_text
+from sfr_loc_map.metrics.completeness.drive import LongestGap, covered_text
 from sfr_loc_map.metrics.completeness.shortfall_kinds import (
     COVERED,
     JUDGED,
@@ -30,7 +30,16 @@ from sfr_loc_map.metrics.score.limits import Limit, LimitSection, Rules, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject, statistic_title, title_of
-from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart, Scope
+from sfr_loc_map.metrics.table.row_part import (
+    DISTANCE,
+    MOVING,
+    OTHER_FRAMES,
+    SUB_TRAJECTORIES,
+    TIME,
+    Place,
+    RowPart,
+    Scope,
+)
 from sfr_loc_map.metrics.table.rows import Figure
 
 NOT_DUE = "no result of the {part} is due yet"

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.calls.call_score import AFTER_FIRST, FIRST
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS, ShortfallKind
 from sfr_loc_map.metrics.config import CallKind, Condition
@@ -23,7 +22,18 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import interval95
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject
 from sfr_loc_map.metrics.table.details import CallPlots, Details, SubTrajectoryRows
-from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, Place, RowPart, Scope, is_of_pair
+from sfr_loc_map.metrics.table.row_part import (
+    AFTER_FIRST,
+    COUNT,
+    FIRST,
+    MOVING,
+    OTHER_FRAMES,
+    SUB_TRAJECTORIES,
+    Place,
+    RowPart,
+    Scope,
+    is_of_pair,
+)
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 ROUNDING_M = 1e-9  #: Largest error by rounding of errors that are differences of coordinates.
@@ -348,7 +358,7 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
 def _of_counts(score: Score) -> Iterator[str]:
     """Yield the contradictions between fractions, their counts, and the counts of the association."""
     for name in [kind.figure for kind in SHORTFALLS]:
-        share, count = score.figure(name, part=None), score.figure(name, part="count")
+        share, count = score.figure(name, part=None), score.figure(name, part=COUNT)
         if share is None or count is None or count.value is None or not count.n:
             continue
         if share.value is None:
@@ -362,11 +372,11 @@ def _of_counts(score: Score) -> Iterator[str]:
         if 0.0 < stands < (share.n or 0) and abs(stands + given - (share.n or 0)) > EXACT * (share.n or 0):
             yield f"{share.label} is {_text(share.value)} of {share.n}, but there are {given} errors of a moving rover"
     for name in ("lost", "degraded"):
-        row, drive = score.figure(name, part="count"), score.association
+        row, drive = score.figure(name, part=COUNT), score.association
         if row is not None and drive is not None and row.value not in (None, getattr(drive, name)):
             yield f"{name} is {_text(row.value)}, but {getattr(drive, name)} frames are {name}"
     drive = score.association
-    doubled = score.figure("doubled", part="count")
+    doubled = score.figure("doubled", part=COUNT)
     if drive is not None and doubled is not None and doubled.value != drive.estimate_duplicates:
         yield f"doubled is {_text(doubled.value)}, but {drive.estimate_duplicates} estimates have a repeated stamp"
 

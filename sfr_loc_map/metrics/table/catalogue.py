@@ -25,7 +25,7 @@ from sfr_loc_map.metrics.config import CallKind, Reading
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.formulas_beside import chord_error
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
-from sfr_loc_map.metrics.table.row_part import DIRECTIONS, MOVING, OTHER_FRAMES, Place, RowPart, is_of_distance
+from sfr_loc_map.metrics.table.row_part import COUNT, DIRECTIONS, MOVING, OTHER_FRAMES, Place, RowPart, is_of_distance
 
 
 class Subject(StrEnum):
@@ -320,7 +320,7 @@ def defines(figure: str, part: str | None, statistic: str) -> bool:
 
 def is_fraction(figure: str, part: str | None = None) -> bool:
     """Return whether a figure of unit `1` is a fraction, which is shown in per cent, and not a count or a ratio."""
-    if figure not in KINDS or part == "count":
+    if figure not in KINDS or part == COUNT:
         return False
     kind = KINDS[figure]
     return not kind.is_count and kind.subject not in (Subject.CONSISTENCY, Subject.EVIDENCE)

@@ -10,9 +10,12 @@ The part of a row is one text, or None for the complete figure. Only this module
 | `5 m` | errors over a distance travelled | `distance_part` |
 | `0-4 m`, `pair 0` | points of a range, points of a mapping pair | `range_part`, `pair_part` |
 | `localisation`, `target mapping_call` | memory and completeness of calls | `RowPart` |
-| `first call`, `target first call`, a stage | times of calls | `RowPart`, `metrics.calls.call_score` |
+| `first call`, `target first call`, a stage | times of calls | `FIRST`, ..., `RowPart` |
 | `drive`, `map`, `calls localisation`, ... | the judged fraction of the expected items | `Scope`, `RowPart` |
-| `count` | a number in place of its fraction | |
+| `count` | a number in place of its fraction | `COUNT` |
+| `distance`, `time` | the longest gap | `DISTANCE`, `TIME` |
+| `attitude`, `attitude at the start` | the error of the truth | `ATTITUDE`, `TURN` |
+| `map points` | NEES of map points | `POINTS` |
 | a name or a sentence | contributions, axes and tolerance bounds | the module of the figure |
 
 A *scope* is a part of a score that has expected items, and is complete or incomplete. The *place* of calls is where
@@ -31,6 +34,13 @@ ANY = "*"  #: Accepts every value of a key in a look-up of rows.
 MOVING = "moving"  #: Part of the rows with the errors of the sub-trajectories in which the rover moves.
 OTHER_FRAMES = "other frames"  #: Part of the rows with the errors at frames without a judged error.
 POOLED = "pooled"  #: Part of the rows over all drives of a suite.
+FIRST = "first call"  #: Part of the row of the time of the first measured call.
+AFTER_FIRST = "after the first call"  #: Part of the row of the times of the calls after the first.
+ATTITUDE = "attitude"  #: Part of the row `truth_error` of the attitude error of the truth.
+TURN = "attitude at the start"  #: Part of the rows `truth_error` of the displacement of N+x by an attitude error at N.
+DISTANCE, TIME = "distance", "time"  #: Parts of the rows of the longest gap.
+POINTS = "map points"  #: Part of the row `nees` of the sigma of map points.
+COUNT = "count"  #: Part of the row with a number of items in place of their fraction.
 SUB_TRAJECTORIES = "sub-trajectories"  #: Part of the row `standing` of one condition.
 DIRECTIONS = {"x": "x (east)", "y": "y (north)", "z": "z (up)", "along": "along the path", "cross": "across the path"}
 """Parts of the position error along one direction, and their titles; x, y and z are axes of DS."""
