@@ -34,7 +34,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import config_text, find_method
 from sfr_loc_map.metrics.config import aligned_error_config
-from sfr_loc_map.metrics.diagnosis.pose_convention import PoseConvention
+from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.runs import offline

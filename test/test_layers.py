@@ -106,7 +106,7 @@ METRICS_FLOORS = (
     {"sub_trajectories"},
     {"table"},
     {"frames"},
-    {"completeness"},
+    {"completeness", "conventions"},
     {"errors", "calls"},
     {"diagnosis"},
     {"score"},

@@ -378,7 +378,7 @@ MUTATIONS = (
     Mutation("scoring/call_checks.py", "SAME_POSITION_M = 0.002", "SAME_POSITION_M = 0.0"),
     Mutation("scoring/load.py", "    check_one_method(stats, target)\n", ""),
     Mutation("scoring/score_run.py", "fitted_unit(run.convention) or ", ""),
-    Mutation("metrics/diagnosis/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
+    Mutation("metrics/conventions/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
     Mutation(
         EXPECTED_ITEMS,
         "estimates_ns[~is_covered]",
@@ -546,7 +546,7 @@ MUTATIONS = (
     ),
     Mutation("geometry/stereo.py", "0.5 * self.baseline_m, 0.0", "-0.5 * self.baseline_m, 0.0"),
     Mutation("geometry/trajectory.py", "poses.positions + quat_rotate(", "poses.positions - quat_rotate("),
-    Mutation("metrics/diagnosis/pose_convention.py", '{"left": 0.5, "right": -0.5}', '{"left": -0.5, "right": 0.5}'),
+    Mutation("metrics/conventions/pose_convention.py", '{"left": 0.5, "right": -0.5}', '{"left": -0.5, "right": 0.5}'),
     Mutation("geometry/extrinsics.py", "Transform(pan @ tilt,", "Transform(tilt @ pan,"),
 )
 

@@ -261,7 +261,7 @@ Align = Literal["none", "origin", "se3", "sim3"]
 
 def correction_of(settings: list[str] | None, apply_diagnosis: bool) -> Correction:
     """Return the conversion of an estimate; raise ConfigError if a setting is invalid."""
-    from sfr_loc_map.metrics.diagnosis.pose_convention import PoseConvention
+    from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
     from sfr_loc_map.scoring.inputs import Correction
 
     return Correction(PoseConvention.parse(settings or ()), apply_diagnosis)

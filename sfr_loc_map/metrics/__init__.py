@@ -1,10 +1,12 @@
 """The metrics of the specification: errors, time and memory, and the verdicts on them.
 
-    poses, truth ─► frames ─► errors (formulas, sub_trajectories) ─┐
+    poses ─► conventions ─► frames ─► errors (sub_trajectories) ───┐
     poses, truth, images, calls, pairs ─► completeness ────────────┤
     cloud, truth ─► errors (cloud_error) ──────────────────────────┼─► table ─► score ─► judging ─► stored
-    times, memory ─► calls ────────────────────────────────────────┤              limits ─┘
+    times, memory ─► calls ────────────────────────────────────────┤     limits file ─┘
     poses, truth ─► diagnosis (convention mismatch) ───────────────┘
+
+`frames` and `errors` also read the truth. `statistics` are used by `errors`, `calls`, `judging` and comparisons.
 
 The modules beside the folders: `formulas` is the one page of formulas, in the order of the clauses of the
 specification. `formulas_beside` has the formulas of figures that the specification does not define. `sub_trajectories`
@@ -15,10 +17,11 @@ The folders, from the bottom (`METRICS_FLOORS` in `test/test_layers.py`). A fold
 - `statistics`: statements about all errors from a sample of them.
 - `table`: the catalogue of all figures, the rows of a score and their parts, and the records beside them.
 - `frames`: pairs of an estimated and a true pose in common axes, and the error of the true pose.
+- `conventions`: the conversion of estimates from the convention in which they were written.
 - `completeness`: what is expected of each subject, and how much of it is judged, missing or wrong.
 - `errors`: the errors of the trajectory and of the cloud as rows.
 - `calls`: time and memory of calls, and their rows.
-- `diagnosis`: conventions of poses, and the search for one that is not declared.
+- `diagnosis`: the search for a convention of poses that is not declared.
 - `score`: the table with its limits, verdicts and caveats.
 - `judging`: the verdicts, as a function of a score and its limits.
 - `stored`: scores as files, the check of a file, and the comparison of scores.

@@ -29,7 +29,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.latest import Latest
 from sfr_loc_map.message_stamps import stamp_of
-from sfr_loc_map.metrics.diagnosis.pose_convention import (
+from sfr_loc_map.metrics.conventions.pose_convention import (
     FIRST_POSE,
     PoseConvention,
     aligned_estimates,

@@ -16,7 +16,7 @@ from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.diagnosis.pose_convention import PoseConvention
+from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.runs.offline import start_pose
 from sfr_loc_map.scoring.inputs import Correction

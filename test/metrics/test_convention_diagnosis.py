@@ -13,9 +13,9 @@ from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, converted_estimates
 from sfr_loc_map.metrics.diagnosis.convention_diagnosis import diagnose
 from sfr_loc_map.metrics.diagnosis.disagreement import disagreements
-from sfr_loc_map.metrics.diagnosis.pose_convention import PoseConvention, converted_estimates
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates, associate
 
 TILTED = Rotation.from_euler("y", 20, degrees=True).as_matrix()

@@ -10,7 +10,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.metrics.diagnosis.pose_convention import FRAMES, PoseConvention, aligned, converted
+from sfr_loc_map.metrics.conventions.pose_convention import FRAMES, PoseConvention, aligned, converted
 
 RIG = StereoRig(
     160, 120, 100.0, 100.0, 80.0, 60.0, 0.12,

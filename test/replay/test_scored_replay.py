@@ -15,7 +15,7 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import score_config
-from sfr_loc_map.metrics.diagnosis.pose_convention import PoseConvention
+from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.table.records import AnswerCounts, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.replay import scored_replay
 from sfr_loc_map.replay.files import ReplayFiles

@@ -42,9 +42,9 @@ from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.conventions.pose_convention import FRD_IN_BODY, MIRROR, MIRROR_QUAT
 from sfr_loc_map.metrics.diagnosis.disagreement import MIN_POSES, PoseArrays, disagreements, eighths
 from sfr_loc_map.metrics.diagnosis.offset_search import best_offset, period_ns
-from sfr_loc_map.metrics.diagnosis.pose_convention import FRD_IN_BODY, MIRROR, MIRROR_QUAT
 from sfr_loc_map.metrics.frames.association import associate, unique_rows
 from sfr_loc_map.metrics.table.records import Record
 

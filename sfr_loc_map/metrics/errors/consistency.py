@@ -26,7 +26,15 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import LOST_VARIANCE
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import propagated_covariance, propagation
-from sfr_loc_map.metrics.frames.association import DIAGONAL, Estimates, Frames, StampedPoses, symmetric, unique_rows
+from sfr_loc_map.metrics.frames.association import (
+    DIAGONAL,
+    Estimates,
+    Frames,
+    StampedPoses,
+    carried,
+    symmetric,
+    unique_rows,
+)
 from sfr_loc_map.metrics.frames.truth_error import truth_noise
 from sfr_loc_map.metrics.statistics.intervals import chi2_interval95
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
@@ -83,11 +91,6 @@ def to_origin(rotations: FloatArray, positions: FloatArray) -> FloatArray:
     carry[:, :3, :3] = carry[:, 3:, 3:] = rotations
     carry[:, :3, 3:] = cross @ rotations
     return carry
-
-
-def carried(carry: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return `F P F^T` for each pair of F and P."""
-    return np.asarray(carry @ covariance @ np.swapaxes(carry, -1, -2))
 
 
 def nees_rows(

@@ -292,6 +292,11 @@ def match_nearest(partner: Rows, estimate_stamps: IntArray, true_stamps: IntArra
     partner[free_est[chosen]] = free_gt[nearest[chosen]]
 
 
+def carried(carry: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return `F P F^T` for each pair of F and P."""
+    return np.asarray(carry @ covariance @ np.swapaxes(carry, -1, -2))
+
+
 def nearness_ns(needed: IntArray, tolerance_ns: int = 0) -> int:
     """Return the largest difference between an expected stamp and another stamp of the same pair; stamps ascend."""
     if len(needed) < 2:
