@@ -235,7 +235,8 @@ def restarted(
 ) -> tuple[PathState, StepEstimate]:
     """Return the path with a new window that begins at the last pose, and the step to it.
 
-    The next step is measured from the image of this pair. It therefore does not undo errors of the earlier poses.
+    The next step is measured from the image of this pair. It therefore contains no errors and no noise of the earlier
+    poses.
     """
     until_now = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
     errors = until_now.restarted(
@@ -244,7 +245,7 @@ def restarted(
         in_window=model.sources.adjustment_inflation * landmark_map.window.covariance,
     )
     published, step = _step_to_kept_pose(path, stamp_ns, model)
-    published = replace(published, undone_by_next_step=ZERO, unobserved_rb=ZERO)
+    published = replace(published, undone_by_next_step=ZERO, unobserved_rb=ZERO, noise=ZERO)
     last = path.last.restarted(stamp_ns)
     history = path.history.with_pose(_past_pose(last, errors, follows_directly=False))
     return replace(path, last=last, errors=errors, published=published, history=history), step

@@ -31,9 +31,9 @@ data sets the fraction is 0.75 or more for swapped images, and 0.2 or less for u
 
 
 def check_index(index: int) -> None:
-    """Raise MappingError if the index of a pair is out of range."""
-    if not 0 <= index < MAX_PAIRS:
-        raise MappingError(f"pair index is {index}: 0 to {MAX_PAIRS - 1} is required")
+    """Raise MappingError if the index of a pair is not an integer, or is out of range."""
+    if not isinstance(index, int | np.integer) or not 0 <= index < MAX_PAIRS:
+        raise MappingError(f"pair index is {index}: an integer from 0 to {MAX_PAIRS - 1} is required")
 
 
 def check_pair_count(count: int) -> None:

@@ -226,12 +226,15 @@ def test_a_step_from_the_first_pair_of_a_window_does_not_contain_the_motion_befo
     inflation: Inflation,
 ) -> None:
     model = model_of(IN_CAMERA)
-    path = trajectory.lost(move(begun(), 1, STEP, inflation=inflation))
+    before = trajectory.accepted(begun(), pair_at(1, STEP, inflation, noise=1e-4), model)[0]
+    assert np.trace(before.published.noise) > 0.0
+    path = trajectory.lost(before)
     path, gap = trajectory.restarted(path, 51 * PERIOD_NS, map_of(NOTHING), model)  # type: ignore[arg-type]
     step = step_to(path, 52, 1.1 * STEP)
     of_first_step = step_to(begun(), 1, 0.1 * STEP)
     assert np.sqrt(gap.covariance[0, 0]) == pytest.approx(5.0 * LENGTH / 0.1)  # 5 s at the last speed
     np.testing.assert_allclose(step.covariance, of_first_step.covariance, atol=1e-9)
+    np.testing.assert_array_equal(step.noise_before, of_first_step.noise_before)
 
 
 def test_an_unobserved_motion_is_at_most_as_fast_as_the_rover() -> None:

@@ -258,9 +258,9 @@ def test_wrong_size_and_index_and_maps_of_other_methods_are_refused() -> None:
     mapper = Mapper(made.rig, MappingConfig())
     with pytest.raises(MappingError, match="the rig has"):
         mapper.process(StereoPair(0, made.pair.left[:-1], made.pair.right[:-1]), T_LM_NAVSB, 0)
-    for index in (-1, 3):
+    for index in (-1, 3, 1.5):
         with pytest.raises(MappingError, match="index"):
-            mapper.process(made.pair, T_LM_NAVSB, index)
+            mapper.process(made.pair, T_LM_NAVSB, index)  # type: ignore[arg-type]
     with pytest.raises(MappingError, match="4 pairs given"):
         mapper.map([PosedStereoPair(made.pair, T_LM_NAVSB)] * 4)
     wider = Mapper(replace(made.rig, baseline_m=1.5 * made.rig.baseline_m))
