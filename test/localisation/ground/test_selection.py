@@ -317,7 +317,7 @@ def test_a_fast_drive_on_a_bare_road_is_not_lost(shared_data: Path) -> None:
     assert states.count(TrackingState.TRACKING) > 0.6 * len(states)
 
 
-@pytest.mark.parametrize("stale_from_row", [0, HEIGHT // 2])
+@pytest.mark.parametrize("stale_from_row", [0, HEIGHT * 3 // 4])
 def test_the_ground_stays_in_doubt_while_stale_images_are_blanked(stale_from_row: int) -> None:
     """No motion can then be selected, and the covariance contains the ambiguity as in a pair with good images."""
     doubt = Identification(Phase.IN_DOUBT, pairs_left=LONG_DOUBT_PAIRS)
