@@ -103,7 +103,7 @@ class Inflation(Flag):
 
     NONE = 0
     #: The motion since the last pose, treated as unobserved because parts of the images may be stale. The covariance of
-    #: the next accepted pose no longer includes this term.
+    #: the next accepted pose no longer includes this term, unless a window began at this pose.
     UNOBSERVED = auto()
     #: The largest of three sizes: the distance to the pose of the other motion, the estimated motion since the last
     #: pose, and this motion treated as unobserved. The covariances of all later poses include this term.

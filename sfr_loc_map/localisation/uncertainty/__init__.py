@@ -42,8 +42,9 @@ deviation of the right camera's yaw, the yaw to be corrected, and its part that 
     bias        = sum of Z / (f b) displacement, m/px
     uncorrected = sum of (target_px - yaw corrected at the step) Z / (f b) displacement, m
 
-An attitude error displaces later positions: covariances with a rotation are propagated from the position where the
-error arose to the present position (`LocatedCovariance`).
+An attitude error displaces later positions: the terms `external`, `drift` and `directed` are propagated from the
+position where the error arose to the present position (`LocatedCovariance`). The term `attitude` is not propagated: it
+is an error of the present rotation only.
 
 | term | estimated from | changes with | counted since |
 |---|---|---|---|
@@ -81,14 +82,19 @@ pose are zero if its pair began a window, because the step is measured from its 
 
 | finding or event | adds | until |
 |---|---|---|
-| finding with `Inflation.UNOBSERVED` | unobserved, over the time since the last accepted pair | next accepted pair |
-| finding with `Inflation.AMBIGUITY` | the distance of two motions, at least the above; sigmas add up | external pose |
-| kept pair | unobserved, over the time since the last accepted pair | next accepted pair |
+| finding with `Inflation.UNOBSERVED` | unobserved, over the time since the last known pose | next accepted pair |
+| finding with `Inflation.AMBIGUITY` | the largest of three sizes (below); sigmas add up | external pose |
+| kept pair | unobserved, over the time since the last known pose | next accepted pair |
 | a window begins | unobserved, over the time since the last known pose; `blur` of the image | external pose |
 | external pose for a past pair | `alone` of this pair | external pose |
 | external pose between pairs that are not consecutive | unobserved, over the time to the nearer pair | external pose |
 | external pose after the last pair | unobserved, over the time to the pair | next accepted pair |
 | lost pair | the covariance of an unknown pose replaces all (`lost_covariance`) | next pair that is not lost |
+
+The last known pose is that of an accepted pair, of a pair that begins a window, or an external pose
+(`LastPose.known_ns`). If a window begins before the next accepted pair, it contains what was added until then, and the
+term lasts until the next external pose. The three sizes of an ambiguity are the distance of two motions, the estimated
+motion, and the unobserved motion.
 
     unobserved = diag(metres, metres, climb_ratio metres, tilt_ratio radians, tilt_ratio radians, radians)^2
     metres     = seconds min(max(last speed, motion.unseen_speed_m_s), motion.max_speed_m_s)

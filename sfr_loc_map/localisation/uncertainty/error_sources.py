@@ -25,8 +25,8 @@ class ErrorSources:
     value is too large, the covariance exceeds the errors and this NEES falls below 1. If a value is too small, this
     NEES exceeds 1.
 
-    The words at the beginning of each description name the formulas that use the field. The twist includes all formulas
-    except that of the pose.
+    The words at the beginning of each description name the formulas that use the field: the covariance of a pose, parts
+    of the covariance of a step (step, noise, systematic), and the unobserved motion, which enters both covariances.
     """
 
     blur_px: float = 0.03
