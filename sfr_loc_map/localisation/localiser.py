@@ -20,7 +20,7 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 
 Before and after these stages, `Localiser.process`
 
-- adopts the keyframe of the previous call, which was made in the background (`_with_finished_keyframe`);
+- adopts the keyframe of the previous call, which was made in the background (`_with_keyframe`);
 - applies an external pose once its stamp is reached (`_with_pose_from_outside`);
 - computes the covariance of the published pose (`_estimate`);
 - starts a keyframe in the background: the pair is added to the window, and the window is adjusted (bundle adjustment
@@ -207,7 +207,13 @@ class Localiser:
         self._check_pair(pair)
         clock = StageClock()
         with clock.stage("wait"):
-            self._state = self._with_finished_keyframe(self._state, clock)
+            pending = self._pending
+            self._pending = None
+            if pending is not None:
+                result = _result_of(pending)
+                self._state = self._with_keyframe(self._state, result)
+                if result is not None:
+                    clock.add("keyframe", result.seconds)
         outcome = self._locate(self._state, pair, odometry, clock)
         self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
         # A keyframe implies an accepted pose. Only an external pose with a later stamp would discard the map.
@@ -366,10 +372,7 @@ class Localiser:
         was_tracked = landmarks.among(tracks.landmarks)
         if was_tracked.all():
             return tracks
-        if np.array_equal(tracks.landmarks.rows, landmark_map.followed.rows):
-            rest = landmark_map.rest  # the patches of these landmarks are already copied
-        else:
-            rest = landmarks.subset(~was_tracked)
+        rest = landmark_map.rest_of(tracks.landmarks)
         offset = candidate.corrected.calibration.offset
         return self._tracker.complete(candidate.frame, tracks, landmarks, was_tracked, rest, offset)
 
@@ -525,20 +528,14 @@ class Localiser:
                 f"{self._rig.width} x {self._rig.height}. Use images of this rig."
             )
 
-    def _with_finished_keyframe(self, state: State, clock: StageClock) -> State:
-        """Wait for the keyframe of the previous call; return the state with the adjusted map, pose and calibration.
+    def _with_keyframe(self, state: State, result: KeyframeResult | None) -> State:
+        """Return the state with the adjusted map, pose and calibration of a keyframe.
 
-        If the adjustment diverged, the map is discarded, and a new window may begin at the last known pose.
+        If the adjustment was singular (None) or diverged, the map is discarded, and a new window may begin at the last
+        known pose.
         """
-        if self._pending is None:
-            return state
-        pending = self._pending
-        self._pending = None
-        try:
-            result = pending.result()
-        except np.linalg.LinAlgError:
+        if result is None:
             return self._without_map(state)
-        clock.seconds["keyframe"] = result.seconds
         window = result.landmark_map.window
         if guards.has_diverged(state.path.last, window.newest_pose, window.covariance):
             return self._without_map(state)
@@ -590,3 +587,11 @@ class Localiser:
             step=outcome.step,
             tracks=None if outcome.tracks is None else displayed(outcome.tracks),
         )
+
+
+def _result_of(pending: Future[KeyframeResult]) -> KeyframeResult | None:
+    """Wait for a keyframe and return it; None if its adjustment was singular."""
+    try:
+        return pending.result()
+    except np.linalg.LinAlgError:
+        return None

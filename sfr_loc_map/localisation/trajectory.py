@@ -166,11 +166,9 @@ def _errors_at(path: PathState, pair: AcceptedPair, added: AddedError, model: Ro
     """Return the errors at the pose of an accepted pair."""
     position = pair.T_world_left.translation
     depth_m = pair.landmark_map.landmarks.median_depth
-    inflation = model.sources.adjustment_inflation
     return path.errors.with_pose(
         position,
-        in_window=inflation * pair.landmark_map.window.covariance,
-        given_keyframes=inflation * pair.given_keyframes,
+        given_keyframes=model.sources.adjustment_inflation * pair.given_keyframes,
         blur=model.blur(depth_m).covariance,
         unobserved_motion=_covariance_of_left(path, added.unobserved_rb, model),
         sums=sums_after_step(

@@ -283,6 +283,12 @@ class LandmarkMap:
         """Landmarks that are tracked only in pairs that become keyframes."""
         return self.landmarks.subset(~self.landmarks.among(self.followed))
 
+    def rest_of(self, tracked: Landmarks) -> Landmarks:
+        """Return the active landmarks that are not among some tracked landmarks."""
+        if np.array_equal(tracked.rows, self.followed.rows):
+            return self.rest  # the patches of these landmarks are already copied
+        return self.landmarks.subset(~self.landmarks.among(tracked))
+
     @cached_property
     def aligned(self) -> Landmarks:
         """Landmarks used in the alignment of the initial guesses of a pose."""

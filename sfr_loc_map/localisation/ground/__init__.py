@@ -42,6 +42,7 @@ The phase determines what a pair does to its pose. `cases` contains the complete
 | two motions, one of them a standstill, in 10 pairs in a row | degraded (A) | degraded (U) | degraded (A) |
 | stationary texture, and one motion outside it: a body | degraded (U) | accepted | degraded (U) |
 | the same after a standstill, if most landmarks are stationary | degraded (A) | accepted | degraded (A) |
+| two exposures that are blended | degraded (U) | degraded (U) | degraded (U) |
 | two motions, one of them with far more weight | degraded (A) | accepted | degraded (A) |
 | two motions of similar weight | degraded (A) | degraded (A) | degraded (A) |
 | changed cells that the pose leaves in place | kept from 5 % of all cells | kept from 40 % | kept from 5 % |

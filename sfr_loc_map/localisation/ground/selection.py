@@ -237,8 +237,7 @@ class GroundSelector:
         of_ground = self._tools.explained(evidence.pair, replace(evidence.main, pose=off_stationary.pose))
         fixed = self._tools.cells(of_ground.host_cell_index[on_stationary & of_ground.are_moved])
         fixed |= self._tools.explained(evidence.pair, off_stationary).fixed_cells
-        selection = self._tracked_again(evidence, off_stationary, on_stationary, fixed)
-        return selection._replace(other_distance=size_between(evidence.main.pose, off_stationary.pose))
+        return self._tracked_again(evidence, off_stationary, on_stationary, fixed)
 
     def _either_of_two(self, evidence: Evidence) -> Selection:
         """Select the motion with more weight. Exclude nothing, because the other motion may be the ground's."""

@@ -120,7 +120,7 @@ class PathErrors:
     |---|---|---|---|---|---|---|
     | `origin` | | | | | = external pose | = external pose |
     | `before_window` | | | | + `in_window`, `alone`, `kept_motion`, first image | 0 | |
-    | `in_window` | = keyframe | | = keyframe | = keyframe | 0 | |
+    | `in_window` | | | = keyframe | = keyframe | 0 | |
     | `given_keyframes` | = tracks | | 0 | 0 | 0 | 0 at the past pose itself |
     | `blur` | = image | | | = first image | 0 | 0 at the past pose itself |
     | `unobserved_motion` | = motion or 0 | | | 0 | 0 | 0 at the past pose itself |
@@ -177,7 +177,6 @@ class PathErrors:
         self,
         position: FloatArray,
         *,
-        in_window: FloatArray,
         given_keyframes: FloatArray,
         blur: FloatArray,
         unobserved_motion: FloatArray,
@@ -188,7 +187,6 @@ class PathErrors:
         growth = sums.directed.since(before).covariance - self.sums.directed.since(before).covariance
         return replace(
             self,
-            in_window=in_window,
             given_keyframes=given_keyframes,
             blur=blur,
             unobserved_motion=unobserved_motion,
