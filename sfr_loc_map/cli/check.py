@@ -78,10 +78,11 @@ def check(
         found = check_recording(opened, parameters, conditions, pairs, others, lambda: bar.advance(task))
     show(found.to_dict(), json_path, check_tables(found.figures, found.advice))
     is_silent = json_path == STANDARD_OUTPUT
-    for subject, result in found.results.items():
-        checked = f"{found.checked[subject]} comparisons have enough data"
+    for subject, item in found.checks.items():
+        covered = f"{item.pairs} of {item.pairs_of_source} pairs"
+        checked = f"{covered}; {found.checked[subject]} comparisons have enough data"
         say(
-            f"{subject}: {result} ({checked}). This proves no accuracy: errors that all runs share stay hidden",
+            f"{subject}: {item.result} ({checked}). This proves no accuracy: errors that all runs share stay hidden",
             err=is_silent,
         )
     for text in found.calibration:

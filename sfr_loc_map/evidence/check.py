@@ -99,6 +99,8 @@ def check_drive(
     return DriveCheck(
         results=results,
         figures=tuple(figures),
+        pairs=len(drive),
+        pairs_of_source=len(sequence),
         disagreements=(disagreement_of(agreements),) if CheckResult.INCONSISTENT in results else (),
         agreements=tuple(agreements),
         forward=forward,

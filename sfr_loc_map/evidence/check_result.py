@@ -32,6 +32,8 @@ class Check:
 
     results: tuple[CheckResult, ...]  #: The result of each comparison.
     figures: tuple[Figure, ...]
+    pairs: int  #: Number of pairs that were checked.
+    pairs_of_source: int  #: Number of pairs that the source has.
     disagreements: tuple[str, ...]
     """Differences that exceed the prediction, one phrase each: for a drive the least probable difference, for maps
     all."""

@@ -61,6 +61,8 @@ def check_maps(sequence: NavSequence, config: MappingConfig) -> Check:
     return Check(
         results=tuple(overlap.result for overlap in overlaps),
         figures=tuple(row for overlap in overlaps for row in overlap_rows(overlap)),
+        pairs=min(len(sequence), MAX_PAIRS),
+        pairs_of_source=len(sequence),
         disagreements=tuple(overlap.disagreement for overlap in overlaps if overlap.disagreement),
     )
 

@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.rows import Figure
 
-DRIVE, MAPS = "drive", "maps"  #: Subjects of a check.
+DRIVE, MAPS, CALIBRATION = "drive", "maps", "calibration"  #: Subjects of a check.
 TOO_FEW = {
     DRIVE: "fewer than three sub-trajectories and no revisited place: give a smaller --condition",
     MAPS: f"no two mapping pairs have {MIN_OVERLAP} points in common",
@@ -43,8 +43,9 @@ class RecordingCheck:
 
     @property
     def results(self) -> dict[str, CheckResult]:
-        """The result of each subject."""
-        return {subject: check.result for subject, check in self.checks.items()}
+        """The result of each subject; the calibration is a subject only if it should be repeated."""
+        results = {subject: check.result for subject, check in self.checks.items()}
+        return results | ({CALIBRATION: CheckResult.INCONSISTENT} if self.calibration else {})
 
     @property
     def result(self) -> CheckResult:
@@ -69,7 +70,8 @@ class RecordingCheck:
     @property
     def not_checked(self) -> list[str]:
         """Why subjects could not be checked, one phrase each."""
-        return [TOO_FEW[subject] for subject, result in self.results.items() if result is CheckResult.NOT_ENOUGH_DATA]
+        few = CheckResult.NOT_ENOUGH_DATA
+        return [TOO_FEW[subject] for subject, check in self.checks.items() if check.result is few]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the check for JSON."""
@@ -78,6 +80,8 @@ class RecordingCheck:
             "result": self.result.value,
             "results": {subject: result.value for subject, result in self.results.items()},
             "checked": self.checked,
+            "pairs": {subject: check.pairs for subject, check in self.checks.items()},
+            "pairs_of_source": {subject: check.pairs_of_source for subject, check in self.checks.items()},
             "calibration": list(self.calibration),
             "advice": self.advice,
             "figures": to_plain(self.figures),

@@ -237,7 +237,9 @@ def test_the_advice_follows_from_all_runs(px: float, extremes: tuple[float, floa
 )
 def test_a_recording_is_consistent_only_if_each_of_its_subjects_is(drive: str, maps: str, overall: str) -> None:
     checks = {
-        subject: Check(results=(CheckResult(result),), figures=(), disagreements=())
+        subject: Check(results=(CheckResult(result),), figures=(), disagreements=(), pairs=30, pairs_of_source=30)
         for subject, result in (("drive", drive), ("maps", maps))
     }
     assert RecordingCheck(checks).to_dict()["result"] == overall
+    redo = RecordingCheck(checks, ("pitch",)).to_dict()
+    assert redo["result"] == redo["results"]["calibration"] == "inconsistent"

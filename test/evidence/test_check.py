@@ -123,7 +123,9 @@ def test_the_command_writes_rows_and_takes_two_other_estimates(
     found = sfr("check", tmp_path, *options, "--estimate", tmp_path / "a.csv", "--estimate", tmp_path / "b.csv")
     assert found.code in (0, 1)
     content = json.loads((tmp_path / "check.json").read_text())
-    assert content["result"] == "consistent"
+    assert content["results"]["drive"] == "consistent"
+    assert content["result"] == ("inconsistent" if found.code else "consistent")
+    assert content["pairs"] == content["pairs_of_source"] == {"drive": len(pairs)}
     rows = {(row["figure"], row.get("part")): row for row in content["figures"]}
     assert {("hat_sigma", name) for name in ("forward", "a.csv", "b.csv")} <= set(rows)
     assert rows["difference", "forward - a.csv"]["max"] == pytest.approx(0.0, abs=1e-6), "its own estimate"

@@ -81,7 +81,7 @@ def test_one_comparison_with_enough_data_suffices_and_the_number_of_these_is_sta
     assert combined([few, inconsistent, consistent]) is inconsistent
     assert combined([consistent, consistent]) is consistent
     assert combined([few, few]) is combined([]) is few
-    check = Check(results=(few, consistent, few), figures=(), disagreements=())
+    check = Check(results=(few, consistent, few), figures=(), disagreements=(), pairs=2, pairs_of_source=2)
     assert (check.result, check.checked) == (consistent, 1)
 
 
@@ -107,4 +107,5 @@ def test_the_command_checks_a_source_of_maps_alone(
     assert content["results"] == {"maps": result}
     assert content["result"] == result
     assert content["checked"] == {"maps": "1 of 1"}
-    assert f"maps: {result} (1 of 1 comparisons" in found.out
+    assert content["pairs"] == content["pairs_of_source"] == {"maps": 2}
+    assert f"maps: {result} (2 of 2 pairs; 1 of 1 comparisons" in found.out

@@ -39,16 +39,21 @@ class CheckFile(msgspec.Struct):
     calibration: list[str]
     figures: list[Figure]
     advice: dict[str, Advice] = {}
+    pairs: dict[str, int] = {}  #: Number of checked pairs by subject; empty in files of earlier versions.
+    pairs_of_source: dict[str, int] = {}
 
     def tables(self) -> list[Table]:
         """Return the tables that the command prints."""
         return check_tables(self.figures, self.advice)
 
     def open_points(self) -> Iterator[str]:
-        """Yield the results that are not consistent."""
+        """Yield the results that are not consistent, and the subjects that were checked in part."""
         for subject, result in self.results.items():
             if result is not CheckResult.CONSISTENT:
                 yield f"The result of the check of the {subject} without ground truth is '{result.value}'."
+        for subject, pairs in self.pairs.items():
+            if (of_source := self.pairs_of_source.get(subject, pairs)) > pairs:
+                yield f"The check of the {subject} without ground truth covers {pairs} of {of_source} pairs."
         yield from (f"Calibration: {text}." for text in self.calibration)
 
 

@@ -18,6 +18,8 @@ from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.suite.pages.evidence_files import read_evidence
 from sfr_loc_map.suite.statistics.budget import Budget, BudgetFigure, BudgetRow
 
+COVERED = {"pairs": {"drive": 600, "maps": 2}, "pairs_of_source": {"drive": 3000, "maps": 2}}
+
 
 def write(path: Path, content: dict[str, Any]) -> Path:
     path.write_text(json.dumps(content))
@@ -29,7 +31,7 @@ def check_file(folder: Path) -> Path:
     content = {"schema": "sfr-check/1", "result": "inconsistent", "results": {"drive": "consistent"}}
     content["results"]["maps"] = "inconsistent"
     figures = to_plain(tuple(overlap_rows(overlap)))
-    return write(folder / "check.json", content | {"calibration": ["yaw is off"], "figures": figures})
+    return write(folder / "check.json", content | {"calibration": ["yaw is off"], "figures": figures} | COVERED)
 
 
 def budget_file(folder: Path, total: BudgetFigure) -> Path:
@@ -76,7 +78,9 @@ def test_evidence_is_in_the_order_of_a_review_with_its_open_points(tmp_path: Pat
     assert [item.sha256 for item in found] == [hash_path(path) for path in reversed(paths)]
     check, budget, search = (" ".join(item.open_points) for item in found)
     assert "maps" in check
-    assert "drive" not in check
+    assert "check of the drive without ground truth is" not in check
+    assert "the drive without ground truth covers 600 of 3000 pairs" in check
+    assert "the maps without ground truth covers" not in check
     assert "yaw is off" in check
     assert "over 5 m: 1." in budget
     assert "interact" in budget
@@ -90,6 +94,7 @@ def test_evidence_is_in_the_order_of_a_review_with_its_open_points(tmp_path: Pat
 def test_evidence_without_a_problem_leaves_no_point_open(tmp_path: Path) -> None:
     content = json.loads(check_file(tmp_path).read_text())
     content |= {"results": {"drive": "consistent"}, "calibration": []}
+    content["pairs_of_source"] = content["pairs"]
     paths = [write(tmp_path / "good.json", content), search_file(tmp_path, 0.5, 0.9)]
     assert [item.open_points for item in read_evidence(paths)] == [(), ()]
 
