@@ -7,6 +7,9 @@ the body.
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable
+
 import numpy as np
 
 from sfr_loc_map.errors import InputError
@@ -19,13 +22,19 @@ from sfr_loc_map.io.truth.pose_checks import check_poses
 from sfr_loc_map.io.truth.recorded import RecordedTruth
 from sfr_loc_map.message_stamps import NS_PER_S
 
+_log = logging.getLogger(__name__)
 UNIT_NORM = 1e-9  #: Deviation of a quaternion's norm from 1 that is rounding of its last digits.
 
 
-def truth_of_rb(recorded: RecordedTruth, config: TrackedBodyConfig = DEFAULT_TRUTH) -> Truth:
-    """Return recorded poses as the truth of RB, without impossible poses; InputError if `config` does not fit."""
+def truth_of_rb(
+    recorded: RecordedTruth, config: TrackedBodyConfig = DEFAULT_TRUTH, warn: Callable[[str], object] = _log.warning
+) -> Truth:
+    """Return recorded poses as the truth of RB, without impossible poses; InputError if `config` does not fit.
+
+    `warn` receives each warning about the poses; by default, the warnings are logged.
+    """
     config = with_lever_of(config, recorded.T_rb_body)
-    checked = check_poses(recorded, config.attitude, config.unknown)
+    checked = check_poses(recorded, config.attitude, config.unknown, warn)
     poses = checked.recorded.poses
     variances = checked.recorded.variances
     if variances is None:

@@ -9,6 +9,7 @@ kept. A height that never changes, or zero roll and pitch, along such a path are
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -167,7 +168,9 @@ class CheckedTruth:
     has_tilt: bool = True  #: Whether roll and pitch are known.
 
 
-def check_poses(recorded: RecordedTruth, attitude: str = "auto", unknown: str = "auto") -> CheckedTruth:
+def check_poses(
+    recorded: RecordedTruth, attitude: str = "auto", unknown: str = "auto", warn: Callable[[str], object] = _log.warning
+) -> CheckedTruth:
     """Return the possible poses of a truth; warnings report the others.
 
     An attitude that never changes along a path that turns is invalid. Only the positions are then kept, unless
@@ -197,7 +200,7 @@ def check_poses(recorded: RecordedTruth, attitude: str = "auto", unknown: str = 
             findings = (*findings, f"{text}: they are not judged; set truth.unknown=none to judge them")
     name = f"truth {recorded.read_from}".rstrip()
     for text in findings:
-        _log.warning(f"{name}: {text}")
+        warn(f"{name}: {text}")
     return CheckedTruth(recorded, has_height, has_tilt)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,6 +23,7 @@ from sfr_loc_map.metrics.calls.call_score import Calls, stage_of
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
 from sfr_loc_map.metrics.frames.association import COVARIANCE_SIZE, UPPER, Estimates
 
+_log = logging.getLogger(__name__)
 MAX_STAGES = 64  #: Maximum number of stages. Bounded because the names come from the network.
 POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
 TRUE_POSE = [*POSE, ("variances", np.float64, 6)]
@@ -138,6 +141,7 @@ class ReceivedRows:
         self._estimates = _Rows(ESTIMATE)
         self._truth = _Rows(TRUE_POSE)
         self._covariance_ns = -1  # stamp of the last estimate with a published covariance
+        self._warned = set[str]()  # warnings about the truth that were logged, without their numbers
 
     def add_estimate(
         self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], covariance: FloatArray | None
@@ -190,7 +194,14 @@ class ReceivedRows:
             return None
         rows = self._truth.all()
         poses = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
-        return truth_of_rb(RecordedTruth(poses, "", rows["variances"]), self._body)
+        return truth_of_rb(RecordedTruth(poses, "", rows["variances"]), self._body, self._warn_once)
+
+    def _warn_once(self, text: str) -> None:
+        """Log a warning about the truth unless it was logged in the run with other numbers."""
+        kind = re.sub(r"[0-9]+", "", text)
+        if kind not in self._warned:
+            self._warned.add(kind)
+            _log.warning(text)
 
     def estimates(self, stats: CallStats | None, *, is_under_way: bool = False) -> Estimates | None:
         """Return the estimates with the states and covariances of their calls.

@@ -380,6 +380,20 @@ def test_a_cloud_of_the_run_before_is_not_judged_in_the_new_run(is_fused_late: b
     assert maps.unmapped_pairs == 1
 
 
+def test_a_warning_about_the_truth_is_logged_once_in_a_run(caplog: pytest.LogCaptureFixture) -> None:
+    """The number of impossible poses grows. After a new run, the warning is logged again."""
+    monitor = MonitorScore(ScoreConfig(CONFIG), None)
+    for count in (1, 1, 2):
+        if count == 2:
+            monitor.restart()
+        for stamp in range(1, 60):
+            monitor.add_truth(stamp * 10**8, (0.1 * stamp, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+            if stamp % 20 == 0:
+                monitor.add_truth(stamp * 10**8 + 1, (1e9, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+                monitor.result()
+        assert len(caplog.records) == count
+
+
 def live_maps(stretches: Sequence[float]) -> Score:
     """The score of a live run with a limit of 5 cm and a map of one pair for each stretch of the ranges."""
     limits = {"map": {"point_error_mean_m": 0.05}}
