@@ -6,7 +6,7 @@
     times, memory ─► calls ────────────────────────────────────────┤     limits file ─┘
     poses, truth ─► diagnosis (convention mismatch) ───────────────┘
 
-`frames` and `errors` also read the truth. `statistics` are used by `errors`, `calls`, `judging` and comparisons.
+`frames` and `errors` also read the truth. `statistics` are used by `errors`, `judging` and `stored`.
 
 The modules beside the folders: `formulas` is the one page of formulas, in the order of the clauses of the
 specification. `formulas_beside` has the formulas of figures that the specification does not define. `sub_trajectories`

@@ -42,6 +42,7 @@ from sfr_loc_map.metrics.table.row_part import ANY, POOLED, RowPart
 from sfr_loc_map.metrics.table.rows import Figure, find_rows
 
 SCHEMA = "sfr-score/2"
+JUDGED_ROW = "*judged row"  #: Default of `part` in `Score.figure`, which selects the judged row. No part has this text.
 
 
 def written(default: Any) -> Any:  # noqa: ANN401 - the type of the field, as in msgspec.field
@@ -97,14 +98,14 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         *,
         subject: str = ANY,
         condition: str | Condition | None = ANY,
-        part: str | RowPart | None = ANY,
+        part: str | RowPart | None = JUDGED_ROW,
     ) -> Figure | None:
         """Return the row of a figure and a part, or without `part` the judged row; None if there is no such row.
 
         Without `condition` the first condition is used. ConfigError, which names the available parts, if `part` is not
         given and no row of the figure is judged.
         """
-        if part != ANY:
+        if part != JUDGED_ROW:
             return next(find_rows(self.figures, figure, subject=subject, condition=condition, part=part), None)
         row = self.judged_row(figure, subject=subject, condition=condition)
         if row is None and (rows := self.rows(figure, subject=subject, condition=condition)):
@@ -132,7 +133,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         *,
         subject: str = ANY,
         condition: str | Condition | None = ANY,
-        part: str | RowPart | None = ANY,
+        part: str | RowPart | None = JUDGED_ROW,
     ) -> float | None:
         """Return one statistic of a figure, None if it is undefined or there is no such row."""
         row = self.figure(figure, subject=subject, condition=condition, part=part)

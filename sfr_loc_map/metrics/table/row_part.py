@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind
 
-ANY = "*"  #: Accepts every value of a key in a look-up of rows.
+ANY = "*"  #: Accepts every value of a key in a look-up of rows; `score.JUDGED_ROW` selects the judged row instead.
 MOVING = "moving"  #: Part of the rows with the errors of the sub-trajectories in which the rover moves.
 OTHER_FRAMES = "other frames"  #: Part of the rows with the errors at frames without a judged error.
 POOLED = "pooled"  #: Part of the rows over all drives of a suite.

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
 from sfr_loc_map.metrics.score.verdict import counts_of
 from sfr_loc_map.metrics.table.catalogue import KINDS, TOTAL, Subject, statistic_title
-from sfr_loc_map.metrics.table.row_part import ANY, Scope
+from sfr_loc_map.metrics.table.row_part import Scope
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.suite.running.job import SHORT_KEY
@@ -335,7 +335,7 @@ def result_table(
 OF_MAPS: tuple[RowColumn[ScoredJob], ...] = (numbers("coverage", lambda row: row.score.number("coverage"), PERCENT),)
 OF_DRIVES: tuple[RowColumn[ScoredJob], ...] = (
     numbers("covered", lambda row: row.score.number("judged", part=Scope.DRIVE), PERCENT),
-    numbers("n", lambda row: row.score.number("position", "n", part=ANY)),
+    numbers("n", lambda row: row.score.number("position", "n")),
     numbers("lost", lambda row: row.score.number("lost", part="count")),
     numbers("call p95", lambda row: row.score.number("localisation", "p95", part=None), MILLISECOND),
     numbers("peak", lambda row: row.score.number("peak", part=CallKind.LOCALISATION), MIB),

@@ -13,9 +13,8 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault, with_amount
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
 from sfr_loc_map.metrics.formulas import STATISTICS
-from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.score.score import JUDGED_ROW, Score
 from sfr_loc_map.metrics.table.catalogue import KINDS
-from sfr_loc_map.metrics.table.row_part import ANY
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
 from sfr_loc_map.suite.running.job import Job, JobTask
@@ -135,7 +134,7 @@ class SearchSpecification:
     def ratio_of(self, score: Score) -> float | None:
         """Return the figure divided by its limit, above 1 for a miss; None without the figure."""
         chosen = self.settings
-        value = score.number(chosen.figure, chosen.statistic, part=chosen.part or ANY)  # there is one condition
+        value = score.number(chosen.figure, chosen.statistic, part=chosen.part or JUDGED_ROW)  # there is one condition
         return None if value is None else abs(value) / chosen.limit
 
 
