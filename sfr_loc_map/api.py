@@ -66,6 +66,12 @@ def open(
             raise ConfigError("remap and config apply to a path: give the path instead of an open source")
         return source if isinstance(source, api_types.Source) else api_types.Source.of(source)
     _check("source", source, Source)
+    if config is not None:
+        _check("config", config)
+    if not isinstance(remap, Mapping | None):
+        raise ConfigError(
+            f"remap has the type {type(remap).__name__}: topics by name are required, {{FOUND: EXPECTED}}"
+        )
     how = source_config(Path(source), None if config is None else Path(config), remap)
     return api_types.Source.of(open_source(Path(source), how))
 
@@ -108,8 +114,8 @@ def localise(
     """
     opened = open(source)
     drive = drive_of(opened)
-    if isinstance(start, str) and start not in ("identity", "truth"):
-        raise ConfigError(f"start is '{start}': identity, truth or a pose of RB in DS is required")
+    if start not in ("identity", "truth") if isinstance(start, str) else not isinstance(start, Transform | StartPose):
+        raise ConfigError(f"start is {start!r:.60}: 'identity', 'truth' or a pose of RB in DS (Transform) is required")
     with naming(opened.path):
         first = offline.start_pose(drive, start) if isinstance(start, str) else StartPose.of(start)
     how: LocalisationConfig | offline.UnderTest
@@ -191,10 +197,14 @@ def score(
     config = score_settings(None if conditions is None else _texts("conditions", conditions), **of_score)
     convention = PoseConvention.parse(_texts("convention", settings.get("convention", ())))
     correction = Correction(convention, settings.get("apply_diagnosis", False))
-    files = [stats] if isinstance(stats, (str, Path)) else stats
+    files = [stats] if isinstance(stats, (str, os.PathLike)) or not isinstance(stats, Iterable) else [*stats]
+    for file in files:
+        _check("stats", file)
     run = _run(estimate, truth, tuple(Path(file) for file in files), settings.get("fused"))
     if correction.is_wanted and run.drive is None:
         raise ConfigError("convention and apply_diagnosis apply only to trajectories: omit them for a cloud")
+    if settings.get("fused") is not None and run.cloud is None:
+        raise ConfigError("fused applies only to clouds: omit it for a trajectory")
     further = {"max_difference_s": settings.get("max_difference"), "rpe_delta": settings.get("rpe_delta")}
     aligned = aligned_error_config(align, further)
     if isinstance(limits, Mapping):
@@ -234,6 +244,8 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
 
 def _under_test(method: str, task: Task, config: object, source: Source) -> offline.UnderTest:
     """Return a method under test; `config` is the file of its configuration, if it has one."""
+    if config is not None:
+        _check("config", config)
     file = None if config is None else Path(str(config))
     return offline.UnderTest(find_method(method, task, config_text(file)), hidden=source.truth_paths())
 
@@ -264,7 +276,8 @@ def _check(name: str, value: object, *kinds: type) -> None:
     """Raise ConfigError with the name of the argument if its value is neither a path nor one of `kinds`."""
     if not isinstance(value, (str, os.PathLike, *kinds)):
         known = " or ".join(kind.__name__ for kind in kinds)
-        raise ConfigError(f"{name} has the type {type(value).__name__}: a path or a {known} is required")
+        wanted = f"a path or a {known}" if kinds else "a path"
+        raise ConfigError(f"{name} has the type {type(value).__name__}: {wanted} is required")
 
 
 def _parameters(kind: type[C], config: object, section: str) -> C:
@@ -272,4 +285,5 @@ def _parameters(kind: type[C], config: object, section: str) -> C:
         return kind() if config is None else config
     if isinstance(config, Mapping):
         return build(kind, config, origin="config")
+    _check("config", config, kind, dict)
     return read_config(kind, Path(str(config)), section)

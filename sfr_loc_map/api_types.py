@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.calls.call_files import save_stats
 from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate
-from sfr_loc_map.config import build
+from sfr_loc_map.config import build, suggestion
 from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError
 from sfr_loc_map.geometry import cloud, trajectory
 from sfr_loc_map.io import sequence
@@ -31,12 +31,14 @@ from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.message_text import printable
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
-from sfr_loc_map.metrics.config import AlignedErrorConfig
+from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition
 from sfr_loc_map.metrics.score import score
 from sfr_loc_map.metrics.stored.score_json import load_score, to_json
+from sfr_loc_map.metrics.table.catalogue import KINDS
 from sfr_loc_map.metrics.table.details import columns_of
 from sfr_loc_map.metrics.table.records import MethodRecord
-from sfr_loc_map.metrics.table.rows import COLUMNS
+from sfr_loc_map.metrics.table.row_part import ANY, RowPart
+from sfr_loc_map.metrics.table.rows import COLUMNS, RowNumbers
 
 if TYPE_CHECKING:
     import pandas
@@ -228,6 +230,25 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
     def load(path: PathLike) -> Score:
         """Read the JSON of a score."""
         return Score.of(load_score(Path(path)))
+
+    def number(
+        self,
+        figure: str,
+        statistic: str = "value",
+        *,
+        subject: str = ANY,
+        condition: str | Condition | None = ANY,
+        part: str | RowPart | None = ANY,
+    ) -> float | None:
+        """Return one statistic of a figure, None if it is undefined or there is no such row.
+
+        ConfigError for a figure or a statistic that does not exist.
+        """
+        figures = {*KINDS, *(row.figure for row in self.figures)}
+        for kind, name, known in (("figure", figure, figures), ("statistic", statistic, RowNumbers.__struct_fields__)):
+            if name not in known:
+                raise ConfigError(f"there is no {kind} '{name}'{suggestion(name, known)}: give one that exists")
+        return super().number(figure, statistic, subject=subject, condition=condition, part=part)
 
     def to_json(self) -> str:
         """Return the JSON (`sfr-score/2`) that `sfr score --json` writes."""

@@ -17,6 +17,7 @@ from helpers.broken_sources import renamed_bag
 from helpers.cli_result import Sfr
 from helpers.score_rows import number, rows_about
 from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.mapping.config import MappingConfig
 
 LIMITS = {"minimum_independent": 2, "trajectory": [{"condition": "frames=2", "position_mean_plus_3sigma_m": 0.5}]}
 SIGNATURES = {
@@ -132,9 +133,15 @@ def test_objects_are_shown_in_one_line_and_as_html_and_a_score_is_written(
 
 
 def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> None:
+    truth = suite.open(folder).truth
+    assert truth is not None
+    scored = suite.score(truth, folder, ["frames=2"])
     calls: list[tuple[Callable[[], object], str]] = [
         (lambda: suite.open(folder / "nothing"), "there is no"),
-        (lambda: suite.localise(folder, "somewhere"), "identity, truth or a pose of RB in DS is required"),
+        (
+            lambda: suite.localise(folder, "somewhere"),
+            "'identity', 'truth' or a pose of RB in DS .Transform. is required",
+        ),
         (lambda: suite.localise(folder, config={"max_featurs": 3}), "unknown key 'max_featurs'"),
         (lambda: suite.score(folder, folder, spacin=3), "no setting 'spacin'"),  # type: ignore[call-arg]
         (lambda: suite.score(folder, folder, frames="odd"), "truth or images is required"),
@@ -145,6 +152,14 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.score(cloud, [1]), "truth has the type list"),  # type: ignore[arg-type]
         (lambda: suite.score(cloud, folder, limits=[1]), "limits has the type list"),  # type: ignore[arg-type]
         (lambda: suite.open(None), "source has the type NoneType"),  # type: ignore[arg-type]
+        (lambda: suite.open(folder, config={}), "config has the type dict: a path is required"),  # type: ignore[arg-type]
+        (lambda: suite.localise(folder, (1, 2, 3)), "start is .1, 2, 3.: 'identity', 'truth' or a pose"),  # type: ignore[call-overload]
+        (lambda: suite.localise(folder, None), "start is None"),  # type: ignore[call-overload]
+        (lambda: suite.localise(folder, config=MappingConfig()), "config has the type MappingConfig"),  # type: ignore[call-overload]
+        (lambda: suite.score(folder, folder, stats=5), "stats has the type int: a path is required"),  # type: ignore[arg-type]
+        (lambda: suite.score(truth, folder, fused=True), "fused applies only to clouds"),
+        (lambda: scored.number("positio", "mean"), "no figure 'positio': .did you mean 'position'"),
+        (lambda: scored.number("position", "meen"), "no statistic 'meen': .did you mean 'mean'"),
     ]
     for call, words in calls:
         with pytest.raises((ConfigError, InputError), match=words):
