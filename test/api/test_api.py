@@ -158,8 +158,8 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.localise(folder, config=MappingConfig()), "config has the type MappingConfig"),  # type: ignore[call-overload]
         (lambda: suite.score(folder, folder, stats=5), "stats has the type int: a path is required"),  # type: ignore[arg-type]
         (lambda: suite.score(truth, folder, fused=True), "fused applies only to clouds"),
-        (lambda: scored.number("positio", "mean"), "no figure 'positio': .did you mean 'position'"),
-        (lambda: scored.number("position", "meen"), "no statistic 'meen': .did you mean 'mean'"),
+        (lambda: scored.number("positio", "mean"), "no figure 'positio' .did you mean 'position'"),
+        (lambda: scored.number("position", "meen"), "no statistic 'meen' .did you mean 'mean'"),
     ]
     for call, words in calls:
         with pytest.raises((ConfigError, InputError), match=words):
