@@ -3,29 +3,52 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MAX_PAIRS
+from sfr_loc_map.stamp_pairing import PERIODS, below_half_period
 
 T = TypeVar("T")
 MAX_POSES = 1000  #: Number of poses kept for later pairs: 100 s at 10 Hz. The oldest pose is dropped first.
 MAX_WAITING = 2 * MAX_PAIRS  #: Maximum number of pairs that wait for their poses: the pairs of two maps.
 
 
-class PoseMatching(Generic[T]):
-    """Holds pairs until the pose of their stamp is received; `dropped` counts the pairs whose pose never arrived."""
+class StampGaps:
+    """The last gaps between the increasing stamps of a stream."""
 
-    def __init__(self, tolerance_ns: float, timeout_s: float, on_drop: Callable[[int], None]) -> None:
+    def __init__(self) -> None:
+        """Start without stamps."""
+        self.recent_ns: deque[int] = deque(maxlen=PERIODS)
+        self._latest_ns: int | None = None
+
+    def add(self, stamp_ns: int) -> None:
+        """Add a stamp."""
+        if self._latest_ns is not None and stamp_ns > self._latest_ns:
+            self.recent_ns.append(stamp_ns - self._latest_ns)
+        self._latest_ns = stamp_ns
+
+
+class PoseMatching(Generic[T]):
+    """Holds pairs until the pose of their stamp is received; `dropped` counts the pairs whose pose never arrived.
+
+    As in a `StampPairing`, each pose belongs to one pair, and the tolerance is less than half of the shorter period, so
+    that the pose of a neighbouring stamp is not used.
+    """
+
+    def __init__(self, tolerance_ns: int, timeout_s: float, on_drop: Callable[[int], None]) -> None:
         """Start empty. A pair waits until the timeout; `on_drop` is called with the stamp of each dropped pair."""
         self.dropped = 0
         self._tolerance_ns, self._timeout_s, self._on_drop = tolerance_ns, timeout_s, on_drop
         self._poses: dict[int, Transform] = {}
         self._waiting: dict[int, tuple[float, T]] = {}
+        self._pose_gaps, self._pair_gaps = StampGaps(), StampGaps()
 
     def add_pose(self, stamp_ns: int, pose: Transform) -> list[tuple[T, Transform]]:
         """Add a pose; return the pairs that now have a pose, in the order of their arrival."""
+        self._pose_gaps.add(stamp_ns)
         self._poses.pop(stamp_ns, None)  # a repeated stamp becomes the newest
         self._poses[stamp_ns] = pose
         if len(self._poses) > MAX_POSES:
@@ -34,6 +57,7 @@ class PoseMatching(Generic[T]):
 
     def add_pair(self, stamp_ns: int, pair: T) -> list[tuple[T, Transform]]:
         """Add a pair; return the pairs that now have a pose, in the order of their arrival."""
+        self._pair_gaps.add(stamp_ns)
         self._waiting[stamp_ns] = (time.monotonic(), pair)
         if len(self._waiting) > MAX_WAITING:
             self._drop(next(iter(self._waiting)))
@@ -56,10 +80,11 @@ class PoseMatching(Generic[T]):
 
     def _matched(self) -> list[tuple[T, Transform]]:
         found = []
+        tolerance_ns = below_half_period(self._tolerance_ns, self._pose_gaps.recent_ns, self._pair_gaps.recent_ns)
         for stamp_ns in list(self._waiting):
             nearest = min(self._poses, key=lambda stamp: abs(stamp - stamp_ns), default=None)
-            if nearest is not None and abs(nearest - stamp_ns) <= self._tolerance_ns:
-                found.append((self._waiting.pop(stamp_ns)[1], self._poses[nearest]))
+            if nearest is not None and abs(nearest - stamp_ns) <= tolerance_ns:
+                found.append((self._waiting.pop(stamp_ns)[1], self._poses.pop(nearest)))
         return found
 
     def _drop(self, stamp_ns: int) -> None:

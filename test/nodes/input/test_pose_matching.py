@@ -32,6 +32,21 @@ def test_every_pair_meets_its_pose_in_whatever_order_they_come(order: list[tuple
     assert sorted(found) == [(1, 1.0), (2, 2.0), (3, 3.0)]
 
 
+def test_the_pose_of_a_neighbouring_stamp_is_not_used() -> None:
+    matching = Matching(tolerance_ns=10)
+    for stamp in (82, 91):
+        matching.pose(stamp)
+    assert matching.pair(100) == []
+    assert matching.pose(100) == [(100, 100.0)]
+
+
+def test_a_pose_belongs_to_one_pair() -> None:
+    matching = Matching(tolerance_ns=10)
+    matching.pose(100)
+    assert matching.pair(104) == [(104, 100.0)]
+    assert matching.pair(105) == []
+
+
 def test_what_waits_is_bounded() -> None:
     matching = Matching()
     for stamp in range(MAX_WAITING + 2):
