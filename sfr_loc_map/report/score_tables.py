@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.table.row_part import AFTER_FIRST, DIRECTIONS, FIRST, P
 from sfr_loc_map.metrics.table.rows import NUMBERS, Figure
 from sfr_loc_map.report import notes
 from sfr_loc_map.report.glossary import glossary
-from sfr_loc_map.report.verdict_view import unit_of_numbers, verdict_views
+from sfr_loc_map.report.verdict_view import VerdictView, unit_of_numbers, verdict_views
 from sfr_loc_map.tables.formats import to_markdown
 from sfr_loc_map.tables.model import (
     ABSENT,
@@ -319,14 +319,19 @@ def row_unit(row: Figure) -> Unit:
 # ---- verdicts
 
 
+def _requirement(view: VerdictView) -> Cell:
+    """Return the identifier of the requirement of a verdict."""
+    return Cell(ABSENT) if view.item.id is None else Cell.word(view.item.id, f"{view.key}.id")
+
+
 def verdict_table(score: Score) -> Table:
     """Return the verdict on each limit."""
     rows: list[Row] = []
     has_ids = any(item.id for item in score.verdicts)
     for view in verdict_views(score):
         row = (
-            Cell.verdict(view.item.state.value),
-            *([Cell(view.item.id or ABSENT)] if has_ids else []),
+            Cell.verdict(view.item.state.value, f"{view.key}.verdict"),
+            *([_requirement(view)] if has_ids else []),
             Cell.head(view.name),
             Cell(view.unit.symbol),
             view.value,

@@ -123,8 +123,8 @@ def to_csv(tables: Iterable[Table]) -> str:
             head = next((cell.text for cell in row if cell.kind is CellKind.HEAD), "")
             for column, cell in zip(table.columns, row, strict=True):
                 found: list[tuple[str, str]] = []
-                if cell.kind is CellKind.VERDICT:
-                    found = [("", cell.text)]
+                if cell.kind in (CellKind.VERDICT, CellKind.WORD):
+                    found = [(cell.key, cell.text)]
                 elif isinstance(cell.value, tuple) and cell.key:
                     found = [(f"{cell.key}.{end}", repr(bound)) for end, bound in zip(ENDS, cell.value, strict=True)]
                 elif cell.key:

@@ -90,6 +90,7 @@ class CellKind(StrEnum):
     PLAIN = ""
     HEAD = "head"
     VERDICT = "verdict"
+    WORD = "word"  #: A word of the score, such as the identifier of a requirement, which CSV contains.
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,9 +133,14 @@ class Cell:
         return cls(text, kind=CellKind.HEAD)
 
     @classmethod
-    def verdict(cls, word: str) -> Cell:
+    def verdict(cls, word: str, key: str = "") -> Cell:
         """Return a verdict."""
-        return cls(word, kind=CellKind.VERDICT)
+        return cls(word, key=key, kind=CellKind.VERDICT)
+
+    @classmethod
+    def word(cls, text: str, key: str) -> Cell:
+        """Return a word of the score."""
+        return cls(text, key=key, kind=CellKind.WORD)
 
     @classmethod
     def number(

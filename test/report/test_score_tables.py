@@ -100,6 +100,16 @@ def test_every_row_of_the_score_is_in_a_table_and_an_unknown_one_in_the_last() -
     assert exact[f"{place_of(score, 'roughness', part='all')}.mean"] == "0.25"
 
 
+def test_a_verdict_in_csv_has_its_key_and_its_requirement() -> None:
+    limits = parse_limits({"timing": {"localisation_max_s": {"limit": 1e9, "id": "R5"}}}, "limits")
+    score = judged_by(whole_score(), limits)
+    number = next(place for place, item in enumerate(score.verdicts) if item.id == "R5")
+    lines = to_csv(score_tables(score)).splitlines()
+    cells = {line.split(",")[-2]: line.split(",")[-1] for line in lines}
+    assert cells[f"verdicts.{number}.id"] == "R5"
+    assert cells[f"verdicts.{number}.verdict"] == score.verdicts[number].state.value
+
+
 def test_every_cell_leads_back_to_its_figure_and_tables_keep_their_shape() -> None:
     score, plain = whole_score(), json_of(whole_score())
     found = [cell for item in score_tables(score) for row in item.rows for cell in row if cell.key]
