@@ -22,6 +22,8 @@ NODE_FRESHNESS = Freshness(after_s=1.5, periods=1.6)
 """A node reports its health by a timer, with the period in the report, so one missing report makes it stale."""
 TOPIC_FRESHNESS = Freshness(after_s=1.6, periods=3.0)
 """The period of a topic varies with its source, so two messages may be missing."""
+SLOWEST_PERIOD_S = 5.0
+"""Assumed period of a topic with a single message, s: a longer period of poses or figures is unusual."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +42,8 @@ class ReceivedTopic:
         return cls(stamp_ns, received_s, 0.8 * known + 0.2 * passed_s if known else passed_s)
 
     def is_stale(self, now_s: float) -> bool:
-        """Return whether the topic has been silent for longer than `TOPIC_FRESHNESS`; False for an unknown period."""
-        return self.period_s > 0.0 and TOPIC_FRESHNESS.is_stale(now_s - self.received_s, self.period_s)
+        """Return whether the topic has been silent for longer than `TOPIC_FRESHNESS`."""
+        return TOPIC_FRESHNESS.is_stale(now_s - self.received_s, self.period_s or SLOWEST_PERIOD_S)
 
     def age_s(self, now_s: float) -> float:
         """Return the time since the last message, s, to the millisecond."""

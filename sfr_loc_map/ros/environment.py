@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shlex
 import sys
 import tempfile
 from collections.abc import MutableMapping, Sequence
@@ -17,7 +18,7 @@ PROFILE = Path(__file__).with_name("profiles") / "fastdds_shm.xml"
 """Fast DDS profile with a shared-memory segment large enough for images and clouds."""
 PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Environment variables from which Fast DDS 2 (ROS 2 Jazzy) and Fast DDS 3 read their profile."""
-EXPORT_LINE = f"export {' '.join(f'{name}={PROFILE}' for name in PROFILE_VARIABLES)}"
+EXPORT_LINE = f"export {' '.join(f'{name}={shlex.quote(str(PROFILE))}' for name in PROFILE_VARIABLES)}"
 """Command that selects the profile in the shell of a camera driver."""
 DOMAINS = 101  #: Highest domain chosen: the ports of domains 1 to 101 are below the ephemeral range.
 _locks: list[IO[str]] = []  # locked files of the domains that this process has chosen

@@ -95,6 +95,8 @@ def test_a_pose_is_stale_once_poses_or_its_node_stop() -> None:
     state.put(GraphNodes(frozenset({"localisation_node"}), 0.0))
     state.put(pose_pair(0, 0.0)[1])
     assert not state.live_to_plain(0.1)["localisation"]["stale"], "the node has not reported yet"
+    assert not state.live_to_plain(10.0)["localisation"]["stale"]
+    assert state.live_to_plain(20.0)["localisation"]["stale"], "a single pose, and then none"
     drive(state, range(1, 20))
     assert not state.live_to_plain(2.0)["localisation"]["stale"]
     late = state.live_to_plain(5.9)["localisation"]
