@@ -80,6 +80,7 @@ class RosFeed(Peer):
         self._space = namespace.strip("/")
         self._subscriptions: dict[updates.MediaKind, list[Subscription]] = {}
         self._image_topics: dict[str, str] = {}  # subscribed topic of each image name
+        self._image_subscriptions: dict[str, Subscription] = {}  # to these topics, by image name
         self._depths: dict[str, SampleDepth] = {}
         self._next_images: dict[str, float] = {}  # time of the next pair of each rig
         self._shown: dict[str, tuple[str, int]] = {}  # camera and stamp of the first image of each rig's last pair
@@ -142,6 +143,7 @@ class RosFeed(Peer):
                 self.ros_node.destroy_subscription(subscription)
             if media is updates.MediaKind.IMAGES:
                 self._image_topics.clear()
+                self._image_subscriptions.clear()
         if updates.MediaKind.IMAGES in wanted:
             for name in CAMERAS:
                 self._find_image_topic(name)
@@ -158,18 +160,29 @@ class RosFeed(Peer):
                 ]
 
     def _find_image_topic(self, name: str) -> None:
-        """Subscribe to the first published topic of an image; report if there is none."""
-        if name in self._image_topics:
+        """Subscribe to the first published topic of an image; report if there is none.
+
+        A topic without a publisher is given up once another topic of the image has one.
+        """
+        chosen = self._image_topics.get(name)
+        if chosen is not None and self.ros_node.count_publishers(chosen) > 0:
             return
         for ending, msgtype in IMAGES.items():
             topic = f"{name}/{ending}"
             if self._has_publisher(topic):
                 kind = messages.message_type(msgtype)
                 received = partial(self._on_image, name, kind)
-                self._subscriptions[updates.MediaKind.IMAGES].append(self._receive(kind, topic, received, IMAGE_QOS))
+                subscriptions = self._subscriptions[updates.MediaKind.IMAGES]
+                if (former := self._image_subscriptions.pop(name, None)) is not None:
+                    subscriptions.remove(former)
+                    self.ros_node.destroy_subscription(former)
+                self._image_subscriptions[name] = self._receive(kind, topic, received, IMAGE_QOS)
+                subscriptions.append(self._image_subscriptions[name])
                 self._image_topics[name] = full_name = self.ros_node.resolve_topic_name(topic)
                 self._state.put(updates.ImageProblem(name, f"{full_name} has a publisher; no image has arrived yet"))
                 return
+        if chosen is not None:
+            return
         topics = ", ".join(self.ros_node.resolve_topic_name(f"{name}/{ending}") for ending in IMAGES)
         reason = f"no publisher of {topics}; set another name by sfr live -r {name}/{RECTIFIED}:=TOPIC"
         self._state.put(updates.ImageProblem(name, reason))
