@@ -1,1 +1,15 @@
-"""Parts of every program with a ROS node: environment, processes, messages, quality of service, services, transport."""
+"""Parts of every program with a ROS node.
+
+    environment ──► rclpy ──► peer (node of a program beside the nodes of the suite)
+    (variables, domain)        │ publishers: who publishes a topic, with which type and quality of service
+                               │ services: calls of the nodes' services
+                               ▼
+    values ◄── messages ──► topics, with the profiles of qos; static_transforms: /tf_static
+                               │
+                               ▼
+                           transport: latency and losses of received messages
+
+`environment` prepares a process for ROS and chooses its domain. `processes` starts, watches and ends child processes:
+programs of this package, and commands of the user. `profiles` has the shared-memory settings of Fast DDS. Input of
+`messages` are values of the layers below or messages; the output is the other kind.
+"""
