@@ -167,12 +167,12 @@ def _errors_at(path: PathState, pair: AcceptedPair, added: AddedError, model: Ro
     position = pair.T_world_left.translation
     depth_m = pair.landmark_map.landmarks.median_depth
     return path.errors.with_pose(
-        position,
         given_keyframes=model.sources.adjustment_inflation * pair.given_keyframes,
         blur=model.blur(depth_m).covariance,
         unobserved_motion=_covariance_of_left(path, added.unobserved_rb, model),
         sums=sums_after_step(
             path.errors.sums,
+            position=position,
             displacement=position - path.last.T_world_left.translation,
             depth_m=depth_m,
             ambiguity=added.ambiguity,

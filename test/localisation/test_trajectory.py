@@ -120,17 +120,39 @@ def of_path(path: PathState, known: OnlineCalibration | None = None) -> np.ndarr
     """Return what the path adds to the covariance of the position."""
     position = path.last.T_world_left.translation
     calibration = known or OnlineCalibration(RIG.camera, 7)
-    covariance = pose_terms(path.errors, position, calibration, model_of(IN_CAMERA)).total
+    terms = pose_terms(path.errors, position, calibration, model_of(IN_CAMERA))
     images = IMAGE + propagated_covariance(IMAGE, position)
-    return np.asarray((covariance - path.errors.directed.covariance - images)[:3, :3])
+    return np.asarray((terms.total - terms.directed - images)[:3, :3])
+
+
+def directed_of(path: PathState) -> np.ndarray:
+    """Return the covariance of the errors of a path that have one direction in all steps."""
+    position = path.last.T_world_left.translation
+    return pose_terms(path.errors, position, OnlineCalibration(RIG.camera, 7), model_of(IN_CAMERA)).directed
 
 
 def test_the_angle_of_repeated_ambiguity_is_at_most_that_of_an_unknown_attitude() -> None:
     path = begun()
     for number in range(1, 100):
         path = move(path, number, number * STEP, inflation=Inflation.AMBIGUITY)
-    directed = path.errors.directed.covariance
+    directed = directed_of(path)
     assert np.sqrt(directed[3, 3]) == pytest.approx(MAX_ANGLE_RAD)
+
+
+@pytest.mark.parametrize("is_late", [False, True])
+def test_lens_distortion_bends_the_path_to_a_circle_whenever_a_pose_from_outside_is_applied(*, is_late: bool) -> None:
+    path = move(begun(), 1, STEP)
+    if not is_late:
+        path = set_at(path, 1, 1)
+    for number in range(2, 202):
+        path = move(path, number, number * STEP)
+    if is_late:
+        path = set_at(path, 1, 201)
+    length_m = 200 * LENGTH
+    rad_per_m = SOURCES.lens_px / 80.0
+    directed = directed_of(path)
+    assert np.sqrt(directed[3, 3]) == pytest.approx(rad_per_m * length_m, rel=1e-6)
+    assert np.sqrt(directed[1, 1]) == pytest.approx(rad_per_m * length_m**2 / 2.0, rel=0.01)
 
 
 # ---- guesses
@@ -299,8 +321,8 @@ def test_the_second_of_two_late_poses_replaces_the_first_and_the_covariance_stay
         inflation = Inflation.AMBIGUITY if number == 60 else Inflation.NONE
         twice = move(twice, number, number * STEP, inflation=inflation)
         once = move(once, number, number * STEP, inflation=inflation)
-        directed = twice.errors.directed.covariance
-        np.testing.assert_allclose(directed, once.errors.directed.covariance, rtol=1e-9, atol=1e-15)
+        directed = directed_of(twice)
+        np.testing.assert_allclose(directed, directed_of(once), rtol=1e-9, atol=1e-15)
         assert np.linalg.eigvalsh(directed)[0] > -1e-15
         travelled_m = (number - stamps[1]) * LENGTH
         sigma_rad = SOURCES.lens_px / 80.0 * travelled_m

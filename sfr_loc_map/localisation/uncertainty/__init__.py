@@ -42,9 +42,9 @@ deviation of the right camera's yaw, the yaw to be corrected, and its part that 
     bias        = sum of Z / (f b) displacement, m/px
     uncorrected = sum of (target_px - yaw corrected at the step) Z / (f b) displacement, m
 
-An attitude error displaces later positions: the terms `external`, `drift` and `directed` are propagated from the
-position where the error arose to the present position (`LocatedCovariance`). The term `attitude` is not propagated: it
-is an error of the present rotation only.
+An attitude error displaces later positions: the terms `external` and `drift` are propagated from the position where the
+error arose to the present position (`LocatedCovariance`), and `directed` from the mean position of its angles.
+The term `attitude` is not propagated: it is an error of the present rotation only.
 
 | term | estimated from | changes with | counted since |
 |---|---|---|---|

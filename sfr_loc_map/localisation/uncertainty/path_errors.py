@@ -59,6 +59,18 @@ class PathSums(NamedTuple):
     corrected: FloatArray = np.zeros(3)  #: Position error per pixel times the yaw correction at the step, m.
     followed_px: float = 0.0  #: Absolute drift corrections of the right camera, px.
     directed: DirectedError = DirectedError(0.0, 0.0)  #: Ambiguous motions, and bending of the path by the lens.
+    turned: FloatArray = np.zeros(3)  #: Angle of the directed errors times the position where it arose, rad m.
+
+    def directed_at(self, position: FloatArray) -> FloatArray:
+        """Return the covariance `(6, 6)` of the directed errors at a position.
+
+        All angles have the same unknown axis. Together they are one rotation about the mean of the positions where they
+        arose, weighted by the angles.
+        """
+        covariance = self.directed.covariance
+        if self.directed.radians <= 0.0:
+            return covariance
+        return propagated_covariance(covariance, position - self.turned / self.directed.radians)
 
     def since(self, earlier: PathSums) -> PathSums:
         """Return what was added since an earlier pose."""
@@ -67,12 +79,14 @@ class PathSums(NamedTuple):
             self.corrected - earlier.corrected,
             self.followed_px - earlier.followed_px,
             self.directed.since(earlier.directed),
+            self.turned - earlier.turned,
         )
 
 
 def sums_after_step(
     before: PathSums,
     *,
+    position: FloatArray,
     displacement: FloatArray,
     depth_m: float,
     ambiguity: DirectedError,
@@ -83,6 +97,7 @@ def sums_after_step(
 
     Args:
         before: Sums before the step.
+        position: `(3,)` position after the step, m.
         displacement: `(3,)` displacement of the left camera in the world, m.
         depth_m: Median depth of the landmarks of the map.
         ambiguity: Error if another motion is the true one; zero if not required.
@@ -91,11 +106,13 @@ def sums_after_step(
     """
     m_per_px = displacement * depth_m / model.focal_baseline
     bending = DirectedError(0.0, model.lens_turn_per_m(calibration) * length(displacement))
+    directed = bending.plus(ambiguity)
     return PathSums(
         bias=before.bias + m_per_px,
         corrected=before.corrected + m_per_px * calibration.yaw.corrected_px,
         followed_px=calibration.drift.followed_px,
-        directed=before.directed.plus(bending).plus(ambiguity),
+        directed=before.directed.plus(directed),
+        turned=before.turned + directed.radians * position,
     )
 
 
@@ -126,7 +143,6 @@ class PathErrors:
     | `unobserved_motion` | = motion or 0 | | | 0 | 0 | 0 at the past pose itself |
     | `kept_motion` | 0 | = motion | | 0 | 0 | |
     | `sums` | + step | | | | | |
-    | `directed` | + step | | | | 0 | = sum since the external pose |
 
     | event | is |
     |---|---|
@@ -153,8 +169,6 @@ class PathErrors:
     unobserved_motion: FloatArray = field(default_factory=lambda: ZERO)
     kept_motion: FloatArray = field(default_factory=lambda: ZERO)  #: Motion since the present pose while it is kept.
     sums: PathSums = PathSums()  #: Sums up to the present pose.
-    #: Covariance of the directed errors since the origin, at the position where the last of them was added.
-    directed: LocatedCovariance = NOTHING
 
     @property
     def alone(self) -> FloatArray:
@@ -174,17 +188,9 @@ class PathErrors:
         return positive_part(self.shared(position).covariance - self.origin.shared.at(position))
 
     def with_pose(
-        self,
-        position: FloatArray,
-        *,
-        given_keyframes: FloatArray,
-        blur: FloatArray,
-        unobserved_motion: FloatArray,
-        sums: PathSums,
+        self, *, given_keyframes: FloatArray, blur: FloatArray, unobserved_motion: FloatArray, sums: PathSums
     ) -> PathErrors:
         """Return the errors of a new pose that was estimated from images."""
-        before = self.origin.sums.directed
-        growth = sums.directed.since(before).covariance - self.sums.directed.since(before).covariance
         return replace(
             self,
             given_keyframes=given_keyframes,
@@ -192,7 +198,6 @@ class PathErrors:
             unobserved_motion=unobserved_motion,
             kept_motion=ZERO,
             sums=sums,
-            directed=LocatedCovariance(position, self.directed.at(position) + growth),
         )
 
     def kept(self, motion: FloatArray) -> PathErrors:
@@ -222,17 +227,14 @@ class PathErrors:
 
     def placed(self, external: LocatedCovariance) -> PathErrors:
         """Return the errors after an external pose was applied to the last pose. Only the sums continue."""
-        origin = Origin(external, sums=self.sums)
-        return PathErrors(origin, sums=self.sums, directed=LocatedCovariance(external.position, ZERO))
+        return PathErrors(Origin(external, sums=self.sums), sums=self.sums)
 
     def rebased(self, origin: Origin, *, is_present: bool) -> PathErrors:
         """Return the errors since an external pose with a past stamp.
 
         If the past pose is the present pose (`is_present`), its own errors are part of the origin.
         """
-        since = self.sums.directed.since(origin.sums.directed)
-        directed = LocatedCovariance(origin.external.position, since.covariance)
-        errors = replace(self, origin=origin, directed=directed)
+        errors = replace(self, origin=origin)
         if is_present:
             return replace(errors, given_keyframes=ZERO, blur=ZERO, unobserved_motion=ZERO)
         return errors

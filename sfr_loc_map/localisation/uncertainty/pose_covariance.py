@@ -40,7 +40,7 @@ def pose_terms(
         drift=errors.drift(position),
         alone=errors.alone,
         kept_motion=errors.kept_motion,
-        directed=errors.directed.at(position),
+        directed=since_origin.directed_at(position),
         disparity=_disparity_term(since_origin, calibration, model.sources),
         attitude=_attitude_term(since_origin, calibration, model),
     )
