@@ -17,7 +17,7 @@ from scipy.special import gammaincc
 
 from sfr_loc_map.evidence.check_result import CheckResult
 from sfr_loc_map.evidence.paired_runs import SPACING, RunAtPairs, paired, spans_of
-from sfr_loc_map.evidence.variants import DriveRun
+from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.metrics import formulas
@@ -54,7 +54,7 @@ class Agreement:
     probability: float | None
 
 
-def compare(first: DriveRun, other: DriveRun, condition: Condition) -> Agreement:
+def compare(first: ComparedRun, other: ComparedRun, condition: Condition) -> Agreement:
     """Return the comparison of a forward run with another run over the sub-trajectories of a condition.
 
     The motion of the first run ends the sub-trajectories.

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.evidence.agreement import Agreement
-from sfr_loc_map.evidence.variants import DriveRun, PairsInMemory
+from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory
 from sfr_loc_map.faults.images import rotated
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.metrics import formulas
@@ -83,7 +83,7 @@ class CameraOffset(NamedTuple):
         return f"{offset}{cost}: calibrate the cameras again"
 
 
-def right_camera_offsets(runs: Sequence[DriveRun], rig: StereoRig) -> list[CameraOffset]:
+def right_camera_offsets(runs: Sequence[ComparedRun], rig: StereoRig) -> list[CameraOffset]:
     """Return the offset about each axis that at least two runs have estimated."""
     found = []
     for angle, statistic in ANGLES.items():
@@ -102,7 +102,7 @@ def wrong_among(offsets: Sequence[CameraOffset]) -> tuple[CameraOffset, ...]:
     return tuple(offset for offset in offsets if offset.is_wrong)
 
 
-def settled(run: DriveRun, statistic: str) -> float | None:
+def settled(run: ComparedRun, statistic: str) -> float | None:
     """Return the median of a statistic over the second half of a run."""
     values = [getattr(item, statistic) for item in run.statistics[len(run.statistics) // 2 :]]
     known = [value for value in values if value is not None]

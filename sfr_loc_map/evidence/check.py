@@ -21,7 +21,7 @@ from sfr_loc_map.evidence.check_result import Check, CheckResult
 from sfr_loc_map.evidence.other_estimates import at_pairs_of, hat_rows, scale_row
 from sfr_loc_map.evidence.predicted import predicted_rows
 from sfr_loc_map.evidence.revisited import agreement_at, closure_rows, find_closures
-from sfr_loc_map.evidence.variants import DriveRun, PairsInMemory, Variant, run_pairs, run_variant
+from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, Variant, run_pairs, run_variant
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
@@ -43,7 +43,7 @@ class DriveCheck(Check):
     """The check of a drive."""
 
     agreements: tuple[Agreement, ...]  #: The comparisons that decide the result.
-    forward: DriveRun  #: The run over all pairs in recorded order, as in operation.
+    forward: ComparedRun  #: The run over all pairs in recorded order, as in operation.
     offsets: tuple[CameraOffset, ...]  #: Offsets of the right camera from its calibration.
 
     @property
@@ -62,7 +62,7 @@ def check_drive(
     config: LocalisationConfig,
     conditions: Sequence[Condition],
     most_pairs: int,
-    others: Sequence[DriveRun] = (),
+    others: Sequence[ComparedRun] = (),
     progress: Callable[[], None] = lambda: None,
 ) -> DriveCheck:
     """Run each variant of the localiser over the first pairs of a drive; compare the runs and other estimates.

@@ -9,7 +9,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import MIN_SUB_TRAJECTORIES, Agreement
 from sfr_loc_map.evidence.paired_runs import SPACING, RunAtPairs, paired
-from sfr_loc_map.evidence.variants import DriveRun
+from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics import formulas
@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.statistics.intervals import student_quantile
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 
-def at_pairs_of(run: DriveRun, other: DriveRun) -> DriveRun:
+def at_pairs_of(run: ComparedRun, other: ComparedRun) -> ComparedRun:
     """Return another estimate at the pairs of a run, interpolated between its poses if its stamps differ.
 
     InputError if the estimate has only positions, or fewer than two poses at the pairs of the run.
@@ -39,7 +39,7 @@ def at_pairs_of(run: DriveRun, other: DriveRun) -> DriveRun:
             f"without gaps above {config.max_gap_s:g} s"
         )
     poses = Trajectory(frames.stamps_ns, frames.true_position, frames.true_attitude)
-    return DriveRun(other.name, Estimates.of(poses))
+    return ComparedRun(other.name, Estimates.of(poses))
 
 
 def scale_row(agreement: Agreement) -> Figure:
@@ -61,7 +61,7 @@ def scale_row(agreement: Agreement) -> Figure:
     return figure_row("scale", *where, n=count, value=mean, low95=mean - half, high95=mean + half)
 
 
-def hat_rows(runs: Sequence[DriveRun], condition: Condition) -> list[Figure]:
+def hat_rows(runs: Sequence[ComparedRun], condition: Condition) -> list[Figure]:
     """Return the sigma of each of three estimates by the three-cornered hat; no rows for another number of runs."""
     if len(runs) != 3:
         return []
@@ -77,7 +77,7 @@ def hat_rows(runs: Sequence[DriveRun], condition: Condition) -> list[Figure]:
     ]
 
 
-def at_common_pairs(first: DriveRun, second: DriveRun, third: DriveRun) -> tuple[StampedPoses, ...]:
+def at_common_pairs(first: ComparedRun, second: ComparedRun, third: ComparedRun) -> tuple[StampedPoses, ...]:
     """Return the poses of a forward run and of two other runs at the pairs that all three have.
 
     The variances of the differences determine those of the runs only if they are variances of the same sample.

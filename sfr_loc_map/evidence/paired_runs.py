@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sfr_loc_map.evidence.variants import DriveRun
+from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -26,7 +26,7 @@ SPACING = 5  #: Number of frames between starts: half of the spacing of a score,
 class RunAtPairs:
     """A run, restricted to the pairs of another run, in the order of the recording. Frames are counted from 0."""
 
-    run: DriveRun
+    run: ComparedRun
     rows: IntArray  #: Row of the estimates of the run for each frame.
     poses: StampedPoses
 
@@ -57,7 +57,7 @@ class RunAtPairs:
         return None if reverse is None else propagated_covariance(reverse, position[end] - position[start])
 
 
-def paired(first: DriveRun, other: DriveRun) -> tuple[RunAtPairs, RunAtPairs]:
+def paired(first: ComparedRun, other: ComparedRun) -> tuple[RunAtPairs, RunAtPairs]:
     """Return a forward run and another run at their common pairs, with the stamps of the other run."""
     frames, _ = associate(first.estimates.trajectory, as_forward(other), AssociationConfig(truth="match"))
     # `associate` calls its second argument the truth; here it is the other run
@@ -65,7 +65,7 @@ def paired(first: DriveRun, other: DriveRun) -> tuple[RunAtPairs, RunAtPairs]:
     return RunAtPairs(first, frames.estimate_rows, frames.estimate), RunAtPairs(other, rows_of_other, frames.truth)
 
 
-def as_forward(run: DriveRun) -> Trajectory:
+def as_forward(run: ComparedRun) -> Trajectory:
     """Return the poses of a run at the stamps of the pairs, in forward order."""
     poses = run.estimates.trajectory
     if not run.is_backward:
@@ -73,12 +73,12 @@ def as_forward(run: DriveRun) -> Trajectory:
     return Trajectory(run.mirror_ns - poses.stamps_ns[::-1], poses.positions[::-1], poses.quats_xyzw[::-1])
 
 
-def rows_at(run: DriveRun, stamps_ns: IntArray) -> IntArray:
+def rows_at(run: ComparedRun, stamps_ns: IntArray) -> IntArray:
     """Return the rows of the estimates at the stamps of pairs."""
     return np.searchsorted(run.estimates.trajectory.stamps_ns, run.own_stamps(stamps_ns))
 
 
-def poses_at(run: DriveRun, rows: IntArray) -> StampedPoses:
+def poses_at(run: ComparedRun, rows: IntArray) -> StampedPoses:
     """Return the poses of a forward run that have the given row numbers."""
     poses = run.estimates.trajectory
     return StampedPoses(poses.stamps_ns[rows], poses.positions[rows], unit_quats(poses.quats_xyzw[rows]))

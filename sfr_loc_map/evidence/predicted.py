@@ -13,7 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from sfr_loc_map.evidence.paired_runs import SPACING
-from sfr_loc_map.evidence.variants import DriveRun
+from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import propagation
 from sfr_loc_map.metrics import formulas
@@ -34,7 +34,7 @@ class ErrorSource(StrEnum):
     ALL = "all stated sources"
 
 
-def predicted_rows(run: DriveRun, condition: Condition) -> Iterator[Figure]:
+def predicted_rows(run: ComparedRun, condition: Condition) -> Iterator[Figure]:
     """Yield the root mean square error that a run predicts over the sub-trajectories of a condition, by source.
 
     Sub-trajectories with a degraded or lost pose are skipped, because their covariance describes an unobserved motion.

@@ -13,7 +13,7 @@ from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check import CORRECTED, check_drive
 from sfr_loc_map.evidence.check_result import OF_SUBJECTS, SCHEMA, Check, CheckResult, combined
 from sfr_loc_map.evidence.overlap import check_maps
-from sfr_loc_map.evidence.variants import DriveRun, Variant, calls_of
+from sfr_loc_map.evidence.variants import ComparedRun, Variant, calls_of
 from sfr_loc_map.io.sequence import Source, drive_of
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -93,7 +93,7 @@ def check_recording(
     config: Configuration,
     conditions: Sequence[Condition],
     most_pairs: int,
-    others: Sequence[DriveRun] = (),
+    others: Sequence[ComparedRun] = (),
     progress: Callable[[], None] = lambda: None,
 ) -> RecordingCheck:
     """Check the drive of a source, if it has one, and its maps, if it has several mapping pairs.
@@ -129,10 +129,10 @@ def calls_of_check(source: Source, most_pairs: int) -> int:
     return 0 if source.loc is None else calls_of(min(len(source.loc), most_pairs))
 
 
-def read_estimates(paths: Sequence[Path]) -> list[DriveRun]:
+def read_estimates(paths: Sequence[Path]) -> list[ComparedRun]:
     """Read estimates of other methods; each is named as by `names_of_estimates`."""
     names = names_of_estimates(paths)
-    return [DriveRun(name, Estimates.of(read_trajectory_file(path).stamped)) for path, name in names.items()]
+    return [ComparedRun(name, Estimates.of(read_trajectory_file(path).stamped)) for path, name in names.items()]
 
 
 def names_of_estimates(paths: Sequence[Path]) -> dict[Path, str]:

@@ -17,7 +17,7 @@ from scipy.spatial.distance import cdist
 
 from sfr_loc_map.evidence.agreement import Agreement, Differences, probability_of
 from sfr_loc_map.evidence.paired_runs import poses_at, rows_at
-from sfr_loc_map.evidence.variants import DriveRun, PairsInMemory, run_pairs
+from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, run_pairs
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -60,7 +60,7 @@ class Closure:
         return f"pairs {self.first} and {self.again}"
 
 
-def find_closures(drive: PairsInMemory, forward: DriveRun, config: LocalisationConfig) -> list[Closure]:
+def find_closures(drive: PairsInMemory, forward: ComparedRun, config: LocalisationConfig) -> list[Closure]:
     """Return the misclosures of places that a drive revisits; their paths share no pair."""
     worth = worth_of_visits(forward)
     found = []
@@ -79,7 +79,7 @@ def find_closures(drive: PairsInMemory, forward: DriveRun, config: LocalisationC
     return sorted(found, key=lambda item: item.first)
 
 
-def worth_of_visits(forward: DriveRun) -> FloatArray:
+def worth_of_visits(forward: ComparedRun) -> FloatArray:
     """Return the score `(N, N)` of two pairs as visits of one place: path times closeness; 0 if the places differ.
 
     The row is the first visit, the column the second.
@@ -95,7 +95,7 @@ def worth_of_visits(forward: DriveRun) -> FloatArray:
     return np.where(is_place & is_known[:, None] & is_known[None], path_m * closeness, 0.0)
 
 
-def closure_between(forward: DriveRun, direct: DriveRun, first: int, again: int) -> Closure | None:
+def closure_between(forward: ComparedRun, direct: ComparedRun, first: int, again: int) -> Closure | None:
     """Return the misclosure of two runs between two pairs; None if the direct run is degraded or lost at a pair."""
     poses = forward.estimates.trajectory
     visits = np.array([first, again])
@@ -113,7 +113,7 @@ def closure_between(forward: DriveRun, direct: DriveRun, first: int, again: int)
     return Closure(first, again, path_m, error, normalised_square(error, of_path + turns @ of_direct @ turns.T))
 
 
-def growth_between(run: DriveRun, start: int, end: int) -> FloatArray | None:
+def growth_between(run: ComparedRun, start: int, end: int) -> FloatArray | None:
     """Return the covariance of one estimate given another, with all errors that the run models."""
     if run.estimates.steps is None:
         return None

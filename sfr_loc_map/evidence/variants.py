@@ -57,7 +57,7 @@ class PairsInMemory:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DriveRun:
+class ComparedRun:
     """Estimates of a run of the localiser. The stamps of a backward run are mirrored so that they increase."""
 
     name: str
@@ -80,7 +80,7 @@ def calls_of(pairs: int) -> int:
     return pairs * len(Variant) - pairs // 2  # one variant skips every second pair
 
 
-def run_variant(drive: PairsInMemory, config: LocalisationConfig, variant: Variant, progress: Progress) -> DriveRun:
+def run_variant(drive: PairsInMemory, config: LocalisationConfig, variant: Variant, progress: Progress) -> ComparedRun:
     """Return the estimates of one variant; raise InputError if the configured mask file cannot be read."""
     kept, mirror_ns = list(drive.kept), 0
     if variant is Variant.BACKWARD:
@@ -103,7 +103,7 @@ def run_pairs(
     name: str,
     kept: Sequence[StereoPair],
     progress: Progress = lambda: None,
-) -> DriveRun:
+) -> ComparedRun:
     """Return the estimates of selected pairs of a drive."""
     done = []
     for result in localise(replace(drive, kept=kept), config, StartPose(Transform.identity())):
@@ -111,7 +111,7 @@ def run_pairs(
         progress()
     trajectory = trajectory_of(estimate for estimate, _ in done)
     estimates = estimates_of(trajectory, stats_of([record for _, record in done]))
-    return DriveRun(name, estimates, tuple(estimate.statistics for estimate, _ in done))
+    return ComparedRun(name, estimates, tuple(estimate.statistics for estimate, _ in done))
 
 
 def half_mask(rig: StereoRig, variant: Variant, given: str) -> GreyImage:

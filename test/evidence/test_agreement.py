@@ -14,7 +14,7 @@ from sfr_loc_map.evidence.calibration import Advice, advice_of, offset_rows, rig
 from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
 from sfr_loc_map.evidence.other_estimates import at_pairs_of, hat_rows, scale_row, three_cornered_hat
 from sfr_loc_map.evidence.recording import RecordingCheck
-from sfr_loc_map.evidence.variants import DriveRun
+from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingStatistics
@@ -36,7 +36,7 @@ def true_steps(rng: np.random.Generator) -> tuple[Rotation, np.ndarray]:
 
 def run_of(
     name: str, turns: Rotation, moves: np.ndarray, seed: int, *, mirror_ns: int = 0, drift_m: float = 0.0
-) -> DriveRun:
+) -> ComparedRun:
     """A run whose steps have errors of the covariance that it states, and of a drift that it does not."""
     rng = np.random.default_rng(seed)
     moves = moves + rng.normal(0, SIGMA_M, moves.shape) + [0.0, drift_m, 0.0]
@@ -53,7 +53,7 @@ def run_of(
     steps[:, 21:27] = 0.1  # what all steps share is left out, whatever its size
     trajectory = Trajectory(STAMPS, np.array(positions), np.array(quats))
     covariance = np.tile((1e-6 * np.eye(6))[UPPER], (len(STAMPS), 1))
-    return DriveRun(name, Estimates.of(trajectory, covariance=covariance, steps=steps), mirror_ns=mirror_ns)
+    return ComparedRun(name, Estimates.of(trajectory, covariance=covariance, steps=steps), mirror_ns=mirror_ns)
 
 
 def reversed_steps(turns: Rotation, moves: np.ndarray) -> tuple[Rotation, np.ndarray]:
@@ -118,7 +118,7 @@ def test_an_estimate_at_another_rate_is_interpolated_to_the_pairs() -> None:
     inside = np.clip(stamps, STAMPS[0], STAMPS[-1])
     x, y, z = (np.interp(inside, STAMPS, axis) for axis in poses.positions.T)
     quats = Slerp(STAMPS, Rotation.from_quat(poses.quats_xyzw))(inside).as_quat()
-    wheels = DriveRun("wheels", Estimates.of(Trajectory(stamps, np.column_stack((x, y, z)), quats)))
+    wheels = ComparedRun("wheels", Estimates.of(Trajectory(stamps, np.column_stack((x, y, z)), quats)))
     position_m = compare(stereo, at_pairs_of(stereo, wheels), CONDITION).differences.position_m
     assert len(position_m) > 60
     assert np.abs(position_m).max() < 0.01, "the interpolation cuts a corner of 0.1 m by a few millimetres"
@@ -127,10 +127,10 @@ def test_an_estimate_at_another_rate_is_interpolated_to_the_pairs() -> None:
 def test_an_estimate_of_another_clock_or_without_attitudes_is_refused() -> None:
     stereo = run_of("stereo", *true_steps(np.random.default_rng(1)), 1)
     poses = stereo.estimates.trajectory
-    other_clock = DriveRun("wheels", Estimates.of(replace(poses, stamps_ns=poses.stamps_ns + 10**12)))
+    other_clock = ComparedRun("wheels", Estimates.of(replace(poses, stamps_ns=poses.stamps_ns + 10**12)))
     with pytest.raises(InputError, match="fewer than two poses"):
         at_pairs_of(stereo, other_clock)
-    positions = DriveRun("wheels", Estimates.of(replace(poses, quats_xyzw=np.zeros((len(poses), 4)))))
+    positions = ComparedRun("wheels", Estimates.of(replace(poses, quats_xyzw=np.zeros((len(poses), 4)))))
     with pytest.raises(InputError, match="only positions"):
         at_pairs_of(stereo, positions)
 
@@ -174,19 +174,19 @@ def test_the_hat_compares_the_same_sub_trajectories_of_all_three() -> None:
     halves = [
         replace(run, estimates=Estimates.of(Trajectory(*(c[:200] for c in (STAMPS, *poses_of(run)))))) for run in runs
     ]
-    mixed = hat_rows([runs[0], DriveRun("b", Estimates.of(half)), runs[2]], CONDITION)
+    mixed = hat_rows([runs[0], ComparedRun("b", Estimates.of(half)), runs[2]], CONDITION)
     expected = hat_rows(halves, CONDITION)
     assert [(row.n, row.value) for row in mixed] == [(row.n, row.value) for row in expected]
 
 
-def poses_of(run: DriveRun) -> tuple[np.ndarray, np.ndarray]:
+def poses_of(run: ComparedRun) -> tuple[np.ndarray, np.ndarray]:
     return run.estimates.trajectory.positions, run.estimates.trajectory.quats_xyzw
 
 
 def test_a_right_camera_that_is_off_is_named_with_its_cost() -> None:
     rig = StereoRig(512, 512, 400.0, 400.0, 255.5, 255.5, 0.12)
 
-    def run(vertical: float, yaw: float) -> DriveRun:
+    def run(vertical: float, yaw: float) -> ComparedRun:
         turns, moves = true_steps(np.random.default_rng(1))
         statistics = [TrackingStatistics()] * 10
         statistics += [TrackingStatistics(vertical_offset_px=vertical, disparity_offset_px=yaw)] * 20

@@ -16,7 +16,7 @@ from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.evidence.calibration import CameraOffset, corrected_drive
 from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.recording import names_of_estimates
-from sfr_loc_map.evidence.variants import DriveRun, PairsInMemory
+from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -99,7 +99,7 @@ def test_a_short_drive_is_refused() -> None:
 def test_an_estimate_of_another_clock_is_refused_after_the_first_run() -> None:
     sequence, calls = PairsInMemory(LOC_RIG, drive(20)), []
     poses = Trajectory(np.array([1, 2]), np.zeros((2, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)))
-    other = DriveRun("wheels.csv", Estimates.of(poses))
+    other = ComparedRun("wheels.csv", Estimates.of(poses))
     with pytest.raises(InputError, match="same clock"):
         check_drive(
             sequence, LocalisationConfig(), [Condition.parse("frames=5")], 40, [other], lambda: calls.append(None)

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.evidence.predicted import ErrorSource, predicted_rows
-from sfr_loc_map.evidence.variants import DriveRun
+from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE, relative_covariance, sums_of_steps
@@ -20,7 +20,7 @@ STEP_SIGMA_M, NOISE_M, ALONG_M, TURN_RAD = 2e-3, 3e-3, 5e-4, 1e-4
 CONDITION = Condition.parse(f"frames={OVER}")
 
 
-def straight_run() -> DriveRun:
+def straight_run() -> ComparedRun:
     """Return a drive along x whose steps state each of the sources."""
     positions = STEP_M * np.arange(COUNT)[:, None] * [1.0, 0.0, 0.0]
     poses = Trajectory(np.arange(1, COUNT + 1) * 100_000_000, positions, np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1)))
@@ -29,7 +29,7 @@ def straight_run() -> DriveRun:
     steps[:, 21] = ALONG_M
     steps[:, 26] = TURN_RAD
     steps[:, 27:] = np.diag([NOISE_M**2] * 3 + [0.0] * 3)[UPPER]
-    return DriveRun("straight", Estimates.of(poses, steps=steps))
+    return ComparedRun("straight", Estimates.of(poses, steps=steps))
 
 
 def test_each_source_has_its_part_in_closed_form_and_the_parts_add_up() -> None:
@@ -61,7 +61,7 @@ def test_the_sum_is_the_covariance_of_the_sub_trajectories() -> None:
         factors = rng.normal(0.0, 1e-3, (COUNT, 6, 6))
         steps[:, triangle] = (factors @ np.swapaxes(factors, 1, 2))[:, UPPER[0], UPPER[1]]
     estimates = Estimates.of(poses, steps=steps)
-    score = Score(figures=tuple(predicted_rows(DriveRun("any", estimates), Condition.parse(f"frames={COUNT - 1}"))))
+    score = Score(figures=tuple(predicted_rows(ComparedRun("any", estimates), Condition.parse(f"frames={COUNT - 1}"))))
     sums = sums_of_steps(estimates, steps, np.array([0, COUNT - 1]))
     expected = relative_covariance(sums[0], sums[COUNT - 1], poses.positions[-1])
     assert expected is not None
@@ -81,7 +81,7 @@ def test_the_table_shows_each_source_once_for_a_condition() -> None:
 
 
 def test_poses_without_steps_have_no_prediction() -> None:
-    run = DriveRun("other", Estimates.of(straight_run().estimates.trajectory))
+    run = ComparedRun("other", Estimates.of(straight_run().estimates.trajectory))
     assert list(predicted_rows(run, CONDITION)) == []
 
 
@@ -94,7 +94,7 @@ def test_sub_trajectories_with_a_degraded_or_lost_pose_are_skipped() -> None:
     steps = estimates.steps.copy()
     steps[30, 0] = 100.0
     for state in ("lost", "degraded"):
-        run = DriveRun(state, Estimates.of(estimates.trajectory, steps=steps, **{state: is_bad}))
+        run = ComparedRun(state, Estimates.of(estimates.trajectory, steps=steps, **{state: is_bad}))
         found = Score(figures=tuple(predicted_rows(run, CONDITION)))
         whole = {"part": ErrorSource.ALL.value}
         assert found.number("predicted", "value", **whole) == pytest.approx(usual.number("predicted", "value", **whole))

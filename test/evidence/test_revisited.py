@@ -15,7 +15,7 @@ from sfr_loc_map.evidence.agreement import results_of
 from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.check_result import CheckResult, combined
 from sfr_loc_map.evidence.revisited import Closure, agreement_at, closure_between, find_closures, worth_of_visits
-from sfr_loc_map.evidence.variants import DriveRun, PairsInMemory, Variant, run_pairs, run_variant
+from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, Variant, run_pairs, run_variant
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -47,12 +47,12 @@ def there_and_back() -> PairsInMemory:
 
 
 @cache
-def forward() -> DriveRun:
+def forward() -> ComparedRun:
     """Return the run of the drive as it is."""
     return run_variant(there_and_back(), CONFIG, Variant.FORWARD, lambda: None)
 
 
-def drifted(run: DriveRun, drift_m: float) -> DriveRun:
+def drifted(run: ComparedRun, drift_m: float) -> ComparedRun:
     """Return a run that drifts sideways by so much from its first to its last pose, which it does not state."""
     poses = run.estimates.trajectory
     drift = np.linspace(0.0, drift_m, len(poses))[:, None] * [0.0, 1.0, 0.0]
@@ -123,7 +123,7 @@ def test_the_check_has_the_places_in_its_figures_and_tables() -> None:
     )
 
 
-def circle(seed: int, steps: int, step_sigmas: tuple[float, float], heading: float) -> DriveRun:
+def circle(seed: int, steps: int, step_sigmas: tuple[float, float], heading: float) -> ComparedRun:
     """Return a run around a circle whose steps have errors of the sigmas that they state, m and rad."""
     rng = np.random.default_rng(seed)
     turn = Rotation.from_rotvec([0.0, 0.0, 2.0 * np.pi / STEPS * (STEPS // steps)])
@@ -140,7 +140,7 @@ def circle(seed: int, steps: int, step_sigmas: tuple[float, float], heading: flo
     stated[:, :21] = np.diag([step_sigmas[0] ** 2] * 3 + [step_sigmas[1] ** 2] * 3)[UPPER]
     chosen = stamps if steps == STEPS else stamps[[0, -1]]
     poses = Trajectory(chosen, np.array(positions), np.array(quats))
-    return DriveRun("made", Estimates.of(poses, steps=stated))
+    return ComparedRun("made", Estimates.of(poses, steps=stated))
 
 
 def test_misclosures_are_as_large_as_consistent_covariances_predict() -> None:
