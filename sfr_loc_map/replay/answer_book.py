@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from msgspec.structs import asdict, replace
@@ -11,11 +13,20 @@ from sfr_loc_map.metrics.formulas import Statistics, statistics
 from sfr_loc_map.metrics.table.records import AnswerCounts, FindingKind, FindingRecord
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
 
+MAX_EARLY = 64  #: Maximum number of stamps whose answers wait for their pair; the oldest are dropped.
 MAX_IN_A_ROW = 10
 """Number of consecutive pairs without an answer after which the replay stops waiting until the node answers."""
 EARLY_S = 2.0 * STAMP_TOLERANCE_S
 """Maximum lead of an answer over the last image of its pair, s. An earlier answer was computed without that image. The
 images of a pair may be published `STAMP_TOLERANCE_S` apart, and a node that uses one image may answer between them."""
+
+
+@dataclass(frozen=True, slots=True)
+class EarlyAnswers:
+    """Answers to a stamp of which no pair is published yet."""
+
+    content: Any  #: Content of the first answer.
+    received_s: list[float] = field(default_factory=list)  #: Times of the monotonic clock.
 
 
 class AnswerBook:
@@ -28,21 +39,30 @@ class AnswerBook:
         self._timeout_s = timeout_s
         self._sent: dict[int, float] = {}
         self._latency_s: dict[int, float] = {}
-        self._early: dict[int, list[float]] = {}
+        self._early: dict[int, EarlyAnswers] = {}  # by stamp, the oldest stamp first
+        self._dropped = 0  # early answers
+        self._first_dropped_ns: int | None = None
         self._counts = AnswerCounts()
         self._unanswered_in_a_row = 0
         self._findings: dict[FindingKind, FindingRecord] = {}
 
-    def note_sent(self, stamp_ns: int, sent_s: float) -> None:
-        """Record a pair and the time of the monotonic clock when its last image was published, s."""
-        self._sent[stamp_ns] = sent_s
-        for received_s in self._early.pop(stamp_ns, ()):
-            self._answered(stamp_ns, received_s)
+    def note_sent(self, stamp_ns: int, sent_s: float) -> Any:  # noqa: ANN401 - the content that `note_answer` received
+        """Record a pair and the time of the monotonic clock when its last image was published, s.
 
-    def note_answer(self, stamp_ns: int, frames: str, problem: str) -> bool:
+        Return the content of the early answer that is used; None without one.
+        """
+        self._sent[stamp_ns] = sent_s
+        early = self._early.pop(stamp_ns, None)
+        if early is None:
+            return None
+        is_used = [self._answered(stamp_ns, received_s) for received_s in early.received_s]
+        return early.content if is_used[0] else None
+
+    def note_answer(self, stamp_ns: int, frames: str, problem: str, content: object = None) -> bool:
         """Note an answer; return whether the answer is used. Only the first answer to a pair is used.
 
-        An answer to a stamp that is not of a published pair is used once a pair of this stamp is published.
+        An answer to a stamp that is not of a published pair is kept with its content, and used once a pair of this
+        stamp is published. The oldest such answers are dropped.
 
         `frames` are `parent -> child` of a pose, `parent` of a cloud. `problem` is why the answer is unusable; empty if
         the answer is usable.
@@ -60,9 +80,13 @@ class AnswerBook:
         if stamp_ns in self._sent:
             return self._answered(stamp_ns, now)
         # the stamp of no pair, or of a pair whose last image is not published yet
-        earlier = self._early.setdefault(stamp_ns, [])
-        earlier.append(now)
-        return len(earlier) == 1
+        early = self._early.setdefault(stamp_ns, EarlyAnswers(content))
+        early.received_s.append(now)
+        if len(self._early) > MAX_EARLY:
+            oldest_ns = next(iter(self._early))
+            self._dropped += len(self._early.pop(oldest_ns).received_s)
+            self._first_dropped_ns = oldest_ns if self._first_dropped_ns is None else self._first_dropped_ns
+        return len(early.received_s) == 1
 
     def has_pair(self, stamp_ns: int) -> bool:
         """Return whether a pair of this stamp is published."""
@@ -96,7 +120,7 @@ class AnswerBook:
     def counts(self) -> AnswerCounts:
         """The counts; pairs without an answer in time are missing."""
         pairs, answered = len(self._sent), len(self._in_time)
-        other = sum(map(len, self._early.values()))
+        other = self._dropped + sum(len(early.received_s) for early in self._early.values())
         return replace(self._counts, pairs=pairs, answered=answered, missing=pairs - answered, other_stamp=other)
 
     @property
@@ -110,8 +134,8 @@ class AnswerBook:
         in_time = self._in_time
         missing = [stamp_ns for stamp_ns in self._sent if stamp_ns not in in_time]
         found = list(self._findings.values())
-        if self._early:
-            first, count = next(iter(self._early)), self.counts.other_stamp
+        if count := self.counts.other_stamp:
+            first = next(iter(self._early)) if self._first_dropped_ns is None else self._first_dropped_ns
             kind, text = FindingKind.WRONG_STAMP, "no pair has this stamp"
             found.append(FindingRecord(kind=kind, count=count, first_stamp_ns=first, text=text))
         if missing:

@@ -27,7 +27,6 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
-from sfr_loc_map.latest import Latest
 from sfr_loc_map.message_stamps import stamp_of
 from sfr_loc_map.metrics.conventions.pose_convention import (
     FIRST_POSE,
@@ -52,7 +51,6 @@ from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import RECTIFIED
 
 DEPTH = 1000
-MAX_EARLY = 64  #: Maximum number of answers that wait for their pair; the oldest are dropped.
 PUBLISHER_GRACE_S = 2.0
 """Maximum wait for the publisher of a subscribed node. Some nodes create their publisher with the first result."""
 CHECK_PERIOD_S = 0.2  #: Period of the checks of its publishers.
@@ -81,7 +79,6 @@ class ExternalNode(ABC):
         self._answers = AnswerBook(options.timeout_s, options.frames)
         self._publishers: set[tuple[int, ...]] | None = None  # global ids of the publishers at the first answer
         self._checked_s = 0.0
-        self._early = Latest[int, tuple[Any, Any]](MAX_EARLY)  # answers to pairs that are not published yet, by stamp
 
     @abstractmethod
     def read(self, message: Any) -> Any:  # noqa: ANN401 - of `kind`
@@ -93,8 +90,7 @@ class ExternalNode(ABC):
 
     def note_sent(self, stamp_ns: int, sent_s: float) -> None:
         """Record a pair and the time of the monotonic clock when its last image was published, s."""
-        self._answers.note_sent(stamp_ns, sent_s)
-        if (early := self._early.pop(stamp_ns, None)) is not None:
+        if (early := self._answers.note_sent(stamp_ns, sent_s)) is not None:
             self.accept(*early)
 
     def note_call(self, call: CallRecord) -> None:
@@ -229,12 +225,9 @@ class ExternalNode(ABC):
         if self.kind is Odometry:
             frames += f" -> {message.child_frame_id}"
         stamp_ns = stamp_of(message)
-        if not self._answers.note_answer(stamp_ns, frames, problem):
-            return
-        if self._answers.has_pair(stamp_ns):
+        is_used = self._answers.note_answer(stamp_ns, frames, problem, (message, content))
+        if is_used and self._answers.has_pair(stamp_ns):
             self.accept(message, content)
-            return
-        self._early[stamp_ns] = message, content
 
 
 class ExternalLocaliser(ExternalNode):

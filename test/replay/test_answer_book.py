@@ -7,7 +7,7 @@ import time
 import pytest
 
 from sfr_loc_map.metrics.table.records import FindingKind
-from sfr_loc_map.replay.answer_book import EARLY_S, AnswerBook
+from sfr_loc_map.replay.answer_book import EARLY_S, MAX_EARLY, AnswerBook
 
 TIMEOUT_S = 1.0
 PAIR_NS = 1_000
@@ -66,3 +66,11 @@ def test_a_node_that_was_started_again_has_crashed(book: AnswerBook) -> None:
     (finding,) = [item for item in book.findings if item.kind is FindingKind.CRASHED]
     assert (finding.count, finding.first_stamp_ns) == (1, PAIR_NS)
     assert not book.ended, "the process that came in its place is waited for"
+
+
+def test_an_early_answer_that_was_dropped_is_not_an_answer(book: AnswerBook) -> None:
+    for stamp_ns in range(MAX_EARLY + 2):
+        assert book.note_answer(stamp_ns, "ds -> rb", "", content=stamp_ns)
+    assert book.counts.other_stamp == MAX_EARLY + 2
+    assert [book.note_sent(stamp_ns, 10.0) for stamp_ns in (1, 2)] == [None, 2]
+    assert (book.counts.answered, book.counts.missing, book.counts.other_stamp) == (1, 1, MAX_EARLY + 1)
