@@ -49,10 +49,11 @@ def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None
     return Sample(errors, min(row.independent, float(len(errors))))
 
 
-def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]]) -> Proof:
+def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]], truth_error: float = 0.0) -> Proof:
     """Return whether the errors of drives prove that a limit is met.
 
-    `drives` contains the runs of each drive by name.
+    `drives` contains the runs of each drive by name. `truth_error` is the largest change of an error that the error of
+    the truth can cause.
     """
     runs = {name: [sample for sample in samples if len(sample.errors)] for name, samples in drives.items()}
     runs = {name: samples for name, samples in runs.items() if samples}
@@ -64,7 +65,9 @@ def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]]) ->
             return prove_sample(terms, limit, Sample(np.empty(0), 0.0))
         return min(proofs, key=lambda proof: (proof.state.severity, -(proof.bound or 0.0)))
     sample = sample_over_drives(terms.interpretation, runs)
-    return prove_sample(terms, limit, sample) if terms.good is None else prove_sequentially(terms, limit, sample)
+    if terms.good is None:
+        return prove_sample(terms, limit, sample)
+    return prove_sequentially(terms, limit, sample, truth_error)
 
 
 def sample_over_drives(interpretation: Population, drives: Mapping[str, Sequence[Sample]]) -> Sample:
@@ -77,11 +80,19 @@ def sample_over_drives(interpretation: Population, drives: Mapping[str, Sequence
     return Sample(np.array(chosen), float(len(chosen)))
 
 
-def prove_sequentially(terms: Terms, limit: float, sample: Sample) -> Proof:
-    """Return the decision of the sequential test over the drives in order; the bound is their largest error."""
+def prove_sequentially(terms: Terms, limit: float, sample: Sample, truth_error: float = 0.0) -> Proof:
+    """Return the decision of the sequential test over the drives in order; the bound is their largest error.
+
+    The error of the truth must not change the decision: drives whose error is within `truth_error` of the limit count
+    once as met and once as failed, and both tests must have the same decision.
+    """
     test = sequential_test(terms)
     has_failed = (sample.sizes > limit).tolist()
     state, drives = test.decision(has_failed)
+    if truth_error > 0.0:
+        ends = [test.decision((sample.sizes > limit + shift).tolist()) for shift in (-truth_error, truth_error)]
+        drives = max(after for _, after in ends)
+        state = ends[0][0] if ends[0][0] is ends[1][0] else VerdictState.NOT_ENOUGH_DATA
     undecided = state is VerdictState.NOT_ENOUGH_DATA
     more = test.more_without_failure(sum(has_failed), len(has_failed)) if undecided else None
     largest = float(sample.sizes[:drives].max()) if drives else None

@@ -167,7 +167,7 @@ def proof_over_drives(
         used = {drive_key: of_drive for drive_key, of_drive in samples.items() if drive_key < min(ends)}
     scores = [result.score for result in results]
     truth_error = max((truth_error_of(limit, score, score.reading) for score in scores), default=0.0)
-    verdict = proof_verdict(limit, prove(terms, limit.limit, used), None, truth_error)
+    verdict = proof_verdict(limit, prove(terms, limit.limit, used, truth_error), None, truth_error)
     requires_all = VerdictState.NOT_ENOUGH_DATA if is_sequential else VerdictState.PASS
     if without_errors and verdict.state is requires_all:
         verdict = replace(verdict, state=VerdictState.INCOMPLETE)

@@ -83,3 +83,13 @@ def test_a_sequential_test_takes_drives_by_their_names_whatever_their_order() ->
     for order in (("a", "b"), ("b", "a")):
         proof = prove(terms, 1.0, {name: drives[name] for name in order})
         assert (proof.state, proof.n, proof.bound) == (VerdictState.PASS, 1, 0.1)
+
+
+def test_a_failure_never_helps_drives_that_are_within_the_error_of_the_truth() -> None:
+    terms = Terms(0.9, 0.9, Population.ENSEMBLE, good=0.02)
+    near = {f"{number:03}": [Sample(np.array([0.0999]), 1.0)] for number in range(80)}
+    far = {name: [Sample(np.array([0.05]), 1.0)] for name in near}
+    one_failed = {**near, "000": [Sample(np.array([0.5]), 1.0)]}
+    assert prove(terms, 0.1, far, truth_error=0.01).state is VerdictState.PASS
+    for drives in (near, one_failed):
+        assert prove(terms, 0.1, drives, truth_error=0.01).state is VerdictState.NOT_ENOUGH_DATA
