@@ -213,17 +213,14 @@ def _drive_of(
 def _as_declared(true: LoadedTrajectory, place: Path | None, how: SourceConfig) -> LoadedTrajectory:
     """Return true poses as the configuration declares them.
 
-    If the configuration declares nothing about the truth, poses from a file are still checked, and other poses are
-    returned unchanged.
-
-
-    The configuration is already applied to a `Truth`, except for a configured standard deviation.
+    The configuration is already applied to a `Truth`, except for a configured standard deviation. Poses of a file or in
+    memory are checked even if the configuration declares nothing about the truth.
     """
     poses = true.trajectory
     if isinstance(poses, Truth):
         sigma_m, sigma_deg = how.truth.sigma_m or poses.sigma_m, how.truth.sigma_deg or poses.sigma_deg
         return replace(true, trajectory=replace(poses, sigma_m=sigma_m, sigma_deg=sigma_deg))
-    if how.truth == DEFAULT_SOURCE.truth and (place is None or not place.is_file()):
+    if how.truth == DEFAULT_SOURCE.truth and place is not None and not place.is_file():
         return true
     return replace(true, trajectory=truth_of_rb(RecordedTruth(poses, true.text), how.truth))
 

@@ -230,3 +230,16 @@ def test_a_bag_is_scored_with_the_topics_with_which_it_was_opened(tmp_path: Path
     assert source.truth is not None
     score = suite.score(source.truth, source, ["frames=1"], spacing=1)
     assert score.number("position", "mean_plus_3sigma") == 0.0
+
+
+def test_a_truth_in_memory_is_checked_like_its_file(tmp_path: Path) -> None:
+    """The truth turns on a plane: a tracker without height, roll and pitch has written it."""
+    heading = 0.02 * np.arange(200)
+    positions = np.column_stack((10.0 * np.sin(heading), 10.0 * (1.0 - np.cos(heading)), np.zeros(200)))
+    quats = np.column_stack((np.zeros((200, 2)), np.sin(0.5 * heading), np.cos(0.5 * heading)))
+    truth = suite.Trajectory(10**8 * np.arange(200), positions, quats)
+    estimate = replace(truth, positions=1.01 * positions)
+    truth.save(tmp_path / "truth.csv")
+    scores = [suite.score(estimate, known) for known in (truth, tmp_path / "truth.csv")]
+    assert scores[0].truth == scores[1].truth
+    assert not scores[0].truth.height
