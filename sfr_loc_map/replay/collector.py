@@ -103,6 +103,8 @@ class ResultCollector:
         self._wait_while_results_arrive(lambda: all(self._has_results(*pair) for pair in results.sent_pairs))
         if results.external_task is not Task.MAPPING and results.sent_stamps(Task.MAPPING.rig):
             self._finish_map()
+        if self._external is not None:
+            self._external.check_process()
         self._check_nodes()
 
     def close(self) -> None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -152,7 +153,8 @@ class ExternalNode(ABC):
 
     def result(self) -> ExternalResult:
         """Return answers and process of the node, and stop measuring the process; called while the process runs."""
-        self.check_process()
+        with suppress(ConfigError):  # a wrong process to watch has ended the replay
+            self.check_process()
         if self._watch is not None:
             self._watch.stop()
         answers, options = self._answers, self.options

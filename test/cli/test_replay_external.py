@@ -131,3 +131,5 @@ def test_the_memory_of_an_unrelated_process_is_not_that_of_the_node(sfr: Sfr, tm
         ran = sfr("replay", source, "--external", "localisation", *watch, *CONVENTION, *SCORED, "--out", out)
     assert ran.code == 2, ran.err
     assert f"'--watch {pid}': the publisher of localisation/odometry belongs to another process" in ran.err
+    if (out / "stats.csv").is_file():
+        assert ",built-in," not in (out / "stats.csv").read_text(), "the poses are not those of our localiser"
