@@ -111,7 +111,7 @@ class Ground(NamedTuple):
     def unselected(cls, tracks: Tracks, memory: GroundMemory) -> Ground:
         """Return all tracks as those of the ground, without a comparison with earlier pairs.
 
-        A doubt persists. The recovery from earlier faults continues as if the image moved.
+        A doubt persists, and the recovery from earlier faults makes no progress.
         """
         assert memory.earlier is not None, "a window has begun"
         earlier = memory.earlier._replace(age=memory.earlier.age + 1)
