@@ -72,7 +72,7 @@ class EarlierImage(NamedTuple):
 
     image: FloatImage  #: Pyramid level `LEVEL` of a left image.
     pose: Pose  #: Pose of the left camera at that image.
-    #: Number of pairs that were compared with the image. A refused pair from which the memory does not learn is not
+    #: Number of pairs since the image. A refused pair from which the memory does not learn is not
     #: counted. The image motion from which outliers are ignored is proportional to the age (`selection.FAR_RATIO`).
     age: int = 0
 
