@@ -119,7 +119,7 @@ def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: Fl
 
 
 def with_stamps_of_poses(stats: CallStats, stamps_ns: IntArray) -> CallStats:
-    """Return calls of a localiser with the stamps `(N,)` of their poses, from which rounded stamps of a file differ.
+    """Return calls of a localiser, in which the call of each pose takes the stamp of the pose, from `stamps_ns` `(N,)`.
 
     The call of a pose is the nearest one, within the tolerance for stamps of one image (`nearness_ns`) of both the
     poses and the calls. A call that has the stamp of a pose is not that of another pose.

@@ -68,8 +68,8 @@ def check_drive(
     """Run each variant of the localiser over the first pairs of a drive; compare the runs and other estimates.
 
     The forward run is the first, so that an estimate of another drive or clock is refused before the other runs.
-    Only the suite's own runs decide the result. Other estimates contribute figures. `progress` is called after each of
-    the `calls_of` calls of the variants.
+    Only the suite's own runs decide the result. Other estimates contribute figures. `progress` is called after each
+    call of the localiser in the variants (`variants.calls_of` gives the number of calls).
     """
     drive = PairsInMemory(sequence.rig, list(islice(sequence.pairs(), most_pairs)))
     if len(drive) < MIN_PAIRS:

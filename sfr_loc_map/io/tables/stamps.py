@@ -151,8 +151,9 @@ def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
     """Return the unit of stamps, inferred from their magnitude; empty if several units are possible.
 
     Stamps of a clock are between 1979 and 2116 in only one unit. Other stamps are in seconds if they have nine
-    decimals, or in the only unit with steps of a sensor; decimals exclude smaller units for steps below 1 only. Day
-    numbers are recognised by their short steps.
+    decimals, or decimals and steps below 1. Whole numbers are in the only unit in which their steps are those of a
+    sensor. Decimals with longer steps do not determine the unit, because smaller units may have decimals, too, unless
+    the layout prescribes seconds. Day numbers are recognised by their short steps.
     `is_seconds`: the layout prescribes seconds.
     """
     numbers = np.array([number_or_nan(text) for text in texts])

@@ -462,7 +462,8 @@ def _right_offset(system: FloatArray, rhs: FloatArray) -> OffsetEstimate:
     """Estimate the offset of right positions by one Gauss-Newton step, with the poses eliminated.
 
     The prior is not used, because it was computed with the earlier correction of the offset. Robust weights shorten the
-    step by up to a third. The remainder is estimated after this step has been corrected.
+    step by up to a third. Later adjustments estimate the remainder, after the online calibration has corrected the
+    right positions by the offset found here.
     """
     poses = system[:-1, :-1]
     coupling = system[-1, :-1]
