@@ -125,8 +125,10 @@ def growth_between(run: ComparedRun, start: int, end: int) -> FloatArray | None:
 
 
 def agreement_at(closures: Sequence[Closure]) -> Agreement:
-    """Return the misclosures as a comparison of two runs; one place suffices, because the distribution of its NEES is
-    known."""
+    """Return the misclosures as a comparison of two runs.
+
+    One place suffices, because the distribution of its NEES is known.
+    """
     errors = np.array([item.error for item in closures])
     squares = np.array([item.square for item in closures if item.square is not None])
     lengths_m = np.zeros((len(closures), 2))
