@@ -130,7 +130,7 @@ docs: $(DOCS_STAMP)  ## Build the documentation site as out/docs/index.html; war
 	$(BIN)/sphinx-build -q -W --keep-going -j auto docs out/docs
 
 docs-check: docs $(DEV_STAMP)  ## Open every page of the site in a browser, at 1280 and 390 px, and search (requires chromium)
-	$(BIN)/python tools/site_check.py
+	PYTHONPATH=test $(BIN)/python tools/site_check.py
 
 figures: $(DOCS_STAMP)  ## Draw the figures of the concept pages again
 	$(BIN)/python docs/_figures/draw.py
