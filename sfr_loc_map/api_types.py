@@ -238,11 +238,12 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         *,
         subject: str = ANY,
         condition: str | Condition | None = ANY,
-        part: str | RowPart | None = ANY,
+        part: str | RowPart | None = score.JUDGED_ROW,
     ) -> float | None:
         """Return one statistic of a figure, None if it is undefined or there is no such row.
 
-        ConfigError for a figure or a statistic that does not exist.
+        ConfigError for a figure or a statistic that does not exist, and for a figure without a judged row if `part` is
+        not given.
         """
         figures = {*KINDS, *(row.figure for row in self.figures)}
         for kind, name, known in (("figure", figure, figures), ("statistic", statistic, RowNumbers.__struct_fields__)):

@@ -160,6 +160,7 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.score(truth, folder, fused=True), "fused applies only to clouds"),
         (lambda: scored.number("positio", "mean"), "no figure 'positio' .did you mean 'position'"),
         (lambda: scored.number("position", "meen"), "no statistic 'meen' .did you mean 'mean'"),
+        (lambda: scored.number("longest_gap"), "has no row without a part: give part=, one of distance, time"),
     ]
     for call, words in calls:
         with pytest.raises((ConfigError, InputError), match=words):
