@@ -580,12 +580,16 @@ def fails(folder: Path, tests: Sequence[str], marks: str) -> bool:
 
 
 def nearest_tests(path: str) -> tuple[str, ...]:
-    """Return the test modules that are named after a module; these run first, because they most likely fail."""
+    """Return the test modules that are named after a module; these run first, because they most likely fail.
+
+    The tests are in the folder of the module below `test`, or in the folder of a package that contains this folder.
+    """
     module = Path(path)
     if module.parts[0] == "methods":
         return OF_METHODS
-    found = sorted((ROOT / "test" / module.parent).glob(f"test_*{module.stem}*.py"))
-    return tuple(str(each.relative_to(ROOT)) for each in found)
+    packages = module.parents[:-1] or module.parents
+    by_folder = (sorted((ROOT / "test" / package).glob(f"test_*{module.stem}*.py")) for package in packages)
+    return tuple(str(each.relative_to(ROOT)) for each in next(filter(None, by_folder), []))
 
 
 def groups_of(path: str) -> list[tuple[str, ...]]:
