@@ -77,11 +77,30 @@ IMAGES = "images, or true poses if the images are unknown"
 MISSING = ("missing_max_share",)
 COVERED = "{covered}"
 OF_TRUTH = "are those of the ground truth, closer than any measurement: give the estimate of the item under test"
-REPEATED_ANSWERS = "{percent} % of the answers belong to pairs that were answered before"
 UNKNOWN_FIGURE = "the fraction of {title} is unknown"
 """Why a scope is incomplete by a figure that is unknown although there are items."""
 UNKNOWN_ITEMS = ShortfallKind(JUDGED, None, "expected items, which are unknown", 1.0, is_limited=False)
 """The shortfall of a scope whose expected items are unknown (`judging.incomplete.unknown_items`)."""
+
+
+def answered_twice(scope: Scope, node: CallKind) -> ShortfallKind:
+    """Return the shortfall that an external node answered pairs several times.
+
+    The first answer to a pair is judged. No figure of the trajectory or the map contains the other answers.
+    """
+    return ShortfallKind(
+        ANSWERED_TWICE,
+        scope,
+        "answers",
+        0.0,
+        "{percent} % of the answers belong to pairs that were answered before",
+        accepted_by=("calls_doubled_max_share",),
+        is_lifted_by_partial=False,
+        is_limited=False,
+        of_node=node,
+    )
+
+
 SHORTFALLS = (
     # ---- drives
     ShortfallKind("missing", Scope.DRIVE, IMAGES, 0.0, COVERED, is_of_expected=True),
@@ -169,17 +188,7 @@ SHORTFALLS = (
     ShortfallKind(
         STANDING, Scope.DRIVE, "sub-trajectories over a time or frames", STANDING_MOST, is_lifted_by_partial=False
     ),
-    ShortfallKind(
-        ANSWERED_TWICE,
-        Scope.DRIVE,
-        "answers",
-        0.0,
-        REPEATED_ANSWERS,
-        accepted_by=("calls_doubled_max_share",),
-        is_lifted_by_partial=False,
-        is_limited=False,
-        of_node=CallKind.LOCALISATION,
-    ),
+    answered_twice(Scope.DRIVE, CallKind.LOCALISATION),
     # ---- maps
     ShortfallKind(
         "pairs_without_cloud",
@@ -210,17 +219,7 @@ SHORTFALLS = (
         accepted_by=("coverage_min",),
         text_of_nothing="no mapping pair has a true pixel in the scored range, so no point was required",
     ),
-    ShortfallKind(
-        ANSWERED_TWICE,
-        Scope.MAP,
-        "answers",
-        0.0,
-        REPEATED_ANSWERS,
-        accepted_by=("calls_doubled_max_share",),
-        is_lifted_by_partial=False,
-        is_limited=False,
-        of_node=CallKind.MAPPING,
-    ),
+    answered_twice(Scope.MAP, CallKind.MAPPING),
     # ---- calls
     ShortfallKind(
         "calls_missing",
