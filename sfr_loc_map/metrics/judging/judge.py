@@ -1,8 +1,8 @@
 """The verdicts of a score, as a pure function of the score.
 
-The function reads the figures, the rules, the findings, the errors of tolerance bounds, the association, the answers of
-an external node, and whether estimate and truth contradict each other. `metrics.stored.score_json` derives the verdicts
-of a file again when the file is read, and refuses a file whose verdicts do not follow from its figures.
+The function reads the figures, the rules, the findings, the errors of tolerance bounds, the association, and whether
+estimate and truth contradict each other. `metrics.stored.score_json` derives the verdicts of a file again when the file
+is read, and refuses a file whose verdicts do not follow from its figures.
 
 Views show the stored verdicts. A report of several scores judges each score by the limits that apply to it, and names
 the other limits (`several_scores.each_by_its_limits`). See docs/metrics.md, "Verdicts".

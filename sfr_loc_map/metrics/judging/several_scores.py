@@ -95,7 +95,8 @@ def is_closed(verdict: Verdict, score: Score, common: Common, open_ids: Collecti
     """Return whether a verdict closes its requirement.
 
     A pass closes a requirement if no fatal finding fails the score, all scores come from one run, and every verdict on
-    the requirement is a pass. `open_ids` are the identifiers of the other requirements (`open_requirements`).
+    the requirement is a pass. `open_ids` are the identifiers of the requirements with other verdicts
+    (`open_requirements`).
     """
     is_of_one_run = not common.text and not common.difference
     is_pass = verdict.state is VerdictState.PASS and not score.fatal_findings
