@@ -358,7 +358,7 @@ MUTATIONS = (
     Mutation(STORE, "if planned.get(left.work, ", "if not planned.get(left.work, "),
     Mutation(JOB, "(self.source, Path(self.path).name if is_fetched else self.path)", "object()"),
     Mutation(JOB, "else self.path), self.source_sha256", "else self.path), object()"),
-    Mutation(STORE, ', *sorted(self.failures.glob("*.json"))', ""),
+    Mutation(STORE, ', *sorted(self.failures.glob("*.json"))):', ",):"),
     Mutation(JOB, "self.fault_seed), self.repeat)", "self.fault_seed))"),
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
     Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),

@@ -1,5 +1,6 @@
-"""The mutations of `make mutants`: the text of each mutation occurs once in its file."""
+"""The mutations of `make mutants`: the text of each mutation occurs once in its file, and the mutated file is valid."""
 
+import ast
 import importlib.util
 import sys
 
@@ -16,4 +17,5 @@ def test_each_mutation_changes_one_place_of_its_file() -> None:
         text = (ROOT / "sfr_loc_map" / mutation.path).read_text(encoding="utf-8")
         if text.count(mutation.text) != 1 or mutation.text == mutation.instead:
             wrong.append(f"{mutation.path}: {mutation.text}")
+        ast.parse(text.replace(mutation.text, mutation.instead), mutation.path)  # every test fails for invalid syntax
     assert not wrong
