@@ -192,6 +192,9 @@ class Localiser:
         localiser = Localiser(warm_up.RIG, warm_up.CONFIG)
         for pair in warm_up.small_drive():
             localiser.process(pair)
+        landmark_map = localiser._state.landmark_map
+        assert landmark_map is not None, "the black pair is kept"
+        warm_up.call_kernels_of_two_motions(landmark_map.followed)
         localiser.reset(Transform.identity())  # waits for the last keyframe
         warm_up.call_kernels_of_large_images()
 

@@ -7,11 +7,15 @@ from typing import Final
 
 import numpy as np
 
+from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.patch import SIDE
 from sfr_loc_map.localisation.frontend.patch_slopes import refine_slopes
+from sfr_loc_map.localisation.ground.cell_motion import image_motion
+from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL, mixture_of
 
 RIG: Final = StereoRig(
     width=320, height=240, fx=300.0, fy=300.0, cx=160.0, cy=120.0, baseline_m=0.1, T_rb_sb=Transform.identity()
@@ -32,6 +36,15 @@ def small_drive() -> Iterator[StereoPair]:
         yield StereoPair(stamp_ns, np.ascontiguousarray(left), np.ascontiguousarray(right))
     black = np.zeros((RIG.height, RIG.width), np.uint8)
     yield StereoPair(len(SHIFTS_PX), black, black.copy())
+
+
+def call_kernels_of_two_motions(landmarks: Landmarks) -> None:
+    """Compare two motions and two exposures of some landmarks, which a drive with one motion does not require."""
+    pose = Pose.of(Transform.identity())
+    camera = RIG.camera
+    image = np.zeros((RIG.height >> MIXTURE_LEVEL, RIG.width >> MIXTURE_LEVEL), np.float32)
+    image_motion(pose, pose, landmarks.estimates, camera)
+    mixture_of(image, landmarks, pose, pose, camera)
 
 
 def call_kernels_of_large_images() -> None:

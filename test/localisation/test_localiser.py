@@ -459,8 +459,9 @@ def test_an_absurd_pose_is_lost_and_not_kept(monkeypatch: pytest.MonkeyPatch, ju
 
 
 FRESH_PROCESS = """
-import importlib, pkgutil
+import ast, importlib, pkgutil
 from dataclasses import replace
+from pathlib import Path
 import cv2
 import numpy as np
 from numba.core.registry import CPUDispatcher
@@ -481,8 +482,17 @@ def signatures():
                 found[f"{item.py_func.__module__}.{name}"] = [str(s) for s in item.signatures]
     return found
 
+def called_by_python():
+    for module in modules:
+        for node in ast.walk(ast.parse(Path(module.__file__).read_text())):
+            if isinstance(node, ast.FunctionDef) and "jit" not in " ".join(map(ast.unparse, node.decorator_list)):
+                used = {each.id for each in ast.walk(node) if isinstance(each, ast.Name)}
+                yield from (vars(module)[name] for name in used if isinstance(vars(module).get(name), CPUDispatcher))
+
 localiser = Localiser(LOC_RIG, LocalisationConfig(), true_pose(0))
 localiser.warm_up()
+cold = {kernel.py_func.__qualname__ for kernel in called_by_python() if not kernel.signatures}
+assert not cold, f"the warm-up does not call {cold}"
 before = signatures()
 compiled = {name.rsplit(".", 1)[-1] for name, forms in before.items() if forms}
 assert compiled >= {"align_patches", "track_patches", "solve_pose", "_linearise"}, compiled
