@@ -58,7 +58,7 @@ def exception_of() -> str:
 
 def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, list[str]]:
     """Return the paths that a method may list, read and write, with the scratch folder and without hidden paths."""
-    code = code_of(method)
+    code = code_of(method.kind, method.adapter, method.target)
     pythons = [method.python, method.python.resolve()]
     prefixes = [Path(sys.prefix), Path(sys.base_prefix), *(path.parent.parent for path in pythons)]
     prefixes = [path for path in prefixes if path != path.parent]  # /bin/python3 does not permit the root

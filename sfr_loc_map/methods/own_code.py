@@ -6,35 +6,24 @@ import hashlib
 from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Protocol
 
-from sfr_loc_map.hashes import hash_path, visible_files
+from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.metrics.table.records import MethodKind
 
 CODE = ("*.py", "*.so", "*.so.*")  #: File patterns of modules and libraries.
 
 
-class Loaded(Protocol):
-    """What states where the code of a method is (`registry.Method`)."""
+def code_of(kind: MethodKind, adapter: str, target: str) -> list[Path]:
+    """Return the files and folders of a method's own code; for a class in a package, only the package or module.
 
-    @property
-    def kind(self) -> MethodKind: ...  # noqa: D102 - see `Method`
-
-    @property
-    def adapter(self) -> str: ...  # noqa: D102
-
-    @property
-    def target(self) -> str: ...  # noqa: D102
-
-
-def code_of(method: Loaded) -> list[Path]:
-    """Return the files and folders of a method's own code; for a class in a package, only the package or module."""
-    code = _code_beside(Path(method.adapter)) if Path(method.adapter).is_absolute() else []
-    if method.kind is MethodKind.LIBRARY:
-        return [*code, *_code_beside(Path(method.target))]
-    if method.kind is not MethodKind.PYTHON:
+    The arguments are the fields of a `registry.Method`.
+    """
+    code = _code_beside(Path(adapter)) if Path(adapter).is_absolute() else []
+    if kind is MethodKind.LIBRARY:
+        return [*code, *_code_beside(Path(target))]
+    if kind is not MethodKind.PYTHON:
         return code
-    place = method.target.rpartition(":")[0]
+    place = target.rpartition(":")[0]
     if place.endswith(".py"):
         return [*code, *_code_beside(Path(place))]
     package = place.partition(".")[0]
@@ -53,20 +42,13 @@ def _code_beside(file: Path) -> list[Path]:
     return [file, *sorted({*modules, *packages} - {file})]
 
 
-def code_sha256(method: Loaded) -> str | None:
+def code_sha256(kind: MethodKind, adapter: str, target: str) -> str | None:
     """Return the hash of a method's own code; None if the code is not known as files.
 
     The hash of a single file is that of its content. Files in SFR_METHOD_FILES, and installed packages that the method
     imports, are not part of the hash.
     """
-    hashes = [hash_code(path) for path in code_of(method) if path.exists()]
+    hashes = [hash_path(path) for path in code_of(kind, adapter, target) if path.exists()]
     if len(hashes) < 2:
         return next(iter(hashes), None)
     return hashlib.sha256("\n".join(hashes).encode()).hexdigest()
-
-
-def hash_code(path: Path) -> str:
-    """Return the hash of a file, or of the files of a folder without compiled Python code."""
-    if path.is_file():
-        return hash_path(path)
-    return hashlib.sha256("\n".join(map(hash_path, visible_files(path))).encode()).hexdigest()

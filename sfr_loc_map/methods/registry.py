@@ -153,7 +153,7 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
 
 def _identified(method: Method) -> Method:
     """Return a method with the hash of its own code."""
-    return replace(method, sha256=code_sha256(method))
+    return replace(method, sha256=code_sha256(method.kind, method.adapter, method.target))
 
 
 def find_peer(peer: Peer, python: Path | None, vocabulary: Path | None = None) -> tuple[Method | None, str]:

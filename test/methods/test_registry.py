@@ -79,17 +79,6 @@ def test_a_peer_is_found_in_its_interpreter(tmp_path: Path, monkeypatch: pytest.
     np.testing.assert_allclose(estimate.T_ds_rb.matrix, expected.matrix, atol=1e-12)
 
 
-def test_the_hash_of_a_method_covers_the_modules_beside_its_file(tmp_path: Path) -> None:
-    """The file of the class is unchanged, and the module that it imports is not."""
-    spec = f"{tmp_path / 'item.py'}:Mine"
-    (tmp_path / "item.py").write_text("from core import Mine\n")
-    found = []
-    for number in range(2):
-        (tmp_path / "core.py").write_text(f"class Mine:\n    version = '{number}'\n")
-        found.append(find_method(spec, Task.LOCALISATION).sha256)
-    assert found[0] != found[1]
-
-
 def test_a_method_receives_no_variables_that_only_its_supplier_knows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,7 +12,7 @@ from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import LIBRARY_PREFIX, Method, find_method
-from sfr_loc_map.suite.running.digests import cached, method_hash
+from sfr_loc_map.suite.running.digests import cached
 from sfr_loc_map.suite_names import OURS, Task
 
 SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = {
@@ -88,7 +88,7 @@ def _mask(name: str, path: Path, origin: str) -> dict[str, object]:
 
 
 def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str, object]:
-    """Return the fields of a method for a job: absolute path, text of the configuration, and hash of the file."""
+    """Return the fields of a method for a job: absolute path, text of the configuration, and hash of the own code."""
     spec, text = str(values[METHOD]), ""
     place, _, name = spec.rpartition(":")
     if spec.startswith(LIBRARY_PREFIX):
@@ -101,7 +101,8 @@ def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str,
             text = read_text(path)
     if spec == OURS:
         return {}
-    return dict(zip(METHOD_KEYS, (spec, text, method_hash(spec, task, text)), strict=True))
+    sha256 = find_method(spec, task, text).sha256 or ""  # empty for a built-in method
+    return dict(zip(METHOD_KEYS, (spec, text, sha256), strict=True))
 
 
 def chosen_method(section: Mapping[str, object], task: Task) -> Method | None:

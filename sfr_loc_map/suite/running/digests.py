@@ -1,4 +1,4 @@
-"""Digests of code, methods and data, which name results."""
+"""Digests of code and data, which name results."""
 
 from __future__ import annotations
 
@@ -18,11 +18,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.hashes import hash_path, visible_files
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_settings import config_beside
-from sfr_loc_map.methods.own_code import code_of, hash_code
-from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.suite.running.job import digest
-from sfr_loc_map.suite_names import Task
 
 T = TypeVar("T")
 PACKAGE = Path(__file__).parents[2]
@@ -82,17 +79,6 @@ def hash_package(root: Path) -> str:
 def code_fingerprint() -> str:
     """Return a hash of the code and of the versions of the libraries that can change a figure."""
     return digest(code_facts())[:16]
-
-
-def method_hash(spec: str, task: Task, config: str) -> str:
-    """Return the hash of the code of a method that isolation permits (`code_of`); empty for a built-in method.
-
-    Files in SFR_METHOD_FILES, and installed packages that the method imports, are not part of the hash.
-    """
-    hashes = [cached(path, hash_code) for path in code_of(find_method(spec, task, config)) if path.exists()]
-    if not hashes:
-        return ""
-    return hashes[0] if len(hashes) == 1 else digest(hashes)
 
 
 def estimate_hash(estimate: Path, truth: Path) -> str:

@@ -1,4 +1,4 @@
-"""Digests of code, method and data: each differs when its files do, and files are read again only when they change."""
+"""Digests of code and data: each differs when its files do, and files are read again only when they change."""
 
 from __future__ import annotations
 
@@ -8,20 +8,15 @@ from pathlib import Path
 import pytest
 
 from sfr_loc_map.suite.running import digests
-from sfr_loc_map.suite_names import Task
 
 
-def test_methods_and_data_that_differ_have_other_digests(tmp_path: Path) -> None:
-    drive, code = tmp_path / "drive", tmp_path / "mine.py"
-    drive.mkdir()
+def test_data_that_differ_have_other_digests(tmp_path: Path) -> None:
     found = []
     for text in ("left", "LEFT", "left"):
-        (drive / "left.png").write_text(text)
-        code.write_text(f"class Mine: pass  # {text}")
-        found.append((digests.files_hash(drive), digests.method_hash(f"{code}:Mine", Task.LOCALISATION, "")))
+        (tmp_path / "left.png").write_text(text)
+        found.append(digests.files_hash(tmp_path))
     assert found[0] == found[2]
-    assert found[0][0] != found[1][0]
-    assert found[0][1] != found[1][1]
+    assert found[0] != found[1]
 
 
 def test_the_files_of_a_linked_folder_are_data_of_the_source(tmp_path: Path) -> None:
@@ -37,34 +32,6 @@ def test_the_files_of_a_linked_folder_are_data_of_the_source(tmp_path: Path) -> 
         found.append((digests.files_hash(drive), digests.file_state(drive)))
     assert found[0][0] != found[1][0]
     assert found[0][1] != found[1][1]
-
-
-def test_a_package_of_the_working_directory_has_another_digest_after_a_change(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    package = tmp_path / "candidate_of_the_folder"
-    package.mkdir()
-    found = []
-    for text in ("first", "other"):
-        (package / "__init__.py").write_text(f"class Mine: pass  # {text}")
-        found.append(digests.method_hash("candidate_of_the_folder:Mine", Task.LOCALISATION, ""))
-    assert found[0] != found[1]
-
-
-@pytest.mark.parametrize("beside", ["helper.py", "tools/__init__.py", "libfast.so"])
-def test_a_method_has_another_digest_after_a_change_of_the_code_beside_its_file(beside: str, tmp_path: Path) -> None:
-    """The method may import this code: isolation permits the modules, packages and libraries in its folder."""
-    (tmp_path / "mine.py").write_text("class Mine: pass")
-    (tmp_path / "notes.txt").write_text("first")
-    (tmp_path / beside).parent.mkdir(exist_ok=True)
-    found = []
-    for text in ("first", "other"):
-        (tmp_path / beside).write_text(text)
-        found.append(digests.method_hash(f"{tmp_path / 'mine.py'}:Mine", Task.LOCALISATION, ""))
-    assert found[0] != found[1]
-    (tmp_path / "notes.txt").write_text("other")
-    assert digests.method_hash(f"{tmp_path / 'mine.py'}:Mine", Task.LOCALISATION, "") == found[1]
 
 
 def test_calls_are_data_of_their_estimate(tmp_path: Path) -> None:
