@@ -34,7 +34,7 @@ from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.group_verdicts import GroupVerdict, verdicts_over
 from sfr_loc_map.suite.statistics.pooling import AXES, DriveScore, axis_row, pool
 
-NUMBER = re.compile(r"\d+(\.\d+)?(e[+-]?\d+)?")
+NUMBER = re.compile(r"\d+(\.\d+)?(e[+-]?\d+)?")  #: A number in a sentence.
 SCHEMA = "sfr-suite/1"  #: Other programs read this version: its keys are fixed.
 
 
@@ -151,6 +151,7 @@ class Summary:
     planned_groups: tuple[GroupKey, ...] = ()  #: Groups of all planned jobs, also groups without a result.
     copies: tuple[tuple[str, ...], ...] = ()  #: Names of the sources that are copies, for each drive with copies.
     replaced_truths: tuple[ReplacedTruth, ...] = ()
+    deviations: tuple[CommonDeviation, ...] = ()
 
     @property
     def counts(self) -> JobCounts:
@@ -170,20 +171,6 @@ class Summary:
     def on_limits(self) -> list[GroupVerdict]:
         """The verdicts on limits. Verdicts on findings, contradictions and missing results have no figure."""
         return [item for group in self.groups for item in group.verdicts if item.figure is not None]
-
-    @property
-    def deviations(self) -> tuple[CommonDeviation, ...]:
-        """The deviations of all results. Sentences that differ only in numbers are one deviation."""
-        found: dict[str, CommonDeviation] = {}
-        for result in self.results:
-            sentences = {NUMBER.sub("0", text): text for text in deviations_of(result.score)}
-            for kind, text in sentences.items():
-                item = CommonDeviation(text=text, results=1, of=result.job.label)
-                if (known := found.get(kind)) is not None:
-                    largest = max(known, item, key=lambda each: largest_number(each.text))
-                    item = msgspec.structs.replace(largest, results=known.results + 1)
-                found[kind] = item
-        return tuple(found.values())
 
     @property
     def is_decided(self) -> bool:
@@ -212,11 +199,6 @@ class Summary:
         parts = {name: to_plain(getattr(self, name)) for name in named}
         head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": to_plain(self.counts)}
         return {**head, **self.run, **parts, "drives": [result.to_dict() for result in self.results]}
-
-
-def largest_number(text: str) -> float:
-    """Return the largest number in a text, 0 without one."""
-    return max((float(match[0]) for match in NUMBER.finditer(text)), default=0.0)
 
 
 def are_decided(groups: Sequence[Group], planned: Collection[GroupKey]) -> bool:
@@ -289,6 +271,7 @@ def summarise(store: Store) -> Summary:
         planned_groups=planned_groups_of(jobs),
         copies=tuple(copies_in(jobs)),
         replaced_truths=replaced_truths_in(results),
+        deviations=common_deviations(results),
     )
 
 
@@ -310,6 +293,25 @@ def replaced_truths_in(results: Sequence[ScoredJob]) -> tuple[ReplacedTruth, ...
         if file is not None:
             found[ReplacedTruth(result.job.source.name, file.path)] = None
     return tuple(found)
+
+
+def common_deviations(results: Sequence[ScoredJob]) -> tuple[CommonDeviation, ...]:
+    """Return the deviations of all results. Sentences that differ only in numbers are one deviation."""
+    found: dict[str, CommonDeviation] = {}
+    for result in results:
+        sentences = {NUMBER.sub("0", text): text for text in deviations_of(result.score)}
+        for kind, text in sentences.items():
+            item = CommonDeviation(text=text, results=1, of=result.job.label)
+            if (known := found.get(kind)) is not None:
+                largest = max(known, item, key=lambda each: largest_number(each.text))
+                item = msgspec.structs.replace(largest, results=known.results + 1)
+            found[kind] = item
+    return tuple(found.values())
+
+
+def largest_number(text: str) -> float:
+    """Return the largest number in a text, 0 without one."""
+    return max((float(match[0]) for match in NUMBER.finditer(text)), default=0.0)
 
 
 def budgets_of(results: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator[Budget]:
