@@ -79,8 +79,7 @@ class RosFeed(Peer):
         self._state = state
         self._space = namespace.strip("/")
         self._subscriptions: dict[updates.MediaKind, list[Subscription]] = {}
-        self._image_topics: dict[str, str] = {}  # subscribed topic of each image name
-        self._image_subscriptions: dict[str, Subscription] = {}  # to these topics, by image name
+        self._images_of: dict[str, Subscription] = {}  # subscription to the images of each camera
         self._depths: dict[str, SampleDepth] = {}
         self._next_images: dict[str, float] = {}  # time of the next pair of each rig
         self._shown: dict[str, tuple[str, int]] = {}  # camera and stamp of the first image of each rig's last pair
@@ -139,11 +138,12 @@ class RosFeed(Peer):
         for media in wanted - self._subscriptions.keys():
             self._subscriptions[media] = self._subscribe_to(media)
         for media in self._subscriptions.keys() - wanted:
-            for subscription in self._subscriptions.pop(media):
-                self.ros_node.destroy_subscription(subscription)
+            ended = self._subscriptions.pop(media)
             if media is updates.MediaKind.IMAGES:
-                self._image_topics.clear()
-                self._image_subscriptions.clear()
+                ended += self._images_of.values()
+                self._images_of.clear()
+            for subscription in ended:
+                self.ros_node.destroy_subscription(subscription)
         if updates.MediaKind.IMAGES in wanted:
             for name in CAMERAS:
                 self._find_image_topic(name)
@@ -164,24 +164,21 @@ class RosFeed(Peer):
 
         A topic without a publisher is given up once another topic of the image has one.
         """
-        chosen = self._image_topics.get(name)
-        if chosen is not None and self.ros_node.count_publishers(chosen) > 0:
+        former = self._images_of.get(name)
+        if former is not None and self.ros_node.count_publishers(former.topic_name) > 0:
             return
         for ending, msgtype in IMAGES.items():
             topic = f"{name}/{ending}"
             if self._has_publisher(topic):
                 kind = messages.message_type(msgtype)
                 received = partial(self._on_image, name, kind)
-                subscriptions = self._subscriptions[updates.MediaKind.IMAGES]
-                if (former := self._image_subscriptions.pop(name, None)) is not None:
-                    subscriptions.remove(former)
+                if former is not None:
                     self.ros_node.destroy_subscription(former)
-                self._image_subscriptions[name] = self._receive(kind, topic, received, IMAGE_QOS)
-                subscriptions.append(self._image_subscriptions[name])
-                self._image_topics[name] = full_name = self.ros_node.resolve_topic_name(topic)
-                self._state.put(updates.ImageProblem(name, f"{full_name} has a publisher; no image has arrived yet"))
+                self._images_of[name] = self._receive(kind, topic, received, IMAGE_QOS)
+                reason = f"{self._images_of[name].topic_name} has a publisher; no image has arrived yet"
+                self._state.put(updates.ImageProblem(name, reason))
                 return
-        if chosen is not None:
+        if former is not None:
             return
         topics = ", ".join(self.ros_node.resolve_topic_name(f"{name}/{ending}") for ending in IMAGES)
         reason = f"no publisher of {topics}; set another name by sfr live -r {name}/{RECTIFIED}:=TOPIC"
@@ -257,7 +254,7 @@ class RosFeed(Peer):
             depth = self._depths.setdefault(rig, SampleDepth(lambda _: None, rig))
             (image,) = depth.grey(samples_of(deserialize_message(raw, kind)))
         except SfrError as error:
-            reason = f"{self._image_topics.get(name, name)} cannot be shown: {error}"
+            reason = f"{self._images_of[name].topic_name} cannot be shown: {error}"
             self._state.put(updates.ImageProblem(name, reason))
             return
         self._images.add_image(name, stamp_ns, image, published_s)

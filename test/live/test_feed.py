@@ -68,15 +68,16 @@ def test_both_images_of_a_pair_are_shown_if_their_stamps_differ_within_the_toler
 def test_a_camera_that_changes_to_another_transport_is_followed(own_domain: None) -> None:
     state = LiveState()
     state.displayed.show("test", frozenset({MediaKind.IMAGES}))
-    with RosFeed(state) as feed:
+    with RosFeed(state):
         for topic in ("/loc/left/image_rect", "/loc/left/image_rect/compressed"):
             node = rclpy.create_node("camera")
             kind = CompressedImage if topic.endswith("compressed") else Image
             node.create_publisher(kind, topic, QoSProfile(depth=1))
             deadline = time.monotonic() + 30.0
-            while feed._image_topics.get("loc/left") != topic and time.monotonic() < deadline:
+            awaited = f"{topic} has a publisher"
+            while awaited not in state.image_problems.get("loc/left", "") and time.monotonic() < deadline:
                 time.sleep(0.1)
-            assert feed._image_topics.get("loc/left") == topic
+            assert awaited in state.image_problems["loc/left"]
             node.destroy_node()
 
 
