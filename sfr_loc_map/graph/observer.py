@@ -62,7 +62,6 @@ class GraphObserver(Peer):
         self._namespace = ""  # of the observed nodes, found by `observe`
         self._stamps: dict[str, list[int]] = {}
         self._messages = defaultdict[str, list[Any]](list)
-        self._lost: dict[str, int] = {}  # lost messages by topic, after the observation
         self._frames = FrameTree()
         self._worked: set[str] = set()
 
@@ -91,7 +90,7 @@ class GraphObserver(Peer):
         self.spin(FIRST_MESSAGE_S, all_received)
         self.count_losses()
         self.spin(seconds)
-        self._lost = self.count_losses()
+        lost = self.count_losses()
         nodes = tuple(self._ask(name, space) for name, space in self._suite_nodes() if space == "/" + self._namespace)
         in_tf = self._frames.find(RB_FRAME, LOCSB_FRAME) is not None
         is_played = PLAYER_NODE in self.ros_node.get_node_names()
@@ -99,7 +98,10 @@ class GraphObserver(Peer):
             f"the graph of ROS domain {environment.domain()}",
             SourceKind.GRAPH,
             prefix=self._full_name(""),
-            topics={name: self._topic(name, full_name, types[full_name]) for name, full_name in topics.items()},
+            topics={
+                name: self._topic(name, full_name, types[full_name], lost.get(full_name, 0))
+                for name, full_name in topics.items()
+            },
             others={name: tuple(of_topic) for name, of_topic in types.items()},
             stamp_tolerance_ns=config.sync.stamp_tolerance_ns,
             extrinsics_given=config.extrinsics.transform() is not None,
@@ -155,14 +157,14 @@ class GraphObserver(Peer):
         """Record that a node has processed input: its last call is latched."""
         self._worked.add(node)
 
-    def _topic(self, name: str, full_name: str, types: list[str]) -> ObservedTopic:
+    def _topic(self, name: str, full_name: str, types: list[str], lost: int) -> ObservedTopic:
         requests = {
             node_of(info): reliability_of(info)
             for info in self.ros_node.get_subscriptions_info_by_topic(full_name)
             if info.node_name in SUITE_NODES
         }
         publishers, messages = publishers_of(self.ros_node, full_name), tuple(self._messages[name])
-        stamps_ns, lost = np.array(self._stamps.get(name, []), np.int64), self._lost.get(full_name, 0)
+        stamps_ns = np.array(self._stamps.get(name, []), np.int64)
         return ObservedTopic(full_name, tuple(types), publishers, stamps_ns, messages, requests, lost)
 
     def _ask(self, name: str, space: str) -> ObservedNode:

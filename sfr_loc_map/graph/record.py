@@ -70,13 +70,12 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
         raise NodeError(f"no message was received in ROS domain {domain}: {reason}sfr doctor examines the graph")
     for text in silences:
         say(text)
-    return recorder.counts
+    return recorder.message_counts
 
 
 class _Recorder(Peer):
     def __init__(self, options: RecordOptions, say: Callable[[str], None]) -> None:
         super().__init__(f"sfr_record_{os.getpid()}")
-        self.counts: dict[str, TransportGaps] = {}
         self._options, self._say = options, say
         space = options.namespace.strip("/")
         prefix = f"/{space}/" if space else "/"
@@ -101,7 +100,7 @@ class _Recorder(Peer):
     def silences(self) -> list[str]:
         """Return, for each recorded topic without messages, why none was received."""
         found = []
-        for name, gaps in self.counts.items():
+        for name, gaps in self.message_counts.items():
             if not gaps.count:
                 silence = silence_of(name, self._types[name], publishers_of(self.ros_node, name))
                 found.append(f"no message of {name}: {silence.text}; {silence.fix}")
@@ -119,7 +118,7 @@ class _Recorder(Peer):
             definition, digest = TYPESTORE.generate_msgdef(msgtype, ros_version=2)[0], TYPESTORE.hash_rihs01(msgtype)
         topic = bag.add_topic(name, msgtype, definition, digest, [_offered_qos(info) for info in infos])
         self._types[name] = (msgtype,)
-        self.counts[name] = gaps = self.count_messages(name)
+        gaps = self.count_messages(name)
 
         def received(raw: bytes, info: dict[str, Any]) -> None:
             bag.write(topic, time.time_ns(), raw)

@@ -53,7 +53,7 @@ class Peer:
         )
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.ros_node)
-        self._gaps: dict[str, TransportGaps] = {}
+        self.message_counts: dict[str, TransportGaps] = {}  # by topic, filled by `count_messages`
 
     def __enter__(self) -> Self:
         return self
@@ -71,7 +71,7 @@ class Peer:
 
     def count_messages(self, topic: str) -> TransportGaps:
         """Return the counter of the messages of a topic, to which a new subscription adds its message infos."""
-        gaps = self._gaps.setdefault(topic, TransportGaps())
+        gaps = self.message_counts.setdefault(topic, TransportGaps())
         gaps.begin_subscription()
         return gaps
 
@@ -80,9 +80,9 @@ class Peer:
 
         This method is called repeatedly, because a publisher may appear or leave at any time.
         """
-        for topic, gaps in self._gaps.items():
+        for topic, gaps in self.message_counts.items():
             gaps.set_several(self.ros_node.count_publishers(self.ros_node.resolve_topic_name(topic)) > 1)
-        return {topic: gaps.lost for topic, gaps in self._gaps.items()}
+        return {topic: gaps.lost for topic, gaps in self.message_counts.items()}
 
     def subscribe(
         self,
