@@ -46,6 +46,21 @@ def nearest_stamps(stamps: NDArray[np.int64], among: NDArray[np.int64]) -> tuple
     return np.where(to_before <= to_after, before, after), np.minimum(to_before, to_after)
 
 
+class StampGaps:
+    """The last stamp of a stream, and the last gaps between its increasing stamps, ns."""
+
+    def __init__(self) -> None:
+        """Start without stamps."""
+        self.latest_ns: int | None = None
+        self.recent_ns: deque[int] = deque(maxlen=PERIODS)
+
+    def add(self, stamp_ns: int) -> None:
+        """Add a stamp."""
+        if self.latest_ns is not None and stamp_ns > self.latest_ns:
+            self.recent_ns.append(stamp_ns - self.latest_ns)
+        self.latest_ns = stamp_ns
+
+
 class StampPairing(Generic[T]):
     """Pairs the items of two streams by their stamps, with bounded memory.
 
@@ -61,9 +76,8 @@ class StampPairing(Generic[T]):
         self._tolerance_ns = tolerance_ns
         self._depth = depth
         self._waiting: tuple[deque[tuple[int, int, T]], ...] = (deque(), deque())  # stamp, number of returns, item
-        self._latest_ns: list[int | None] = [None, None]
+        self._gaps = (StampGaps(), StampGaps())
         self._returns = [0, 0]  # how often each stream has returned to an earlier stamp
-        self._gaps_ns: tuple[deque[int], ...] = (deque(maxlen=PERIODS), deque(maxlen=PERIODS))
         self.unpaired = 0
         self.overflowed = 0
 
@@ -81,20 +95,19 @@ class StampPairing(Generic[T]):
         """Remove the waiting items without counting them as dropped."""
         for queue in self._waiting:
             queue.clear()
-        self._latest_ns = [None, None]
+        for gaps in self._gaps:
+            gaps.latest_ns = None
         self._returns = [0, 0]
 
     def _partner_of(self, side: int, stamp_ns: int, item: T) -> T | None:
         """Return the partner of a new item, side 0 for left and 1 for right; None if the item has to wait."""
-        latest = self._latest_ns[side]
+        latest = self._gaps[side].latest_ns
         self._returns[side] += latest is not None and stamp_ns < latest
-        if latest is not None and stamp_ns > latest:
-            self._gaps_ns[side].append(stamp_ns - latest)
-        self._latest_ns[side] = stamp_ns
+        self._gaps[side].add(stamp_ns)
         own = self._waiting[side]
         other = self._waiting[1 - side]
         best = min(range(len(other)), key=lambda i: abs(other[i][0] - stamp_ns), default=None)
-        if best is None or abs(other[best][0] - stamp_ns) > below_half_period(self._tolerance_ns, *self._gaps_ns):
+        if best is None or abs(other[best][0] - stamp_ns) > self._largest_difference_ns():
             own.append((stamp_ns, self._returns[side], item))
             if len(own) > self._depth:
                 own.popleft()
@@ -110,10 +123,14 @@ class StampPairing(Generic[T]):
         self.unpaired += best
         return partner
 
+    def _largest_difference_ns(self) -> int:
+        """Return the tolerance, limited to less than half of the shorter period."""
+        return below_half_period(self._tolerance_ns, *(gaps.recent_ns for gaps in self._gaps))
+
     def _drop_hopeless(self) -> None:
         """Drop items whose partner can no longer arrive, because the other stream has passed their stamp."""
         for side, queue in enumerate(self._waiting):
-            latest = self._latest_ns[1 - side]
+            latest = self._gaps[1 - side].latest_ns
             returns = self._returns[1 - side]
             if latest is None:
                 continue

@@ -3,32 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.stamp_pairing import PERIODS, below_half_period
+from sfr_loc_map.stamp_pairing import StampGaps, below_half_period
 
 T = TypeVar("T")
 MAX_POSES = 1000  #: Number of poses kept for later pairs: 100 s at 10 Hz. The oldest pose is dropped first.
 MAX_WAITING = 2 * MAX_PAIRS  #: Maximum number of pairs that wait for their poses: the pairs of two maps.
-
-
-class StampGaps:
-    """The last gaps between the increasing stamps of a stream."""
-
-    def __init__(self) -> None:
-        """Start without stamps."""
-        self.recent_ns: deque[int] = deque(maxlen=PERIODS)
-        self._latest_ns: int | None = None
-
-    def add(self, stamp_ns: int) -> None:
-        """Add a stamp."""
-        if self._latest_ns is not None and stamp_ns > self._latest_ns:
-            self.recent_ns.append(stamp_ns - self._latest_ns)
-        self._latest_ns = stamp_ns
 
 
 class PoseMatching(Generic[T]):
