@@ -99,17 +99,19 @@ def shared_data() -> Path:
 
 
 @pytest.fixture
-def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     """A ROS domain of the test's own, whose nodes write their logs below its folder."""
-    from helpers.ros_domain import free_domain
     from sfr_loc_map.ros import environment
+    from sfr_loc_map.ros.domains import hold_domain
 
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(free_domain()))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
     for name in environment.PROFILE_VARIABLES:
         monkeypatch.setenv(name, str(environment.PROFILE))
     monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)
+    with hold_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain.number))
+        yield
 
 
 @pytest.fixture(autouse=True)

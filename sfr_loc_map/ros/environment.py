@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shlex
 import sys
-import tempfile
 from collections.abc import MutableMapping, Sequence
-from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from sfr_loc_map.errors import NodeError
+from sfr_loc_map.ros.domains import HeldDomain, hold_domain
 
 PROFILE = Path(__file__).with_name("profiles") / "fastdds_shm.xml"
 """Fast DDS profile with a shared-memory segment large enough for images and clouds."""
@@ -20,8 +18,7 @@ PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES
 """Environment variables from which Fast DDS 2 (ROS 2 Jazzy) and Fast DDS 3 read their profile."""
 EXPORT_LINE = f"export {' '.join(f'{name}={shlex.quote(str(PROFILE))}' for name in PROFILE_VARIABLES)}"
 """Command that selects the profile in the shell of a camera driver."""
-DOMAINS = 101  #: Highest domain chosen: the ports of domains 1 to 101 are below the ephemeral range.
-_locks: list[IO[str]] = []  # locked files of the domains that this process has chosen
+_held: list[HeldDomain] = []  # domains that this process has chosen, which it holds until its end
 
 
 def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
@@ -48,31 +45,12 @@ def see_whole_graph(environment: MutableMapping[str, str] = os.environ) -> None:
 
 
 def isolate(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Choose a domain and restrict discovery to this host, unless the user has set them."""
+    """Choose a domain of this process and restrict discovery to this host, unless the user has set them."""
     if not environment.get("ROS_DOMAIN_ID"):
-        environment["ROS_DOMAIN_ID"] = str(_unused_domain())
+        _held.append(hold_domain())
+        environment["ROS_DOMAIN_ID"] = str(_held[-1].number)
     if not environment.get("ROS_LOCALHOST_ONLY"):
         environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-
-
-def _unused_domain() -> int:
-    """Return a domain that no other process on this host has chosen, and keep it until this process ends.
-
-    If all domains are in use, the domain of the process id is returned.
-    """
-    by_process = os.getpid() % DOMAINS
-    for number in range(DOMAINS):
-        domain = 1 + (by_process + number) % DOMAINS
-        with suppress(OSError):  # another process has locked the domain
-            lock = Path(tempfile.gettempdir(), f"sfr_ros_domain_{domain}.lock").open("a")  # noqa: SIM115 - kept open
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                lock.close()
-                raise
-            _locks.append(lock)
-            return domain
-    return 1 + by_process
 
 
 def start_ros(arguments: Sequence[str] = (), *, signals: bool = False) -> None:

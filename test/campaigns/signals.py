@@ -25,6 +25,7 @@ from helpers.made_scene import write_folder
 from helpers.processes import handles_signals
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.ros.domains import hold_domain
 
 MARK = "SFR_SIGNAL_RUN"
 PATIENCE_S = 90.0
@@ -117,7 +118,14 @@ def segments(pids: list[int]) -> set[Path]:
 
 
 def end_at_random(name: str, source: Path, scratch: Path, rng: random.Random, within_s: float | None = None) -> Ending:
-    """Run a command, send a signal at a random time, and check what remains."""
+    """Run a command in a ROS domain of its own, send a signal at a random time, and check what remains."""
+    with hold_domain() as domain:
+        return _end_at_random(name, source, scratch, rng, within_s, domain.number)
+
+
+def _end_at_random(
+    name: str, source: Path, scratch: Path, rng: random.Random, within_s: float | None, domain: int
+) -> Ending:
     command, mark = COMMANDS[name], uuid.uuid4().hex
     scratch.mkdir()
     shutil.copytree(source, scratch / "old")
@@ -126,7 +134,7 @@ def end_at_random(name: str, source: Path, scratch: Path, rng: random.Random, wi
         shutil.copytree(source.with_suffix(".mcap"), scratch / "old.mcap")
     words = [str(source) if word == "SRC" else word for word in command.words.split()]
     number, twice, after_s = rng.choice(KINDS), rng.random() < 0.5, rng.uniform(0.0, within_s or command.seconds)
-    variables = os.environ | {MARK: mark, "ROS_DOMAIN_ID": str(rng.randint(60, 99))}
+    variables = os.environ | {MARK: mark, "ROS_DOMAIN_ID": str(domain)}
     log = scratch / "log"
     with log.open("wb") as stream:
         process = subprocess.Popen(

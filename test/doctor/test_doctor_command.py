@@ -189,21 +189,24 @@ GRAPHS = {
 def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
     """Return report, exit code and text of the doctor for rovers in a ROS domain each."""
     pytest.importorskip("rclpy")
-    from helpers.ros_domain import free_domain
     from sfr_loc_map.ros import environment
+    from sfr_loc_map.ros.domains import hold_domain
 
     folder = tmp_path_factory.mktemp("rovers")
     mount = folder / "mount.yaml"
     mount.write_text("/**/localisation_node:\n  ros__parameters:\n    T_rb_locsb.quat_xyzw: [0.0, 0.0, 0.0, 1.0]\n")
     variables: dict[str, dict[str, str]] = {}
-    for what in GRAPHS:
+    domains = {what: hold_domain() for what in GRAPHS}
+    for what, domain in domains.items():
         variables[what] = {
-            "ROS_DOMAIN_ID": str(free_domain()),
+            "ROS_DOMAIN_ID": str(domain.number),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "ROS_LOG_DIR": str(folder),
         }
         environment.prepare(variables[what])
     with ExitStack() as stack:
+        for domain in domains.values():
+            stack.enter_context(domain)
 
         def start(name: str, what: str, *command: str) -> Process:
             return stack.enter_context(Process(folder / f"{name}.log", *command, environment=variables[what]))

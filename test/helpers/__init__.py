@@ -18,7 +18,7 @@ Trajectories and scores
 Processes
     cli_result: commands in the process of the test. processes: commands and nodes as processes. compile_c: libraries.
     peer: a node that publishes and receives. manager: a peer that manages one node in the process of the test.
-    ros_domain, dds_client, rover_process: ROS domains, and other participants in them.
+    dds_client, rover_process: other participants of a ROS domain.
     misbehaving_class, misbehaving_node, misbehaving_jobs, faulty_external_node: methods, nodes and jobs that fail.
     faulty_candidate.c, slow_clock.c, repaid_clock.c: a library under test, and two libraries that slow the clock.
 Live page

@@ -1,6 +1,14 @@
 """Environment variables of a process with a ROS node; variables of the user are kept."""
 
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from sfr_loc_map.errors import NodeError
 from sfr_loc_map.ros import environment
+from sfr_loc_map.ros.domains import DOMAINS, hold_domain
 
 
 def test_what_the_user_chose_stays() -> None:
@@ -10,15 +18,22 @@ def test_what_the_user_chose_stays() -> None:
     fresh: dict[str, str] = {}
     environment.isolate(fresh)
     assert fresh["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-    assert 1 <= int(fresh["ROS_DOMAIN_ID"]) <= environment.DOMAINS
+    assert int(fresh["ROS_DOMAIN_ID"]) in DOMAINS
 
 
-def test_two_choices_are_two_domains() -> None:
-    """Replays whose process ids differ by a multiple of the number of domains must not meet."""
-    chosen: list[dict[str, str]] = [{}, {}]
-    for variables in chosen:
-        environment.isolate(variables)
-    assert chosen[0]["ROS_DOMAIN_ID"] != chosen[1]["ROS_DOMAIN_ID"]
+def test_no_two_programs_choose_one_domain() -> None:
+    """A domain is refused in every process while it is held or has a participant, and is free again afterwards."""
+    with hold_domain() as domain:
+        number = domain.number
+        code = f"from sfr_loc_map.ros.domains import hold_domain; hold_domain([{number}])"
+        other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        assert f"NodeError: all ROS domains from {number} to {number} are in use" in other.stderr
+    with hold_domain([number]):
+        pass
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        participant.bind(("127.0.0.1", 7400 + 250 * number + 12))
+        with pytest.raises(NodeError, match="set ROS_DOMAIN_ID"):
+            hold_domain([number])
 
 
 def test_fast_dds_of_both_versions_gets_the_same_profile() -> None:

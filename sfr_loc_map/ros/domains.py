@@ -1,0 +1,82 @@
+"""ROS domains of this host, each of which one program holds, so that no two programs choose the same one.
+
+A domain is held by a UDP port of it that no participant uses. The operating system gives a port to one program at a
+time and takes it back when the program ends, however it ends. Ports are those of RTPS (OMG DDSI-RTPS 2.5, 9.6.2.3):
+7400 + 250 domain, and from there 10 + 2 i for participant i.
+"""
+
+from __future__ import annotations
+
+import random
+import socket
+from collections.abc import Iterable
+
+from sfr_loc_map.errors import NodeError
+
+DOMAINS = range(1, 102)
+"""Domains that are chosen. Domain 0 is the default of ROS, and the ports of higher ones are in the ephemeral range."""
+HELD_PORT = 249  #: Port that holds a domain, from the first port of the domain. No host has 120 participants.
+PROBED_PARTICIPANTS = 10
+"""Number of participants whose ports are probed. The first of a domain may have ended while others run."""
+
+
+class HeldDomain:
+    """A ROS domain that this process holds until `release` or its end; a context manager."""
+
+    def __init__(self, number: int, lock: socket.socket) -> None:
+        """Take the bound socket that holds the domain."""
+        self.number = number
+        self._lock = lock
+
+    def __enter__(self) -> HeldDomain:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Let other programs choose the domain."""
+        self._lock.close()
+
+
+def hold_domain(candidates: Iterable[int] = DOMAINS) -> HeldDomain:
+    """Return a domain that no program holds and in which no participant of this host is found.
+
+    Participants of programs that hold no domain are found by their ports, because a user may have chosen their domain.
+    NodeError if there is no such domain.
+    """
+    shuffled = list(candidates)
+    random.SystemRandom().shuffle(shuffled)  # so that the domain of a killed process is rarely the next one
+    for number in shuffled:
+        first_port = 7400 + 250 * number
+        lock = _bound(first_port + HELD_PORT)
+        if lock is None:
+            continue
+        if not _has_participants(first_port):
+            return HeldDomain(number, lock)
+        lock.close()
+    raise NodeError(
+        f"all ROS domains from {min(shuffled)} to {max(shuffled)} are in use on this host: end a program that uses "
+        "one, or set ROS_DOMAIN_ID"
+    )
+
+
+def _has_participants(first_port: int) -> bool:
+    """Return whether a participant uses one of the first ports of a domain."""
+    for index in range(PROBED_PARTICIPANTS):
+        probe = _bound(first_port + 10 + 2 * index)
+        if probe is None:
+            return True
+        probe.close()
+    return False
+
+
+def _bound(port: int) -> socket.socket | None:
+    """Return a socket that is bound to a UDP port of this host; None if the port is in use."""
+    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        found.bind(("", port))
+    except OSError:
+        found.close()
+        return None
+    return found
