@@ -1,22 +1,21 @@
 """Replay a source through the running nodes.
 
-    source, options ──► scored_replay ──► session: arguments_by_node ──► processes of the nodes
-                                             │                              ▲ messages    │ results
-                                             │           player ────────────┘             ▼
-                                             │           (lock step: waits for) ◄── collector, external ──► answer_book
-                                             ▼                                            │
-                    score, files ◄── result ◄── received ◄────────────────────────────────┘
+    source, options ──► session.replay ──► Replayed: result, error ──► external_poses ──► files ──► score ──► Score
 
-`scored_replay` replays, saves and scores; the steps of a replay are in `session`:
+    in session.replay:
+    arguments_by_node ──► processes of the nodes ──► messages ──► collector, external ──► received ──► ReplayResult
+                            ▲                                                                ▲
+    player ── messages ─────┘   ── completed pairs ──► waits (lock step, end of the source) ─┘
 
-1. `started_participants` starts each node as a process with its parameters (`arguments_by_node`), and an external node
-   if there is one (`external`). `replay_peer` is the ROS node of the replay, to which player and collector belong.
-2. `play_and_collect` publishes the messages of the source when they are due (`player`). After each complete pair, the
-   `collector` notes the pair and, in lock step, waits for its results. At the end of the source, the collector waits
-   for the missing results.
+`scored_replay` is the work of `sfr replay`: replay, convert the poses of an external localiser, write the files, score.
+`session` replays. `started_participants` yields the participants of a replay once all are connected, and
+`play_and_collect` then plays the source:
 
-`options` has what is replayed and how. `received` stores the published pairs and the received results, which
-`scored_replay` owns, so that they are saved even if the replay fails. `result` has the results of a replay, `files`
-writes them, and `score` scores them. `answer_book` counts the answers of an external node, `process_watch` measures
-its process, and `external_poses` converts its poses after the replay.
+- `player` publishes the messages of the source when they are due. `replay_peer` is the ROS node of the replay.
+- `collector` receives the results of the suite's nodes, and `external` those of a node under test. `received` has a
+  store for each task, to which only the receiver of the task's results adds. Its `result` is the `ReplayResult`.
+- `waiting` waits for the results of each pair in lock step, and for the missing results at the end.
+
+`options` has what is replayed and how. Of an external node, `answer_converters` reads the messages, `answer_book`
+counts the answers, and `process_watch` measures the process.
 """

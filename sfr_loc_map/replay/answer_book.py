@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Generic, TypeVar
 
 import numpy as np
 from msgspec.structs import asdict, replace
@@ -21,16 +21,19 @@ EARLY_S = 2.0 * STAMP_TOLERANCE_S
 images of a pair may be published `STAMP_TOLERANCE_S` apart, and a node that uses one image may answer between them."""
 
 
+Content = TypeVar("Content")
+
+
 @dataclass(frozen=True, slots=True)
-class EarlyAnswers:
+class EarlyAnswers(Generic[Content]):
     """Answers to a stamp of which no pair is published yet."""
 
-    content: Any  #: Content of the first answer.
+    content: Content  #: Content of the first answer.
     received_s: list[float] = field(default_factory=list)  #: Times of the monotonic clock.
 
 
-class AnswerBook:
-    """Counts the pairs and answers of a run."""
+class AnswerBook(Generic[Content]):
+    """Counts the pairs and answers of a run, and keeps the content of answers that arrive before their pair."""
 
     def __init__(self, timeout_s: float, frames: str) -> None:
         """Start without pairs. Without `frames`, all answers must name the frames of the first answer."""
@@ -39,14 +42,14 @@ class AnswerBook:
         self._timeout_s = timeout_s
         self._sent: dict[int, float] = {}
         self._latency_s: dict[int, float] = {}
-        self._early: dict[int, EarlyAnswers] = {}  # by stamp, the oldest stamp first
+        self._early: dict[int, EarlyAnswers[Content]] = {}  # by stamp, the oldest stamp first
         self._dropped = 0  # early answers
         self._first_dropped_ns: int | None = None
         self._counts = AnswerCounts()
         self._unanswered_in_a_row = 0
         self._findings: dict[FindingKind, FindingRecord] = {}
 
-    def note_sent(self, stamp_ns: int, sent_s: float) -> Any:  # noqa: ANN401 - the content that `note_answer` received
+    def note_sent(self, stamp_ns: int, sent_s: float) -> Content | None:
         """Record a pair and the time of the monotonic clock when its last image was published, s.
 
         Return the content of the early answer that is used; None without one.
@@ -58,7 +61,7 @@ class AnswerBook:
         is_used = [self._answered(stamp_ns, received_s) for received_s in early.received_s]
         return early.content if is_used[0] else None
 
-    def note_answer(self, stamp_ns: int, frames: str, problem: str, content: object = None) -> bool:
+    def note_answer(self, stamp_ns: int, frames: str, problem: str, content: Content) -> bool:
         """Note an answer; return whether the answer is used. Only the first answer to a pair is used.
 
         An answer to a stamp that is not of a published pair is kept with its content, and used once a pair of this

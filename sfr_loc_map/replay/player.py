@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
@@ -45,13 +46,14 @@ class Pacer:
 
 
 class Player:
-    """Publishes messages until their end or until `stop`."""
+    """Publishes messages until their end or until `stop`. `connected_player` returns one that the nodes receive."""
 
     def __init__(self, peer: ReplayPeer, topics: Mapping[str, str], rate: float, *, paused: bool) -> None:
         """Advertise topics, given as name and type, and the services."""
         self.stopped = False
         self._paused = paused
         self._peer = peer
+        self._has_localiser = Task.LOCALISATION.node in peer.supervisor.processes
         self._pacer = Pacer(rate)
         depth = QoSProfile(depth=SOURCE_DEPTH)
         self._publishers = {
@@ -67,33 +69,21 @@ class Player:
         """Stop publishing."""
         self.stopped = True
 
-    def wait_until_ready(self) -> None:
-        """Wait until each subscription of the graph to a topic of this node is connected.
+    @property
+    def publishers(self) -> list[Publisher]:
+        """The publishers of the topics that nodes of the replay must receive.
 
-        The nodes have then also discovered the subscriptions of this node.
+        The start pose is among them if our localiser runs, because an external node need not subscribe to it.
         """
-        node = self._peer.ros_node
-        names = list(self._peer.supervisor.processes)
-        # The service is offered once a node is active.
-        resets = [node.create_client(Trigger, f"{name}/reset") for name in names]
-        publishers = [*self._publishers.values()]
-        if Task.LOCALISATION.node in names:  # an external node need not subscribe to initialpose
-            publishers.append(self._initial_pose)
-
-        def ready() -> bool:
-            if not all(client.service_is_ready() for client in resets):
-                return False
-            return all(p.get_subscription_count() == node.count_subscribers(p.topic_name) for p in publishers)
-
-        self._peer.wait_for(ready, START_TIMEOUT_S, lambda: f"the nodes {', '.join(names)} did not start")
-        self._peer.wait_for_discovery()
+        of_start = [self._initial_pose] if self._has_localiser else []
+        return [*self._publishers.values(), *of_start]
 
     def set_pose(self, start: StartPose) -> None:
         """Publish the start pose of the localisation, in its world frame, and wait until the node acknowledges it."""
         message = PoseWithCovarianceStamped(header=header_msg(start.stamp_ns or 0, ""))
         message.pose.pose = pose_msg(start.T_ds_rb, start.T_ds_rb.file_quat_xyzw)
         self._initial_pose.publish(message)
-        if Task.LOCALISATION.node not in self._peer.supervisor.processes:
+        if not self._has_localiser:
             return  # an external node need not acknowledge initialpose
         problem = "localisation_node did not receive initialpose"
         self._peer.wait_for(lambda: bool(self._poses_set), ANSWER_TIMEOUT_S, lambda: problem)
@@ -127,3 +117,24 @@ class Player:
             return response
 
         return serve
+
+
+def connected_player(peer: ReplayPeer, topics: Mapping[str, str], rate: float, *, paused: bool) -> Player:
+    """Return a player once the started nodes are active and receive its topics, given as name and type.
+
+    The nodes have then also discovered all subscriptions that this process created before the call.
+    """
+    player = Player(peer, topics, rate, paused=paused)
+    node = peer.ros_node
+    names = list(peer.supervisor.processes)
+    # The service is offered once a node is active.
+    resets = [node.create_client(Trigger, f"{name}/reset") for name in names]
+
+    def is_connected() -> bool:
+        if not all(client.service_is_ready() for client in resets):
+            return False
+        return all(p.get_subscription_count() == node.count_subscribers(p.topic_name) for p in player.publishers)
+
+    peer.wait_for(is_connected, START_TIMEOUT_S, lambda: f"the nodes {', '.join(names)} did not start")
+    peer.wait_for_discovery()
+    return player

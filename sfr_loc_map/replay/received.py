@@ -1,7 +1,8 @@
-"""Results that the nodes publish during a replay, as plain values."""
+"""What was published to the nodes and received from them during a replay, as plain values."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.frames.association import UPPER, symmetric
-from sfr_loc_map.replay.result import ExternalResult, ReplayResult
+from sfr_loc_map.replay.result import ExternalResult, PairCounts, ReplayedMap, ReplayResult
 from sfr_loc_map.suite_names import Task
 
 StampedPose = tuple[int, tuple[float, ...], tuple[float, ...]]
@@ -20,52 +21,37 @@ StampedPose = tuple[int, tuple[float, ...], tuple[float, ...]]
 
 
 @dataclass(slots=True)
-class ReceivedResults:
-    """Pairs that were published to the nodes, and results that the nodes have published.
+class ReceivedDrive:
+    """The published pairs of a drive, and the poses and calls that its localiser has published.
 
-    The collector adds the pairs and the results of the suite's nodes, an external node the results that it published.
+    A later call of our localiser replaces an earlier one of the same stamp. Of an external localiser the first call
+    counts, as its first answer does.
     """
 
-    external_task: Task | None = None  #: Task of the external node, None without one.
-    #: Pose of each odometry message, as received. The poses of an external node are not converted.
-    poses: list[StampedPose] = field(default_factory=list)
+    is_external: bool = False  #: Whether the localiser is an external node.
+    sent_ns: set[int] = field(default_factory=set)  #: Stamps of the published pairs.
+    poses: list[StampedPose] = field(default_factory=list)  #: Poses as received, those of an external node unconverted.
     covariances: dict[int, FloatArray] = field(default_factory=dict)  #: Covariance `(6, 6)` of each pose by stamp.
-    #: Calls of each task by state (empty for localisation) and stamp.
-    calls: dict[Task, dict[tuple[str, int], CallRecord]] = field(default_factory=lambda: {task: {} for task in Task})
-    clouds: list[tuple[int, PointCloud]] = field(default_factory=list)  #: Stamp and content of each cloud with pixels.
-    #: Rig (`loc`, `nav`) and stamp of each pair that was published to the nodes.
-    sent_pairs: set[tuple[str, int]] = field(default_factory=set)
-    #: Stamp and points `(N, 3)` in LM of each cloud of an external node, whose clouds may lack pixels.
-    points: list[tuple[int, FloatArray]] = field(default_factory=list)
-    external: ExternalResult | None = None  #: Answers and process of the external node; set at the end of the replay.
+    calls: dict[int, CallRecord] = field(default_factory=dict)  #: Calls by stamp.
 
     def add_pose(self, pose: StampedPose, covariance: FloatArray) -> None:
         """Add a pose with its covariance `(6, 6)`."""
         self.poses.append(pose)
         self.covariances[pose[0]] = covariance
 
-    def add_cloud(self, stamp_ns: int, cloud: PointCloud) -> None:
-        """Add a cloud."""
-        self.clouds.append((stamp_ns, cloud))
+    def add_call(self, call: CallRecord) -> None:
+        """Add a call."""
+        if not self.is_external or call.stamp_ns not in self.calls:
+            self.calls[call.stamp_ns] = call
 
-    def add_points(self, stamp_ns: int, points: FloatArray) -> None:
-        """Add the points `(N, 3)` in LM of a cloud of an external node."""
-        self.points.append((stamp_ns, points))
+    def has_pair(self, stamp_ns: int) -> bool:
+        """Return whether the pose and the call of a pair were received."""
+        return stamp_ns in self.covariances and stamp_ns in self.calls
 
-    def add_call(self, task: Task, call: CallRecord) -> None:
-        """Add a call; a later call of the same state and stamp replaces it.
-
-        Of an external node the first call counts, as its first answer does.
-        """
-        place = call.state if task is Task.MAPPING else "", call.stamp_ns
-        if task is self.external_task:
-            self.calls[task].setdefault(place, call)
-        else:
-            self.calls[task][place] = call
-
-    def add_sent(self, rig: str, stamp_ns: int) -> None:
-        """Add a pair that was published."""
-        self.sent_pairs.add((rig, stamp_ns))
+    @property
+    def count(self) -> int:
+        """Number of received messages."""
+        return len(self.poses) + len(self.calls)
 
     @property
     def trajectory(self) -> Trajectory:
@@ -77,61 +63,98 @@ class ReceivedResults:
 
     @property
     def records(self) -> list[CallRecord]:
-        """All calls: first those of the localiser, with the covariances of their poses, then those of the mapper.
+        """All calls with the covariances of their poses.
 
         An external localiser has one call for each pose, even if it reports no calls.
         """
-        calls = {stamp_ns: call for (_, stamp_ns), call in self.calls[Task.LOCALISATION].items()}
-        if self.external_task is Task.LOCALISATION:
-            unreported = {stamp_ns: CallRecord(stamp_ns, float("nan")) for stamp_ns in self.covariances}
-            calls = unreported | calls
-        localised = [
+        calls = self.calls
+        if self.is_external:
+            calls = {stamp_ns: CallRecord(stamp_ns, float("nan")) for stamp_ns in self.covariances} | calls
+        return [
             replace(call, covariance=_reported_covariance(self.covariances.get(stamp_ns), call.covariance))
             for stamp_ns, call in calls.items()
         ]
-        return [*localised, *self.calls[Task.MAPPING].values()]
+
+
+@dataclass(slots=True)
+class ReceivedMaps:
+    """The published pairs of maps, and the clouds and calls that their mapper has published.
+
+    Calls of one state and stamp count as in `ReceivedDrive`.
+    """
+
+    is_external: bool = False  #: Whether the mapper is an external node.
+    sent_ns: set[int] = field(default_factory=set)  #: Stamps of the published pairs.
+    clouds: list[tuple[int, PointCloud]] = field(default_factory=list)  #: Stamp and content of each cloud with pixels.
+    #: Stamp and points `(N, 3)` in LM of each cloud of an external node, whose clouds may lack pixels.
+    points: list[tuple[int, FloatArray]] = field(default_factory=list)
+    calls: dict[tuple[str, int], CallRecord] = field(default_factory=dict)  #: Calls by state and stamp.
+
+    def add_cloud(self, stamp_ns: int, cloud: PointCloud) -> None:
+        """Add a cloud."""
+        self.clouds.append((stamp_ns, cloud))
+
+    def add_points(self, stamp_ns: int, points: FloatArray) -> None:
+        """Add the points `(N, 3)` in LM of a cloud of an external node."""
+        self.points.append((stamp_ns, points))
+
+    def add_call(self, call: CallRecord) -> None:
+        """Add a call."""
+        key = call.state, call.stamp_ns
+        if not self.is_external or key not in self.calls:
+            self.calls[key] = call
+
+    def has_pair(self, stamp_ns: int) -> bool:
+        """Return whether the call of a pair was received."""
+        return (MappingState.MAPPED, stamp_ns) in self.calls
 
     @property
     def count(self) -> int:
-        """Number of results."""
-        calls = sum(map(len, self.calls.values()))
-        return calls + len(self.poses) + len(self.clouds) + len(self.points)
+        """Number of received messages."""
+        return len(self.clouds) + len(self.points) + len(self.calls)
+
+    @property
+    def records(self) -> list[CallRecord]:
+        """All calls."""
+        return [*self.calls.values()]
+
+    @property
+    def mapped_ns(self) -> list[int]:
+        """Stamps of the published pairs whose calls were received, sorted."""
+        return [stamp_ns for stamp_ns in sorted(self.sent_ns) if self.has_pair(stamp_ns)]
 
     @property
     def map_count(self) -> int:
         """Number of complete maps of our mapper, for which the cloud and its call were received."""
-        mapped = self.calls[Task.MAPPING]
-        return sum((MappingState.MAPPED_SET, stamp_ns) in mapped for stamp_ns, _ in self.clouds)
+        return sum((MappingState.MAPPED_SET, stamp_ns) in self.calls for stamp_ns, _ in self.clouds)
 
     @property
-    def mapped_stamps(self) -> list[int]:
-        """Stamps of the published pairs whose results our mapper has published."""
-        rig = Task.MAPPING.rig
-        return [stamp_ns for stamp_ns in self.sent_stamps(rig) if self.has_pair(rig, stamp_ns)]
+    def map(self) -> ReplayedMap:
+        """The last complete map of our mapper, or the map of an external node."""
+        return self._external_map() if self.is_external else self._last_map()
 
-    def replay_result(self) -> ReplayResult:
-        """Return the results of the replay, for its score and its files."""
-        points: FloatArray | None = None
-        if self.external_task is Task.MAPPING:
-            cloud, points, mapped_ns = self.external_map()
-        else:
-            cloud, mapped_ns = self.last_map()
-        return ReplayResult(self.trajectory, cloud, self.records, mapped_ns, self.external, points)
+    def _last_map(self) -> ReplayedMap:
+        """Return the last cloud of our mapper whose call was received. The call names the pairs of the cloud."""
+        for stamp_ns, cloud in reversed(self.clouds):
+            if (call := self.calls.get((MappingState.FUSED, stamp_ns))) is not None:
+                whole = replace(cloud, fused=call.is_fused, pair_stamps_ns=call.pair_stamps_ns)
+                return ReplayedMap(whole, None, call.pair_stamps_ns)
+        return ReplayedMap()
 
-    def external_map(self) -> tuple[PointCloud | None, FloatArray | None, tuple[int, ...]]:
-        """Return the map of an external node as a cloud or as points, and the stamps of its pairs.
+    def _external_map(self) -> ReplayedMap:
+        """Return the map of an external node from all its clouds, which have the stamps of their pairs.
 
-        The map is a cloud if the pixel of each point is known. Otherwise the cloud is None and the points are
-        returned. A single cloud with the stamp of the last of several pairs is the map of all pairs. Otherwise each
-        cloud is that of the pair of its stamp, and the clouds are concatenated.
+        The map is a cloud if the pixel of each point is known, and points otherwise. A single cloud with the stamp of
+        the last of several pairs is the map of all pairs. Otherwise each cloud is that of the pair of its stamp, and
+        the clouds are concatenated.
         """
-        pairs = tuple(self.sent_stamps(Task.MAPPING.rig))
+        pairs = tuple(sorted(self.sent_ns))
         points, clouds = dict(self.points), dict(self.clouds)
         mapped = [stamp_ns for stamp_ns in pairs if stamp_ns in points]
         if not mapped:
-            return None, None, ()
+            return ReplayedMap()
         if any(stamp_ns not in clouds for stamp_ns in mapped):
-            return None, np.concatenate([points[stamp_ns] for stamp_ns in mapped]), pairs
+            return ReplayedMap(None, np.concatenate([points[stamp_ns] for stamp_ns in mapped]), pairs)
         is_of_all_pairs = len(pairs) > 1 and mapped == [pairs[-1]]
         if is_of_all_pairs:
             whole = clouds[pairs[-1]]
@@ -141,26 +164,54 @@ class ReceivedResults:
             whole = PointCloud.concatenate(
                 [replace(cloud, pair=np.full(len(cloud), number, np.uint8)) for number, cloud in of_pairs]
             )
-        return replace(whole, fused=is_of_all_pairs, pair_stamps_ns=pairs), None, pairs
+        return ReplayedMap(replace(whole, fused=is_of_all_pairs, pair_stamps_ns=pairs), None, pairs)
 
-    def last_map(self) -> tuple[PointCloud | None, tuple[int, ...]]:
-        """Return the last complete map and the stamps of its pairs, in the order of the points' `pair`."""
-        fusions = self.calls[Task.MAPPING]
-        for stamp_ns, cloud in reversed(self.clouds):
-            if (call := fusions.get((MappingState.FUSED, stamp_ns))) is not None:
-                return replace(cloud, fused=call.is_fused, pair_stamps_ns=call.pair_stamps_ns), call.pair_stamps_ns
-        return None, ()
 
-    def sent_stamps(self, rig: str) -> list[int]:
-        """Return the stamps of the pairs of a rig (`loc` or `nav`) that were published."""
-        return sorted(stamp_ns for each, stamp_ns in self.sent_pairs if each == rig)
+@dataclass(frozen=True, slots=True)
+class Received:
+    """What was published and received during a replay. Only the node of a task, as received, adds its results."""
 
-    def has_pair(self, rig: str, stamp_ns: int) -> bool:
-        """Return whether the results of a pair of a node of the suite are complete."""
-        if rig == Task.LOCALISATION.rig:
-            is_posed = stamp_ns in self.covariances  # each pose has a covariance
-            return is_posed and ("", stamp_ns) in self.calls[Task.LOCALISATION]
-        return (MappingState.MAPPED, stamp_ns) in self.calls[Task.MAPPING]
+    drive: ReceivedDrive = field(default_factory=ReceivedDrive)
+    maps: ReceivedMaps = field(default_factory=ReceivedMaps)
+
+    @classmethod
+    def without_messages(cls, external_task: Task | None) -> Received:
+        """Return the start of a replay in which an external node has a task; None without one."""
+        return cls(
+            ReceivedDrive(is_external=external_task is Task.LOCALISATION),
+            ReceivedMaps(is_external=external_task is Task.MAPPING),
+        )
+
+    def of(self, task: Task) -> ReceivedDrive | ReceivedMaps:
+        """Return the pairs and results of a task."""
+        return self.drive if task is Task.LOCALISATION else self.maps
+
+    @property
+    def count(self) -> int:
+        """Number of received messages."""
+        return self.drive.count + self.maps.count
+
+    def result(self, external: ExternalResult | None) -> ReplayResult:
+        """Return the results of the replay, for its score and its files."""
+        drive, maps = self.drive, self.maps
+        found = maps.map
+        return ReplayResult(
+            drive.trajectory,
+            found.cloud,
+            [*drive.records, *maps.records],
+            found.pair_stamps_ns,
+            external,
+            found.points,
+            posed=PairCounts(len(drive.sent_ns), len(drive.poses)),
+            mapped=PairCounts(len(maps.sent_ns), len(maps.mapped_ns)),
+            clouds=max(len(maps.clouds), len(maps.points)),
+        )
+
+
+def last_version(calls: Iterable[CallRecord]) -> str | None:
+    """Return the version that the calls of a node report; None without one."""
+    versions = [call.version for call in calls if call.version]
+    return versions[-1] if versions else None
 
 
 def _reported_covariance(published: FloatArray | None, of_call: FloatArray | None) -> FloatArray | None:

@@ -14,10 +14,9 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.replay.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.options import ReplayOptions
-from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.replay.score import score_replay
-from sfr_loc_map.replay.session import replay
+from sfr_loc_map.replay.session import Replayed, replay
 from sfr_loc_map.scoring.inputs import Correction
 from sfr_loc_map.suite_names import Task
 
@@ -49,22 +48,14 @@ def replay_and_score(
     the poses of an external localiser. If a signal ends the replay, the played part is scored; without any result, a
     KeyboardInterrupt is raised. If the replay or the conversion fails, the received results are written but not scored.
     """
-    results = ReceivedResults(None if options.external is None else options.external.task)
     with naming(source.path):
-        try:
-            was_interrupted = replay(source, options, results, progress=progress, say=say)
-            result = with_converted_poses(results.replay_result(), source, options.score, correction)
-        except SfrError as error:
-            if files is None or not results.count:
-                raise
-            _save(results.replay_result(), files, options)  # poses of an external node are saved as published
-            raise type(error)(f"{error}; the received results are in '{files.folder}'") from error
-        if was_interrupted and not results.count:
+        replayed = replay(source, options, progress=progress, say=say)
+        if replayed.was_interrupted and replayed.result.is_empty:
             raise KeyboardInterrupt
+        result = _converted_or_saved(replayed, source, options, correction, files)
         if files is not None:
             _save(result, files, options)
-        remarks = tuple(_remarks(results))
-        _check_map(results)
+        _check_map(result)
     score = score_replay(
         source,
         result,
@@ -78,14 +69,34 @@ def replay_and_score(
     localised = [record for record in result.records if record.task is Task.LOCALISATION]
     states = f"{len(result.estimate)} poses, {states_text(result.records)}"
     total = sum(len(part) for part in (source.loc, source.nav) if part is not None)
-    interrupted = f"interrupted: {len(results.sent_pairs)} of {total} pairs were played and scored"
+    interrupted = f"interrupted: {result.posed.sent + result.mapped.sent} of {total} pairs were played and scored"
     return ScoredReplay(
         result,
         score,
-        (*remarks, states),
+        (*_remarks(result), states),
         tracking_warning(localised, source.path),
-        interrupted if was_interrupted else "",
+        interrupted if replayed.was_interrupted else "",
     )
+
+
+def _converted_or_saved(
+    replayed: Replayed, source: Source, options: ReplayOptions, correction: Correction, files: ReplayFiles | None
+) -> ReplayResult:
+    """Return the result with the poses of an external localiser converted to poses of RB in DS.
+
+    Raise the error that ended the replay or that prevents the conversion, after what was received is saved. The poses
+    of an external node are then saved as published.
+    """
+    error = replayed.error
+    if error is None:
+        try:
+            return with_converted_poses(replayed.result, source, options.score, correction)
+        except SfrError as reason:
+            error = reason
+    if files is None or replayed.result.is_empty:
+        raise error
+    _save(replayed.result, files, options)
+    raise type(error)(f"{error}; the received results are in '{files.folder}'") from error
 
 
 def _save(result: ReplayResult, files: ReplayFiles, options: ReplayOptions) -> None:
@@ -98,21 +109,21 @@ def _save(result: ReplayResult, files: ReplayFiles, options: ReplayOptions) -> N
     save_replay(result, files, ours)
 
 
-def _remarks(results: ReceivedResults) -> Iterator[str]:
-    """Yield remarks on missing results and on the answers of an external node."""
-    theirs = results.external_task  # the score counts the answers of this task
-    played = len(results.sent_stamps(Task.LOCALISATION.rig))
-    if (missing := played - len(results.poses)) > 0 and theirs is not Task.LOCALISATION:
-        yield f"{missing} of {played} pairs have no odometry: the nodes could not keep up"
-    pairs = len(results.sent_stamps(Task.MAPPING.rig))
-    if (missing := pairs - len(results.mapped_stamps)) > 0 and theirs is not Task.MAPPING:
+def _remarks(result: ReplayResult) -> Iterator[str]:
+    """Yield remarks on missing results of our nodes, and on the answers of an external node."""
+    theirs = None if result.external is None else result.external.score.task
+    if result.posed.missing and theirs != Task.LOCALISATION:
+        yield f"{result.posed.missing} of {result.posed.sent} pairs have no odometry: the nodes could not keep up"
+    if result.mapped.missing and theirs != Task.MAPPING:
+        missing, pairs = result.mapped.missing, result.mapped.sent
         yield f"{missing} of {pairs} pairs are missing in the map: the nodes could not keep up"
-    if (node := results.external) is not None:
+    if (node := result.external) is not None:
         answers = node.score.answers
         yield f"external node {node.method.name}: {answers.answered} of {answers.pairs} pairs answered"
 
 
-def _check_map(results: ReceivedResults) -> None:
+def _check_map(result: ReplayResult) -> None:
     """Raise a NodeError if our mapper received pairs and published no cloud."""
-    if results.sent_stamps(Task.MAPPING.rig) and not results.clouds and results.external_task is not Task.MAPPING:
+    is_ours = result.external is None or result.external.score.task != Task.MAPPING
+    if is_ours and result.mapped.sent and not result.clouds:
         raise NodeError("mapping_node published no cloud: play slower (--rate) or in lock step (--rate 0)")

@@ -11,57 +11,92 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map import signals
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.page_process import shown_on
+from sfr_loc_map.replay.answer_converters import answer_converter
 from sfr_loc_map.replay.arguments_by_node import arguments_by_node, pairs_per_map
 from sfr_loc_map.replay.collector import ResultCollector
-from sfr_loc_map.replay.external import external_node
+from sfr_loc_map.replay.external import ExternalNode, connected_node
 from sfr_loc_map.replay.options import ReplayOptions
-from sfr_loc_map.replay.player import Player
-from sfr_loc_map.replay.received import ReceivedResults
+from sfr_loc_map.replay.player import Player, connected_player
+from sfr_loc_map.replay.received import Received, last_version
 from sfr_loc_map.replay.replay_peer import ReplayPeer
+from sfr_loc_map.replay.result import ReplayResult
+from sfr_loc_map.replay.waiting import ResultWaits
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.processes import ChildProcess, Supervisor, user_command
 from sfr_loc_map.ros.static_transforms import publish_extrinsics
 from sfr_loc_map.runs.offline import check_count
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import Role, names
 
 Say = Callable[[str], None]
 Progress = Callable[[str], None]
 
 
+class Replayed(NamedTuple):
+    """How a replay ended, and what was collected until then."""
+
+    result: ReplayResult
+    was_interrupted: bool = False  #: Whether a signal ended the replay early.
+    error: SfrError | None = None  #: Error that ended the replay early.
+
+
 class Participants(NamedTuple):
-    """Player and collector of a replay, and the ROS node through which both communicate with the started nodes."""
+    """The connected participants of a replay, and what they receive."""
 
-    peer: ReplayPeer
+    peer: ReplayPeer  #: ROS node through which the others communicate with the started nodes.
     player: Player
-    collector: ResultCollector
+    received: Received
+    waits: ResultWaits
+    external: ExternalNode | None
+
+    def result(self) -> ReplayResult:
+        """Return what was received; called while an external node runs, because its process is measured until then."""
+        if self.external is None:
+            return self.received.result(None)
+        version = last_version(self.received.of(self.external.task).records)
+        return self.received.result(self.external.result(version))
 
 
-def replay(source: Source, options: ReplayOptions, results: ReceivedResults, *, progress: Progress, say: Say) -> bool:
-    """Replay a source through the nodes, and add what they publish to `results`.
+def replay(source: Source, options: ReplayOptions, *, progress: Progress, say: Say) -> Replayed:
+    """Replay a source through the nodes and return what they publish, also after an error.
 
-    Returns whether a signal ended the replay early. After an error, `results` contains what was received until then.
-    `progress` is called with the rig of each played pair.
+    `progress` is called with the rig of each played pair. InputError if the source cannot be replayed.
     """
     check_source(source, options.offset_s)
-    with shown_on(options.page), started_participants(source, options, results, say) as participants:
-        with signals.stopping(participants.player.stop) as interrupted:
-            say(f"playing from {options.offset_s:g} s")
-            play_and_collect(source, options, participants, progress)
-            was_interrupted = interrupted()
-            signals.hold()  # the played part is still scored
-        if options.page is not None:
-            options.page.run_is_over()
-        return was_interrupted
+    result, was_interrupted = ReplayResult.empty(), False
+    try:
+        with shown_on(options.page), started_participants(source, options, say) as participants:
+            try:
+                was_interrupted = _play_until_signal(source, options, participants, progress, say)
+            finally:
+                result = participants.result()
+            if options.page is not None:
+                options.page.run_is_over()
+    except SfrError as error:
+        return Replayed(result, error=error)
+    return Replayed(result, was_interrupted)
+
+
+def _play_until_signal(
+    source: Source, options: ReplayOptions, participants: Participants, progress: Progress, say: Say
+) -> bool:
+    """Play a source and collect the results; return whether a signal ended the replay early."""
+    with signals.stopping(participants.player.stop) as interrupted:
+        say(f"playing from {options.offset_s:g} s")
+        play_and_collect(source, options, participants, progress)
+        was_interrupted = interrupted()
+        signals.hold()  # the played part is still scored
+    return was_interrupted
 
 
 def play_and_collect(source: Source, options: ReplayOptions, participants: Participants, progress: Progress) -> None:
     """Publish a source until its end or until the player is stopped, then wait for the missing results."""
-    _, player, collector = participants
+    player, waits = participants.player, participants.waits
     pairs = message_stream.PairTracker(message_stream.parts_of_pairs(source))
     if options.start is not None:
         player.set_pose(options.start)
@@ -71,26 +106,22 @@ def play_and_collect(source: Source, options: ReplayOptions, participants: Parti
         completed = pairs.add(message)
         if completed is not None:
             rig, stamp_ns = completed
-            collector.note_sent(rig, stamp_ns, sent_s)
+            waits.note_sent(Task.of_rig(rig), stamp_ns, sent_s)
             progress(rig)
 
     messages = message_stream.messages_of(source)
     end_s = options.offset_s + options.duration_s
-    try:
-        with checked_clock():
-            player.play(message_stream.between(messages, options.offset_s, end_s), on_sent)
-            collector.finish()
-    finally:
-        collector.close()
+    with checked_clock():
+        player.play(message_stream.between(messages, options.offset_s, end_s), on_sent)
+        waits.finish()
 
 
 @contextmanager
-def started_participants(
-    source: Source, options: ReplayOptions, results: ReceivedResults, say: Say
-) -> Iterator[Participants]:
-    """Start the nodes of a replay, create player and collector, and wait until all communicate with each other.
+def started_participants(source: Source, options: ReplayOptions, say: Say) -> Iterator[Participants]:
+    """Start the nodes of a replay and yield its participants once all communicate with each other.
 
-    The processes are ended after the `with` block.
+    The subscriptions of the collector and the publisher of the converter come first, because the nodes have discovered
+    both once the player is connected. The processes are ended after the `with` block.
     """
     environment.isolate()
     environment.prepare()
@@ -98,23 +129,25 @@ def started_participants(
     # An external node must not receive the ground truth. The score reads the ground truth from the source.
     if options.external is not None:
         topics = {name: kind for name, kind in topics.items() if name not in names(Role.TRUTH)}
+    received = Received.without_messages(None if options.external is None else options.external.task)
     with ExitStack() as stack:
         supervisor, command = stack.enter_context(_started_processes(source, options))
         peer = stack.enter_context(ReplayPeer(supervisor))
-        external = external_node(peer, source, options.external, command, results)
-        player = Player(peer, topics, options.rate, paused=options.paused)
-        is_lock_step = options.rate <= 0.0
-        count = pairs_per_map(source)
-        collector = ResultCollector(peer, results, external, pairs_per_map=count, is_lock_step=is_lock_step)
+        collector = ResultCollector(peer, received)
+        converter = None if options.external is None else answer_converter(peer, source, options.external, received)
         if source.loc is not None and source.loc.rig.T_rb_sb is not None:
             publish_extrinsics(peer.ros_node, source.loc.rig.T_rb_sb)
         say("waiting for the nodes")
         if options.page is not None and not peer.wait_for_page(options.page):
             say("the page is not connected yet: the start of the replay will be missing there")
-        player.wait_until_ready()
-        if external is not None:
-            external.wait_until_ready(topics)
-        yield Participants(peer, player, collector)
+        player = connected_player(peer, topics, options.rate, paused=options.paused)
+        external = None
+        if options.external is not None and converter is not None:
+            external = connected_node(peer, options.external, command, converter, topics)
+        waits = ResultWaits(
+            peer, received, collector, external, pairs_per_map=pairs_per_map(source), is_lock_step=options.rate <= 0.0
+        )
+        yield Participants(peer, player, received, waits, external)
 
 
 @contextmanager

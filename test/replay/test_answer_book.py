@@ -14,19 +14,19 @@ PAIR_NS = 1_000
 
 
 @pytest.fixture
-def book(monkeypatch: pytest.MonkeyPatch) -> AnswerBook:
+def book(monkeypatch: pytest.MonkeyPatch) -> AnswerBook[int]:
     """A book whose answers are received at 10 s."""
     monkeypatch.setattr(time, "monotonic", lambda: 10.0)
-    return AnswerBook(TIMEOUT_S, "ds -> rb")
+    return AnswerBook[int](TIMEOUT_S, "ds -> rb")
 
 
-def findings_of(book: AnswerBook) -> list[FindingKind]:
+def findings_of(book: AnswerBook[int]) -> list[FindingKind]:
     return [item.kind for item in book.findings]
 
 
 @pytest.mark.parametrize(("ahead_s", "is_early"), [(0.08, True), (EARLY_S + 0.001, True), (EARLY_S - 0.001, False)])
-def test_an_answer_before_its_pair_is_early(book: AnswerBook, ahead_s: float, is_early: bool) -> None:
-    assert book.note_answer(PAIR_NS, "ds -> rb", "")
+def test_an_answer_before_its_pair_is_early(book: AnswerBook[int], ahead_s: float, is_early: bool) -> None:
+    assert book.note_answer(PAIR_NS, "ds -> rb", "", PAIR_NS)
     book.note_sent(PAIR_NS, 10.0 + ahead_s)
     assert findings_of(book) == ([FindingKind.EARLY] if is_early else [])
     assert FindingKind.EARLY.fails
@@ -36,9 +36,9 @@ def test_an_answer_before_its_pair_is_early(book: AnswerBook, ahead_s: float, is
 
 
 @pytest.mark.parametrize(("latency_s", "is_late"), [(0.999, False), (1.001, True)])
-def test_an_answer_after_its_time_is_none(book: AnswerBook, latency_s: float, is_late: bool) -> None:
+def test_an_answer_after_its_time_is_none(book: AnswerBook[int], latency_s: float, is_late: bool) -> None:
     book.note_sent(PAIR_NS, 10.0 - latency_s)
-    assert book.note_answer(PAIR_NS, "ds -> rb", "") is not is_late
+    assert book.note_answer(PAIR_NS, "ds -> rb", "", PAIR_NS) is not is_late
     assert findings_of(book) == ([FindingKind.LATE, FindingKind.MISSING] if is_late else [])
     assert (book.counts.answered, book.counts.missing, book.counts.late) == (not is_late, is_late, is_late)
     assert book.latency_s is not None
@@ -46,20 +46,20 @@ def test_an_answer_after_its_time_is_none(book: AnswerBook, latency_s: float, is
 
 
 @pytest.mark.parametrize("latency_s", [0.5, 1.5, -0.05])
-def test_only_the_first_answer_in_time_is_used(book: AnswerBook, latency_s: float) -> None:
+def test_only_the_first_answer_in_time_is_used(book: AnswerBook[int], latency_s: float) -> None:
     """A node that repeats its answers, perhaps with corrected poses, is judged by the poses that it gave in time."""
     is_early, is_late = latency_s < 0.0, latency_s > TIMEOUT_S
     if not is_early:
         book.note_sent(PAIR_NS, 10.0 - latency_s)
-    assert book.note_answer(PAIR_NS, "ds -> rb", "") is not is_late
-    assert not book.note_answer(PAIR_NS, "ds -> rb", "")
+    assert book.note_answer(PAIR_NS, "ds -> rb", "", PAIR_NS) is not is_late
+    assert not book.note_answer(PAIR_NS, "ds -> rb", "", PAIR_NS)
     if is_early:
         book.note_sent(PAIR_NS, 10.0 - latency_s)
-    assert not book.note_answer(PAIR_NS, "ds -> rb", "")
+    assert not book.note_answer(PAIR_NS, "ds -> rb", "", PAIR_NS)
     assert (book.counts.answered, book.counts.late, book.counts.doubled) == (not is_late, is_late, 2)
 
 
-def test_a_node_that_was_started_again_has_crashed(book: AnswerBook) -> None:
+def test_a_node_that_was_started_again_has_crashed(book: AnswerBook[int]) -> None:
     book.note_sent(PAIR_NS, 9.9)
     book.note_restart("the publisher has left")
     book.note_restart("the publisher has left")
@@ -68,9 +68,9 @@ def test_a_node_that_was_started_again_has_crashed(book: AnswerBook) -> None:
     assert not book.ended, "the process that came in its place is waited for"
 
 
-def test_an_early_answer_that_was_dropped_is_not_an_answer(book: AnswerBook) -> None:
+def test_an_early_answer_that_was_dropped_is_not_an_answer(book: AnswerBook[int]) -> None:
     for stamp_ns in range(MAX_EARLY + 2):
-        assert book.note_answer(stamp_ns, "ds -> rb", "", content=stamp_ns)
+        assert book.note_answer(stamp_ns, "ds -> rb", "", stamp_ns)
     assert book.counts.other_stamp == MAX_EARLY + 2
     assert [book.note_sent(stamp_ns, 10.0) for stamp_ns in (1, 2)] == [None, 2]
     assert (book.counts.answered, book.counts.missing, book.counts.other_stamp) == (1, 1, MAX_EARLY + 1)

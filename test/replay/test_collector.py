@@ -14,72 +14,79 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.lifecycle.diagnostics import status_msg
-from sfr_loc_map.replay import collector as module
+from sfr_loc_map.replay import waiting
 from sfr_loc_map.replay.collector import ResultCollector
-from sfr_loc_map.replay.received import ReceivedResults
+from sfr_loc_map.replay.received import Received
 from sfr_loc_map.replay.replay_peer import ReplayPeer
+from sfr_loc_map.replay.waiting import ResultWaits
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import DIAGNOSTICS
 
 
-def add_call(results: ReceivedResults, state: MappingState) -> None:
+def add_call(received: Received, state: MappingState) -> None:
     """Add a call of the mapper for the pair with the stamp 1."""
-    results.add_call(Task.MAPPING, CallRecord(1, 0.1, state, task=Task.MAPPING))
+    received.maps.add_call(CallRecord(1, 0.1, state, task=Task.MAPPING))
 
 
-def add_map(results: ReceivedResults) -> None:
+def add_map(received: Received) -> None:
     """Add a complete map: its call and its cloud."""
-    add_call(results, MappingState.MAPPED_SET)
-    results.add_cloud(1, PointCloud.from_structured(np.zeros(2, PointCloud.dtype())))
+    add_call(received, MappingState.MAPPED_SET)
+    received.maps.add_cloud(1, PointCloud.from_structured(np.zeros(2, PointCloud.dtype())))
+
+
+def waits_of(peer: ReplayPeer, received: Received, *, pairs_per_map: int = 3, is_lock_step: bool) -> ResultWaits:
+    """Return the waits for the results of the suite's nodes."""
+    collector = ResultCollector(peer, received)
+    return ResultWaits(peer, received, collector, None, pairs_per_map=pairs_per_map, is_lock_step=is_lock_step)
 
 
 @pytest.mark.parametrize(("kind", "error"), [(StatusKind.INPUT, InputError), (StatusKind.FAULT, NodeError)])
 def test_an_unusable_input_and_an_internal_fault_are_different_errors(kind: StatusKind, error: type[Exception]) -> None:
     supervisor = SimpleNamespace(processes={"localisation_node": None}, check=lambda: None)
     with ReplayPeer(supervisor) as peer:
-        collector = ResultCollector(peer, ReceivedResults(), None, pairs_per_map=3, is_lock_step=True)
+        waits = waits_of(peer, Received(), is_lock_step=True)
         publisher = peer.ros_node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
         for name in ("another_node", "localisation_node"):
             status = status_msg(f"{name}: {kind}", Level.ERROR, f"{name} has failed", {})
             publisher.publish(DiagnosticArray(status=[status]))
         with pytest.raises(error, match=r"^localisation_node: localisation_node has failed$"):
-            collector.wait_for_pair("loc", 1)
+            waits.note_sent(Task.LOCALISATION, 1, 0.0)
 
 
 def test_a_replay_at_a_rate_fails_with_an_internal_fault_and_continues_after_an_unusable_input() -> None:
     supervisor = SimpleNamespace(processes={"mapping_node": None}, check=lambda: None)
     with ReplayPeer(supervisor) as peer:
-        collector = ResultCollector(peer, ReceivedResults(), None, pairs_per_map=3, is_lock_step=False)
+        waits = waits_of(peer, Received(), is_lock_step=False)
         publisher = peer.ros_node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
         for kind in (StatusKind.INPUT, StatusKind.FAULT):
-            collector.note_sent("loc", 1, 0.0)
+            waits.note_sent(Task.LOCALISATION, 1, 0.0)
             status = status_msg(f"mapping_node: {kind}", Level.ERROR, "a stage has failed", {})
             publisher.publish(DiagnosticArray(status=[status]))
             peer.spin_for(0.2)
-        for action in (lambda: collector.note_sent("loc", 2, 0.0), collector.finish):
+        for action in (lambda: waits.note_sent(Task.LOCALISATION, 2, 0.0), waits.finish):
             with pytest.raises(NodeError, match=r"^mapping_node: a stage has failed$"):
                 action()
 
 
 def test_a_lost_pair_does_not_fail_the_map_of_a_shortened_replay(monkeypatch: pytest.MonkeyPatch) -> None:
     """The map in progress is finished without the pair, of which nothing arrives."""
-    monkeypatch.setattr(module, "QUIET_S", 0.3)
+    monkeypatch.setattr(waiting, "QUIET_S", 0.3)
     supervisor = SimpleNamespace(processes={}, check=lambda: None)
-    results = ReceivedResults()
+    received = Received()
 
     def finish(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        add_map(results)
+        add_map(received)
         response.success = True
         return response
 
     with ReplayPeer(supervisor) as peer:
         peer.ros_node.create_service(Trigger, "mapping_node/finish", finish)
-        collected = ResultCollector(peer, results, None, pairs_per_map=3, is_lock_step=False)
+        waits = waits_of(peer, received, is_lock_step=False)
         for stamp_ns in (1, 2):
-            collected.note_sent("nav", stamp_ns, 0.0)
-        add_call(results, MappingState.MAPPED)
-        collected.finish()
-    assert (results.mapped_stamps, results.map_count) == ([1], 1)
+            waits.note_sent(Task.MAPPING, stamp_ns, 0.0)
+        add_call(received, MappingState.MAPPED)
+        waits.finish()
+    assert (received.maps.mapped_ns, received.maps.map_count) == ([1], 1)
 
 
 @pytest.mark.parametrize("is_lock_step", [True, False])
@@ -87,29 +94,29 @@ def test_a_fusion_that_takes_longer_than_the_quiet_time_keeps_its_map(
     monkeypatch: pytest.MonkeyPatch, is_lock_step: bool
 ) -> None:
     """The mapper answers after the fusion, although no map is in progress then."""
-    monkeypatch.setattr(module, "QUIET_S", 0.2)
+    monkeypatch.setattr(waiting, "QUIET_S", 0.2)
     supervisor = SimpleNamespace(processes={}, check=lambda: None)
-    results = ReceivedResults()
+    received = Received()
 
     def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         time.sleep(0.6)
-        add_map(results)
+        add_map(received)
         response.message = "a map is fused from 1 to 3 pairs: got 0"
         return response
 
     with ReplayPeer(supervisor) as peer:
         peer.ros_node.create_service(Trigger, "mapping_node/finish", answer)
-        collected = ResultCollector(peer, results, None, pairs_per_map=1, is_lock_step=is_lock_step)
-        add_call(results, MappingState.MAPPED)
-        results.add_sent("nav", 1)
-        collected.finish()
-    assert results.map_count == 1
+        waits = waits_of(peer, received, pairs_per_map=1, is_lock_step=is_lock_step)
+        add_call(received, MappingState.MAPPED)
+        received.maps.sent_ns.add(1)
+        waits.finish()
+    assert received.maps.map_count == 1
 
 
 def test_a_map_of_left_pairs_that_cannot_be_finished_fails_the_replay(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "QUIET_S", 0.2)
+    monkeypatch.setattr(waiting, "QUIET_S", 0.2)
     supervisor = SimpleNamespace(processes={}, check=lambda: None)
-    results = ReceivedResults()
+    received = Received()
 
     def refuse(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.message = "the pairs are of other cameras"
@@ -117,8 +124,8 @@ def test_a_map_of_left_pairs_that_cannot_be_finished_fails_the_replay(monkeypatc
 
     with ReplayPeer(supervisor) as peer:
         peer.ros_node.create_service(Trigger, "mapping_node/finish", refuse)
-        collected = ResultCollector(peer, results, None, pairs_per_map=3, is_lock_step=True)
-        add_call(results, MappingState.MAPPED)
-        results.add_sent("nav", 1)
+        waits = waits_of(peer, received, is_lock_step=True)
+        add_call(received, MappingState.MAPPED)
+        received.maps.sent_ns.add(1)
         with pytest.raises(NodeError, match=r"^mapping_node did not finish its map: the pairs are of other cameras$"):
-            collected.finish()
+            waits.finish()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 from typing import Any, cast
 
 from nav_msgs.msg import Odometry
@@ -10,20 +11,21 @@ from nav_msgs.msg import Odometry
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
 from sfr_loc_map.replay.external import ExternalNode
 from sfr_loc_map.replay.options import ExternalOptions
-from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.ros.messages import header_msg
 from sfr_loc_map.suite_names import Task
 
 
-class Kept(ExternalNode):
-    """A node whose accepted answers are kept by their stamps."""
+class Kept:
+    """A converter that keeps the stamps of the accepted answers."""
 
     kind = Odometry
 
     def __init__(self) -> None:
-        super().__init__(cast("Any", None), ExternalOptions(Task.LOCALISATION, "poses"), None, ReceivedResults())
-        self._publishers = set()  # without a graph
         self.accepted_ns: list[int] = []
+
+    def frames_of(self, message: Odometry) -> str:
+        """Return the frames of any message."""
+        return f"{message.header.frame_id} -> {message.child_frame_id}"
 
     def read(self, message: Odometry) -> None:
         """Read any message."""
@@ -32,17 +34,20 @@ class Kept(ExternalNode):
         """Keep the stamp."""
         self.accepted_ns.append(stamp_of(message))
 
-    def answer(self, stamp_ns: int) -> None:
-        """Receive an answer."""
-        self._on_answer(Odometry(header=header_msg(stamp_ns, "ds"), child_frame_id="rb"))
-
 
 def test_answers_whose_stamp_is_of_no_pair_are_not_used() -> None:
-    node, of_pair, of_next = Kept(), NS_PER_S, 2 * NS_PER_S
+    kept, of_pair, of_next = Kept(), NS_PER_S, 2 * NS_PER_S
+    graph = SimpleNamespace(get_publishers_info_by_topic=lambda topic: [])
+    peer = cast("Any", SimpleNamespace(ros_node=graph))
+    node = ExternalNode(peer, ExternalOptions(Task.LOCALISATION, "poses"), None, kept, name="n", watch=None)
+
+    def answer(stamp_ns: int) -> None:
+        node.receive(Odometry(header=header_msg(stamp_ns, "ds"), child_frame_id="rb"))
+
     node.note_sent(of_pair, time.monotonic())
     for number in range(100):
-        node.answer(of_pair + number)
-    node.answer(of_next)
-    assert node.accepted_ns == [of_pair], "the other answers are to no published pair"
+        answer(of_pair + number)
+    answer(of_next)
+    assert kept.accepted_ns == [of_pair], "the other answers are to no published pair"
     node.note_sent(of_next, time.monotonic())
-    assert node.accepted_ns == [of_pair, of_next]
+    assert kept.accepted_ns == [of_pair, of_next]

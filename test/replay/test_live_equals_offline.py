@@ -21,7 +21,6 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import score_config
 from sfr_loc_map.metrics.stored.score_json import to_dict
 from sfr_loc_map.replay.options import ReplayOptions
-from sfr_loc_map.replay.received import ReceivedResults
 from sfr_loc_map.replay.score import score_replay
 from sfr_loc_map.replay.session import Participants, play_and_collect, started_participants
 from sfr_loc_map.runs.offline import start_pose
@@ -73,13 +72,12 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
         parameter_file=None,
     )
     reports: list[str] = []
-    results = ReceivedResults()
-    with started_participants(source, options, results, lambda line: None) as parts:
+    with started_participants(source, options, lambda line: None) as parts:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         parts.peer.ros_node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
         play_and_collect(source, options, parts, lambda rig: None)
         live = final_report(parts, reports)
-    offline = to_dict(score_replay(source, results.replay_result(), config, None))
+    offline = to_dict(score_replay(source, parts.result(), config, None))
     found, expected = dict(numbers(live)), dict(numbers(offline))
     # how much of the drive has no estimate follows from the images, which the monitor does not know
     known = {name for name in expected if not name.startswith("completeness/None/None/")}

@@ -5,7 +5,7 @@ import pytest
 
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.replay.received import ReceivedResults
+from sfr_loc_map.replay.received import ReceivedDrive, ReceivedMaps
 from sfr_loc_map.suite_names import Task
 
 
@@ -15,27 +15,25 @@ def cloud(count: int) -> PointCloud:
     return PointCloud.from_structured(records)
 
 
-def results(*stamps_ns: int) -> ReceivedResults:
+def results(*stamps_ns: int) -> ReceivedMaps:
     points = [(stamp_ns, cloud(stamp_ns).xyz.astype(np.float64)) for stamp_ns in stamps_ns]
-    sent_pairs = {("nav", stamp_ns) for stamp_ns in (10, 20, 30)}
-    return ReceivedResults(
-        sent_pairs=sent_pairs, points=points, clouds=[(stamp_ns, cloud(stamp_ns)) for stamp_ns in stamps_ns]
-    )
+    clouds = [(stamp_ns, cloud(stamp_ns)) for stamp_ns in stamps_ns]
+    return ReceivedMaps(is_external=True, sent_ns={10, 20, 30}, points=points, clouds=clouds)
 
 
 def test_clouds_of_each_pair_are_taken_together_and_one_is_the_map_of_all() -> None:
-    whole, points, stamps = results(10, 20, 30).external_map()
+    whole, points, stamps = results(10, 20, 30).map
     assert (points, whole.fused) == (None, False)
     assert np.bincount(whole.pair).tolist() == [10, 20, 30]
     np.testing.assert_array_equal(whole.xyz[10:30], cloud(20).xyz)
-    last, _, of_last = results(30).external_map()
+    last, _, of_last = results(30).map
     assert (last.fused, len(last)) == (True, 30)
     assert stamps == of_last == whole.pair_stamps_ns == last.pair_stamps_ns == (10, 20, 30)
 
 
 @pytest.mark.parametrize("mapped", [(10, 20), (10, 30), (10,), (20,)])
 def test_clouds_of_a_part_of_the_pairs_are_not_the_map_of_all(mapped: tuple[int, ...]) -> None:
-    whole, _, stamps = results(*mapped).external_map()
+    whole, _, stamps = results(*mapped).map
     assert (whole.fused, whole.pair_stamps_ns, stamps) == (False, (10, 20, 30), (10, 20, 30))
     counts = [stamp_ns if stamp_ns in mapped else 0 for stamp_ns in stamps]
     assert np.bincount(whole.pair, minlength=3).tolist() == counts
@@ -44,27 +42,25 @@ def test_clouds_of_a_part_of_the_pairs_are_not_the_map_of_all(mapped: tuple[int,
 def test_points_without_pixels_stay_points() -> None:
     found = results(10, 20, 30)
     found.clouds.pop()
-    whole, points, stamps = found.external_map()
+    whole, points, stamps = found.map
     assert (whole, points.shape, stamps) == (None, (60, 3), (10, 20, 30))
-    assert ReceivedResults().external_map() == (None, None, ())
+    assert ReceivedMaps(is_external=True).map == (None, None, ())
 
 
 def test_a_cloud_is_of_the_pairs_that_its_call_names() -> None:
     """Whatever the order of clouds and calls; a cloud whose call is missing is not complete."""
-    found = ReceivedResults(clouds=[(20, cloud(5)), (30, cloud(7)), (40, cloud(9))])
-    assert found.last_map() == (None, ())
+    found = ReceivedMaps(clouds=[(20, cloud(5)), (30, cloud(7)), (40, cloud(9))])
+    assert found.map == (None, None, ())
     for state, stamp_ns, pairs in (("fused", 30, (10, 30)), ("fused", 20, (20,)), ("mapped_set", 20, (20,))):
-        found.calls[Task.MAPPING][state, stamp_ns] = CallRecord(
-            stamp_ns, 0.1, state, pair_stamps_ns=pairs, task=Task.MAPPING
-        )
-    last, stamps = found.last_map()
+        found.add_call(CallRecord(stamp_ns, 0.1, state, pair_stamps_ns=pairs, task=Task.MAPPING))
+    last, _, stamps = found.map
     assert (len(last), last.fused, last.pair_stamps_ns, stamps) == (7, True, (10, 30), (10, 30))
     assert found.map_count == 1
 
 
-@pytest.mark.parametrize("external_task", [None, Task.LOCALISATION])
-def test_a_node_under_test_cannot_state_later_that_a_pose_was_not_lost(external_task: Task | None) -> None:
-    found = ReceivedResults(external_task=external_task)
+@pytest.mark.parametrize("is_external", [False, True])
+def test_a_node_under_test_cannot_state_later_that_a_pose_was_not_lost(is_external: bool) -> None:
+    found = ReceivedDrive(is_external=is_external)
     for state in ("lost", "tracking"):
-        found.add_call(Task.LOCALISATION, CallRecord(10, 0.1, state))
-    assert [call.state for call in found.records] == ["tracking" if external_task is None else "lost"]
+        found.add_call(CallRecord(10, 0.1, state))
+    assert [call.state for call in found.records] == ["lost" if is_external else "tracking"]

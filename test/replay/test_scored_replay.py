@@ -11,7 +11,6 @@ import pytest
 from helpers.made_scene import write_folder
 from sfr_loc_map.errors import MetricsError, NodeError
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import score_config
@@ -20,8 +19,9 @@ from sfr_loc_map.metrics.table.records import AnswerCounts, ExternalScore, Metho
 from sfr_loc_map.replay import scored_replay
 from sfr_loc_map.replay.files import ReplayFiles
 from sfr_loc_map.replay.options import ExternalOptions, ReplayOptions
-from sfr_loc_map.replay.received import ReceivedResults
+from sfr_loc_map.replay.received import Received
 from sfr_loc_map.replay.result import ExternalResult
+from sfr_loc_map.replay.session import Replayed
 from sfr_loc_map.scoring.inputs import Correction
 from sfr_loc_map.suite_names import Task
 
@@ -40,12 +40,14 @@ OPTIONS = ReplayOptions(
 )
 
 
-def add_results(results: ReceivedResults, stamps_ns: list[int]) -> None:
-    """Add the identity as the pose of each stamp, and one mapping pair without a cloud."""
-    results.add_sent("nav", stamps_ns[0])
+def received(stamps_ns: list[int], external_task: Task | None = None) -> Received:
+    """Return the identity as the pose of each stamp, and one mapping pair without a cloud."""
+    found = Received.without_messages(external_task)
+    found.maps.sent_ns.update(stamps_ns[:1])
     for stamp_ns in stamps_ns:
-        results.add_sent("loc", stamp_ns)
-        results.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.eye(6))
+        found.drive.sent_ns.add(stamp_ns)
+        found.drive.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.eye(6))
+    return found
 
 
 def saved_stamps(files: ReplayFiles) -> list[int]:
@@ -68,11 +70,8 @@ def test_the_estimate_is_saved_if_the_mapper_published_no_cloud(
     source = open_source(write_folder(tmp_path / "source", 3, 1))
     stamps_ns = list(source.loc.stamps_ns)
 
-    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, **_: object) -> bool:
-        add_results(results, stamps_ns)
-        return False
-
-    monkeypatch.setattr(scored_replay, "replay", replayed)
+    replayed = Replayed(received(stamps_ns).result(None))
+    monkeypatch.setattr(scored_replay, "replay", lambda *_, **__: replayed)
     with pytest.raises(NodeError, match=r"^mapping_node published no cloud"):
         replay(tmp_path, Correction())
     assert saved_stamps(ReplayFiles(tmp_path)) == stamps_ns
@@ -86,12 +85,8 @@ def test_the_results_before_an_error_are_saved(tmp_path: Path, monkeypatch: pyte
     files = ReplayFiles(tmp_path)
     files.report.write_text("of an earlier replay", encoding="utf-8")
 
-    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, **_: object) -> bool:
-        for stamp_ns in stamps_ns:
-            results.add_pose((stamp_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), np.eye(6))
-        raise NodeError("mapping_node was killed by SIGKILL")
-
-    monkeypatch.setattr(scored_replay, "replay", replayed)
+    replayed = Replayed(received(stamps_ns).result(None), error=NodeError("mapping_node was killed by SIGKILL"))
+    monkeypatch.setattr(scored_replay, "replay", lambda *_, **__: replayed)
     text = f"; the received results are in '{tmp_path}'" if count else ""
     with pytest.raises(NodeError, match=f"^mapping_node was killed by SIGKILL{re.escape(text)}$"):
         replay(tmp_path, Correction())
@@ -106,13 +101,8 @@ def test_poses_that_cannot_be_converted_are_saved_as_published(tmp_path: Path, m
     stamps_ns = [stamp_ns + 10**12 for stamp_ns in source.loc.stamps_ns]  # outside of the ground truth
     score = ExternalScore(task=Task.LOCALISATION.value, topic="pose", frames="", answers=AnswerCounts(), latency_s=None)
     method = MethodRecord(name="theirs", version=None, kind=MethodKind.EXTERNAL)
-
-    def replayed(source: Source, options: ReplayOptions, results: ReceivedResults, **_: object) -> bool:
-        add_results(results, stamps_ns)
-        results.external = ExternalResult(method, score, ())
-        return False
-
-    monkeypatch.setattr(scored_replay, "replay", replayed)
+    found = received(stamps_ns, Task.LOCALISATION).result(ExternalResult(method, score, ()))
+    monkeypatch.setattr(scored_replay, "replay", lambda *_, **__: Replayed(found))
     options = replace(OPTIONS, external=ExternalOptions(Task.LOCALISATION, "pose"))
     with pytest.raises(MetricsError, match="the world frame cannot be aligned"):
         replay(tmp_path, Correction(PoseConvention(world="first_pose")), options)

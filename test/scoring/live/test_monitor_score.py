@@ -40,7 +40,7 @@ from sfr_loc_map.metrics.stored.score_json import from_json, to_json
 from sfr_loc_map.metrics.table.details import Details
 from sfr_loc_map.metrics.table.results import TrajectoryResult
 from sfr_loc_map.nodes.score_file import ScoreFile
-from sfr_loc_map.replay.received import ReceivedResults
+from sfr_loc_map.replay.received import ReceivedDrive
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.scoring.live.live_maps import LiveMaps
 from sfr_loc_map.scoring.live.live_score import LiveRun
@@ -156,10 +156,10 @@ def in_bag(path: Path, rows: Sequence[OdometryRow], calls: Sequence[CallRecord])
 
 
 def in_replay(rows: Sequence[OdometryRow], calls: Sequence[CallRecord], *, is_external: bool) -> Estimates:
-    results = ReceivedResults(external_task=Task.LOCALISATION if is_external else None)
+    results = ReceivedDrive(is_external=is_external)
     for stamp_ns, position, quat, covariance in rows:
         results.add_pose((stamp_ns, tuple(position), tuple(quat)), covariance)
-    results.calls[Task.LOCALISATION] = {("", call.stamp_ns): call for call in calls}
+    results.calls = {call.stamp_ns: call for call in calls}
     return estimates_of(results.trajectory, stats_of(results.records))
 
 

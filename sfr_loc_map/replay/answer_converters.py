@@ -1,0 +1,158 @@
+"""Read the answers of an external node leniently, and publish them converted for the monitor and the page.
+
+Poses are stored as published and converted twice. During the replay each pose is converted for the monitor and the
+page, by the declared convention. After the replay all poses are converted for the score (`external_poses`), because a
+diagnosis of the convention requires all poses. Clouds are converted once, when received: points are stored in LM.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import PointCloud2
+
+from sfr_loc_map.errors import ConfigError, GeometryError, InputError, MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
+from sfr_loc_map.message_stamps import stamp_of
+from sfr_loc_map.metrics.conventions.pose_convention import (
+    FIRST_POSE,
+    PoseConvention,
+    aligned_estimates,
+    converted_estimates,
+    world_at_first_pose,
+)
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates, symmetric
+from sfr_loc_map.replay.options import ExternalOptions
+from sfr_loc_map.replay.received import Received, ReceivedDrive, ReceivedMaps
+from sfr_loc_map.replay.replay_peer import ReplayPeer
+from sfr_loc_map.ros import messages
+from sfr_loc_map.ros.qos import LATCHED
+from sfr_loc_map.suite_names import Task
+
+DEPTH = 1000
+WORLD, BODY, MAP = "ds", "rb", "lm"  #: Frames of the converted messages, as the nodes of the suite name them.
+
+
+class AnswerConverter(Protocol):
+    """Reads the answers of one type of external node, stores them and publishes them converted."""
+
+    kind: type[Any]  #: Type of the messages.
+
+    def frames_of(self, message: Any) -> str:  # noqa: ANN401 - of `kind`
+        """Return the frame ids of a message: `parent` or `parent -> child`."""
+
+    def read(self, message: Any) -> Any:  # noqa: ANN401 - of `kind`
+        """Return the content of a message; raise an InputError if the message is not a valid result."""
+
+    def accept(self, message: Any, content: Any) -> None:  # noqa: ANN401 - of `kind`
+        """Add the content of a message to the results, and publish the converted message."""
+
+
+class PoseConverter:
+    """Converts the poses of an external localiser."""
+
+    kind = Odometry
+
+    def __init__(self, peer: ReplayPeer, options: ExternalOptions, received: ReceivedDrive, loc: LocSequence) -> None:
+        """Create the publisher of converted poses. The convention may require the rig and the ground truth."""
+        self._received = received
+        self._convention, self._truth = options.convention, loc.ground_truth
+        self._in_own_world = replace(options.convention, world="ds")
+        self._T_rb_child = options.convention.T_rb_child(loc.rig)
+        self._T_ds_world: Transform | None = None  # of the first pose, if the convention aligns the world with it
+        self._publisher = peer.ros_node.create_publisher(Odometry, options.converted_topic, QoSProfile(depth=DEPTH))
+
+    def frames_of(self, message: Odometry) -> str:
+        """Return the frames of a pose."""
+        return f"{message.header.frame_id} -> {message.child_frame_id}"
+
+    def read(self, message: Odometry) -> messages.OdometryRow:
+        """Return stamp, position and quaternion."""
+        return messages.odometry_row(message)
+
+    def accept(self, message: Odometry, row: messages.OdometryRow) -> None:
+        """Add a pose as published, and publish the converted pose."""
+        covariance = messages.covariance_of(message)
+        self._received.add_pose(row, covariance)
+        try:
+            estimates = self._converted(row, covariance)
+        except (GeometryError, MetricsError):
+            return  # the pose cannot be converted; the score reports the reason
+        poses = estimates.trajectory
+        out = Odometry(header=messages.header_msg(max(int(poses.stamps_ns[0]), 0), WORLD), child_frame_id=BODY)
+        out.pose.pose = messages.pose_msg(poses.pose(0), poses.quats_xyzw[0])
+        if estimates.covariance is not None:
+            out.pose.covariance = symmetric(estimates.covariance[0]).reshape(36)
+        self._publisher.publish(out)
+
+    def _converted(self, row: messages.OdometryRow, covariance: FloatArray) -> Estimates:
+        """Return a pose with its covariance `(6, 6)` as a pose of RB in DS."""
+        poses = Trajectory(np.array([row[0]], np.int64), np.array([row[1]]), np.array([row[2]]))
+        published = Estimates.of(poses, covariance=covariance[None, *UPPER])
+        estimates = converted_estimates(published, self._in_own_world, self._T_rb_child, None)
+        if self._convention.world != FIRST_POSE:
+            return estimates
+        if self._T_ds_world is None:
+            self._T_ds_world = world_at_first_pose(estimates, self._truth)
+        return aligned_estimates(estimates, self._T_ds_world)
+
+
+class CloudConverter:
+    """Converts the clouds of an external mapper, which have only points or all fields of `mapping/points`."""
+
+    kind = PointCloud2
+
+    def __init__(self, peer: ReplayPeer, options: ExternalOptions, received: ReceivedMaps, nav: NavSequence) -> None:
+        """Create the publisher of converted clouds, whose points are transformed to LM by the poses of the pairs."""
+        self._received = received
+        convention, here = options.convention, replace(nav.rig, T_rb_sb=Transform.identity())
+        self._is_in_lm = convention == PoseConvention(metres_per_unit=convention.metres_per_unit)
+        self._unit, self._T_sb_child = convention.metres_per_unit, convention.T_rb_child(here)
+        self._poses = {item.pair.stamp_ns: item.T_lm_navsb for item in nav.pairs()}
+        self._publisher = peer.ros_node.create_publisher(PointCloud2, options.converted_topic, LATCHED)
+
+    def frames_of(self, message: PointCloud2) -> str:
+        """Return the frame of a cloud."""
+        return str(message.header.frame_id)
+
+    def read(self, message: PointCloud2) -> FloatArray:
+        """Return the points `(N, 3)` in LM."""
+        stamp_ns, points = stamp_of(message), messages.xyz_from_msg(message) * self._unit
+        if self._is_in_lm:
+            return points
+        if stamp_ns not in self._poses:
+            raise InputError(
+                f"no pair has the stamp {stamp_ns} of the cloud, so its points cannot be transformed to LM: "
+                "publish the cloud with the stamp of its pair"
+            )
+        return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
+
+    def accept(self, message: PointCloud2, points: FloatArray) -> None:
+        """Add the finite points in LM, and publish the cloud, with its points in LM, if it has all fields."""
+        stamp_ns = stamp_of(message)
+        self._received.add_points(stamp_ns, points[np.isfinite(points).all(axis=1)])
+        try:
+            cloud = messages.cloud_from_msg(message)
+        except InputError:
+            return  # points without pixels are scored against the nearest true point
+        cloud = replace(cloud, xyz=points.astype(np.float32))
+        self._received.add_cloud(stamp_ns, cloud)
+        self._publisher.publish(messages.cloud_msg(cloud, stamp_ns, MAP))
+
+
+def answer_converter(peer: ReplayPeer, source: Source, options: ExternalOptions, received: Received) -> AnswerConverter:
+    """Return the converter of the answers of an external node, which adds them to `received`."""
+    if options.task is Task.LOCALISATION and source.loc is not None:
+        return PoseConverter(peer, options, received.drive, source.loc)
+    if options.task is Task.MAPPING and source.nav is not None:
+        return CloudConverter(peer, options, received.maps, source.nav)
+    raise ConfigError(
+        f"'--external {options.task}': the source has no pairs for this task; give a source that has them"
+    )

@@ -1,0 +1,127 @@
+"""The waits of a replay for results: after each pair in lock step, and at the end of the source."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from std_srvs.srv import Trigger
+
+from sfr_loc_map.errors import NodeError
+from sfr_loc_map.replay.collector import ResultCollector
+from sfr_loc_map.replay.external import ExternalNode
+from sfr_loc_map.replay.received import Received
+from sfr_loc_map.replay.replay_peer import ANSWER_TIMEOUT_S, ReplayPeer
+from sfr_loc_map.ros.peer import Unchanged
+from sfr_loc_map.suite_names import Task
+
+QUIET_S = 5.0  #: Time for which the end of a replay waits for further results after the last one, s.
+
+
+class ResultWaits:
+    """Notes the published pairs, and waits for their results."""
+
+    def __init__(
+        self,
+        peer: ReplayPeer,
+        received: Received,
+        collector: ResultCollector,
+        external: ExternalNode | None,
+        *,
+        pairs_per_map: int,
+        is_lock_step: bool,
+    ) -> None:
+        """Wait for results in `received`, which the collector and the external node add."""
+        self._peer = peer
+        self._received = received
+        self._collector = collector
+        self._external = external
+        self._pairs_per_map = pairs_per_map
+        self._is_lock_step = is_lock_step
+
+    def note_sent(self, task: Task, stamp_ns: int, sent_s: float) -> None:
+        """Note when the last image of a pair was published (monotonic clock); in lock step, wait for its results."""
+        self._received.of(task).sent_ns.add(stamp_ns)
+        if (external := self._external_of(task)) is not None:
+            external.note_sent(stamp_ns, sent_s)
+        if self._is_lock_step:
+            self._wait_for_pair(task, stamp_ns)
+        elif self._external is not None:
+            self._external.check_process()
+        self._collector.check_nodes()
+
+    def finish(self) -> None:
+        """Wait for the missing results, finish a map in progress, and wait for the last map.
+
+        Each wait for results ends if none has arrived for `QUIET_S`, so that lost pairs do not fail a replay at a rate.
+        The wait for the answer of our mapper is longer, because nothing arrives during a fusion.
+        """
+        self._wait_while_results_arrive(self._has_all_results)
+        maps = self._received.maps
+        if not maps.is_external and maps.sent_ns:
+            self._finish_map()
+        if self._external is not None:
+            self._external.check_process()
+        self._collector.check_nodes()
+
+    def _wait_for_pair(self, task: Task, stamp_ns: int) -> None:
+        """Wait for the results of a pair of a replay in lock step.
+
+        Raises the last unusable input that a node of the suite has reported, also before this pair, because in lock
+        step no message may be lost. A replay at a rate continues after an unusable input.
+        """
+        if (external := self._external_of(task)) is not None:
+            external.wait_for(stamp_ns)
+            return
+
+        def is_complete() -> bool:
+            self._collector.check_nodes()
+            self._collector.check_inputs()
+            return self._received.of(task).has_pair(stamp_ns)
+
+        def problem() -> str:
+            line = self._peer.supervisor.processes[task.node].last_log_line
+            return f"{task.node} published no result for the pair of stamp {stamp_ns} (its last log line: {line})"
+
+        self._peer.wait_for(is_complete, ANSWER_TIMEOUT_S, problem)
+
+    def _external_of(self, task: Task) -> ExternalNode | None:
+        """Return the external node if it has the task; None if a node of the suite does."""
+        return self._external if self._received.of(task).is_external else None
+
+    def _has_all_results(self) -> bool:
+        """Return whether the results of all pairs are complete or no longer awaited."""
+        return all(self._has_results(task, stamp_ns) for task in Task for stamp_ns in self._received.of(task).sent_ns)
+
+    def _has_results(self, task: Task, stamp_ns: int) -> bool:
+        external = self._external_of(task)
+        return self._received.of(task).has_pair(stamp_ns) if external is None else external.is_settled(stamp_ns)
+
+    def _finish_map(self) -> None:
+        """Let our mapper finish a map in progress, and wait for the maps of the pairs that it received.
+
+        The mapper answers after the pairs and fusions that it received earlier. The answer is a failure if no map is in
+        progress, so that only a missing map of left pairs is an error.
+        """
+        problem = f"{Task.MAPPING.node} did not finish its map"
+        answer = self._peer.request(Trigger, f"{Task.MAPPING.node}/finish", Trigger.Request(), problem)
+        self._wait_while_results_arrive(self._has_all_maps)
+        maps, left = divmod(len(self._received.maps.mapped_ns), self._pairs_per_map)
+        if left and self._received.maps.map_count <= maps and not answer.success:
+            raise NodeError(f"{problem}: {answer.message}")
+
+    def _has_all_maps(self) -> bool:
+        """Return whether our mapper has published the results of all its pairs and their maps."""
+        maps = self._received.maps
+        pairs = len(maps.sent_ns)
+        return len(maps.mapped_ns) == pairs and maps.map_count >= math.ceil(pairs / self._pairs_per_map)
+
+    def _wait_while_results_arrive(self, is_complete: Callable[[], bool]) -> None:
+        """Wait until a condition holds, or until no result has arrived for `QUIET_S`."""
+        unchanged = Unchanged()
+
+        def is_over() -> bool:
+            self._collector.check_nodes()
+            return is_complete() or unchanged.seconds(self._received.count) >= QUIET_S
+
+        self._peer.spin(math.inf, is_over)
