@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.stored.comparison import SIGNIFICANT, Comparison
 from sfr_loc_map.metrics.table.catalogue import title_of
@@ -49,8 +51,17 @@ def _pairs_table(result: Comparison) -> Table:
     )
     title = f"Mean + 3 sigma, compared with {result.names[0]}, paired by sub-trajectory"
     note = f"A method is better or worse if p is at most {SIGNIFICANT} and the interval excludes zero. "
-    note += f"p: p-value of the difference, corrected for {len(result.pairs)} comparisons (Holm)."
+    note += f"p: p-value of the difference, corrected for {sum(pair.p is not None for pair in result.pairs)} "
+    note += "comparisons (Holm)."
+    note += "".join(_sample_notes(result))
     return Table("pairs", title, columns, tuple(rows), note)
+
+
+def _sample_notes(result: Comparison) -> Iterator[str]:
+    """Yield a sentence for each condition over which scores contain only a sample of the sub-trajectories."""
+    samples = {pair.condition: pair.every for pair in result.pairs if pair.every > 1}
+    for condition, every in samples.items():
+        yield f" Over {label_of(condition)}, one in {every} sub-trajectories is compared: the scores contain no others."
 
 
 def _runs_table(result: Comparison) -> Table:

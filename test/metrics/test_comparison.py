@@ -52,6 +52,25 @@ def test_estimates_that_differ_by_chance_are_not_called_different() -> None:
     assert told <= 3
 
 
+def test_scores_with_samples_of_different_density_are_compared_by_the_common_sample() -> None:
+    """A score of 10 700 frames keeps every second of 1065 sub-trajectories; one of 9 000 frames keeps all 896."""
+    truth, _ = drive(4, 10_700)
+    config = TrajectoryScoreConfig(conditions=("frames=50",))
+    noise = np.cumsum(np.random.default_rng(4).normal(0, 0.01, (10_700, 3)), axis=0)
+    long, short = (
+        score_of((truth[0][:end], truth[1][:end] + noise[:end], truth[2][:end]), truth, config)
+        for end in (10_700, 9_000)
+    )
+    pair = compare_scores([long, short], ["long", "short"]).pairs[0]
+    assert (pair.every, pair.count, pair.outcome) == (2, 448, "equal")
+    assert pair.left_out == (533 - 448, 0)
+    later = score_of((truth[0][10:], truth[1][10:] + noise[10:], truth[2][10:]), truth, config)
+    pair = compare_scores([long, later], ["long", "later"]).pairs[0]
+    assert (pair.every, pair.count, pair.outcome) == (2, 0, "not enough data"), "its sample has the other half"
+    (note,) = (table.note for table in comparison_tables(compare_scores([long, later], ["long", "later"])))
+    assert "one in 2" in note
+
+
 def whole_run(coverage: float, mapping_p95: float | None = None) -> Score:
     return Score(figures=(figure_row("coverage", value=coverage), figure_row("mapping", p95=mapping_p95)))
 

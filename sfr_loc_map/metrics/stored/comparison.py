@@ -4,6 +4,9 @@ Sub-trajectories of the same condition with the same first and last stamp are pa
 difficult for both estimates does not add to the scatter of the difference. For the interval of the difference, both
 series are resampled in the same blocks, which preserves the pairing (circular block bootstrap,
 `metrics.statistics.intervals`).
+
+The stamps of sub-trajectories are stored with the data of the plots, which have every n-th sub-trajectory of a long
+drive. A comparison of long drives is therefore one of samples, and `PairedDifference.every` states n.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -18,14 +22,14 @@ from msgspec.structs import replace
 from scipy.special import stdtr
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.metrics.errors.trajectory_errors import overlap_of
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import Interval, holm, scatter_of_difference
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.catalogue import KINDS, TOTAL, Subject
-from sfr_loc_map.metrics.table.details import SubTrajectoryRows
+from sfr_loc_map.metrics.table.details import SubTrajectoryRows, Values
 from sfr_loc_map.metrics.table.records import MethodRecord, Record
 from sfr_loc_map.metrics.table.rows import Figure
 
@@ -52,8 +56,10 @@ class PairedDifference(Record, frozen=True, kw_only=True, omit_defaults=False):
     condition: str  #: Condition that ends the sub-trajectories.
     figure: str  #: Figure of the catalogue whose mean + 3 sigma is compared.
     unit: str  #: Unit of the figure.
-    count: int  #: Number of common sub-trajectories.
-    left_out: tuple[int, int]  #: Sub-trajectories of the first and of the other score that are not common.
+    #: n, if every n-th sub-trajectory of both scores is compared, the larger n of the two scores; 1 for all of them.
+    every: int
+    count: int  #: Number of these sub-trajectories that are common, by their first and last stamp.
+    left_out: tuple[int, int]  #: Number of these sub-trajectories that only the first or only the other score has.
     first: float | None = None  #: Mean + 3 sigma of the first score over the common sub-trajectories.
     other: float | None = None  #: Mean + 3 sigma of the other score over the common sub-trajectories.
     difference: float | None = None  #: Other score minus first score; negative if the other score is better.
@@ -91,27 +97,41 @@ class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
 
 
 def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
-    """Return the comparison of the other scores with the first; MetricsError if they have no figure in common."""
+    """Return the comparison of the other scores with the first; MetricsError if they have nothing in common."""
     if len(scores) < 2:
         raise MetricsError(f"a comparison requires at least two scores, found {len(scores)}: give several score files")
-    others = list(zip(scores[1:], names[1:], strict=True))
-    for score, name in others:
-        check_same_data(scores[0], score, (names[0], name))
-    pairs = [pair for score, name in others for pair in _paired(scores[0], score, name)]
-    incomplete = tuple(score.incomplete for score in scores)
-    without_outcome = {name for score, name in others if score.incomplete is not None or incomplete[0] is not None}
-    pairs = [replace(pair, p_corrected=p) for pair, p in zip(pairs, holm([pair.p for pair in pairs]), strict=True)]
-    pairs = [
-        replace(it, outcome=Outcome.NO_DIFFERENCE) if (it.p_corrected or 0.0) > SIGNIFICANT else it for it in pairs
-    ]
-    pairs = [replace(it, outcome=Outcome.INCOMPLETE) if it.name in without_outcome else it for it in pairs]
+    first, *others = scores
+    for score, name in zip(others, names[1:], strict=True):
+        check_same_data(first, score, (names[0], name))
+    pairs = [pair for score, name in zip(others, names[1:], strict=True) for pair in _paired(first, score, name)]
     side_by_side = tuple(_side_by_side(scores))
-    if not pairs and not side_by_side:
+    if not any(pair.count or pair.every > 1 for pair in pairs) and not side_by_side:  # samples may have none in common
         raise MetricsError("the scores have no condition and no figure in common: score the same data and conditions")
-    methods = tuple(score.method for score in scores)
+    is_incomplete = {
+        name: first.incomplete is not None or score.incomplete is not None
+        for score, name in zip(others, names[1:], strict=True)
+    }
+    corrected = holm([pair.p for pair in pairs])
     return Comparison(
-        names=tuple(names), methods=methods, incomplete=incomplete, pairs=tuple(pairs), side_by_side=side_by_side
+        names=tuple(names),
+        methods=tuple(score.method for score in scores),
+        incomplete=tuple(score.incomplete for score in scores),
+        pairs=tuple(
+            _concluded(pair, p, is_incomplete=is_incomplete[pair.name])
+            for pair, p in zip(pairs, corrected, strict=True)
+        ),
+        side_by_side=side_by_side,
     )
+
+
+def _concluded(pair: PairedDifference, p_corrected: float | None, *, is_incomplete: bool) -> PairedDifference:
+    """Return a difference with its corrected p-value, and the outcome by this p-value and the completeness."""
+    outcome = pair.outcome
+    if is_incomplete:
+        outcome = Outcome.INCOMPLETE
+    elif p_corrected is not None and p_corrected > SIGNIFICANT:
+        outcome = Outcome.NO_DIFFERENCE
+    return replace(pair, p_corrected=p_corrected, outcome=outcome)
 
 
 def _side_by_side(scores: Sequence[Score]) -> Iterator[SideBySide]:
@@ -168,32 +188,59 @@ def _sub_trajectories(score: Score) -> tuple[SubTrajectoryRows, ...]:
     return () if details is None or details.trajectory is None else details.trajectory.sub_trajectories
 
 
+class CommonRows(NamedTuple):
+    """The compared sub-trajectories of two scores over one condition, as rows of the data of their plots."""
+
+    every: int  #: Every n-th sub-trajectory is compared; n is a power of two in each score.
+    first: list[int]  #: Rows of the common sub-trajectories in the first score.
+    other: list[int]  #: Rows of the same sub-trajectories in the other score.
+    left_out: tuple[int, int]
+
+    @classmethod
+    def of(cls, mine: SubTrajectoryRows, theirs: SubTrajectoryRows) -> CommonRows:
+        """Return the compared sub-trajectories; the score with more of them is decimated like the other."""
+        every = max(mine.every, theirs.every)
+        spans, other_spans = (_spans(rows, every // rows.every) for rows in (mine, theirs))
+        common = [span for span in spans if span in other_spans]
+        left_out = (len(spans) - len(common), len(other_spans) - len(common))
+        return cls(every, [spans[span] for span in common], [other_spans[span] for span in common], left_out)
+
+
+def _spans(rows: SubTrajectoryRows, step: int) -> dict[tuple[int, int], int]:
+    """Return the number of each `step`-th row by its first and last stamp."""
+    stamps = zip(rows.start_stamp_ns, rows.end_stamp_ns, strict=True)
+    return {span: number for number, span in enumerate(stamps) if number % step == 0}
+
+
 def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) -> Iterator[PairedDifference]:
     """Yield the differences over the sub-trajectories of one condition that have the same first and last stamp."""
-    spans = list(zip(mine.start_stamp_ns, mine.end_stamp_ns, strict=True))
-    other_spans = {span: row for row, span in enumerate(zip(theirs.start_stamp_ns, theirs.end_stamp_ns, strict=True))}
-    rows = [row for row, span in enumerate(spans) if span in other_spans]
-    other_rows = [other_spans[spans[row]] for row in rows]
-    if not rows:
-        return
-    starts, ends = np.asarray(mine.start_frame)[rows], np.asarray(mine.end_frame)[rows]
-    spacing = max(int(np.median(np.diff(starts))), 1) if len(starts) > 1 else 1
-    overlap = overlap_of(starts, ends, spacing)
-    left_out = (len(spans) - len(rows), len(other_spans) - len(rows))
+    rows = CommonRows.of(mine, theirs)
+    overlap = _overlap(np.array(mine.start_frame)[rows.first], np.array(mine.end_frame)[rows.first])
     for kind in KINDS.values():
         columns, other_columns = mine.errors_of(kind.name), theirs.errors_of(kind.name)
-        if TOTAL in kind.compared and columns and other_columns:
-            a = np.column_stack([np.asarray(column, np.float64)[rows] for column in columns])
-            b = np.column_stack([np.asarray(column, np.float64)[other_rows] for column in other_columns])
-            found = PairedDifference(
-                name=name,
-                condition=mine.condition,
-                figure=kind.name,
-                unit=kind.unit,
-                count=len(rows),
-                left_out=left_out,
-            )
-            yield _compared(found, a, b, overlap)
+        if TOTAL not in kind.compared or not columns or not other_columns:
+            continue
+        found = PairedDifference(
+            name=name,
+            condition=mine.condition,
+            figure=kind.name,
+            unit=kind.unit,
+            every=rows.every,
+            count=len(rows.first),
+            left_out=rows.left_out,
+        )
+        yield _compared(found, _errors_at(columns, rows.first), _errors_at(other_columns, rows.other), overlap)
+
+
+def _overlap(starts: IntArray, ends: IntArray) -> float:
+    """Return the overlap of the common sub-trajectories, whose typical spacing may exceed that of the scores."""
+    spacing = int(np.median(np.diff(starts))) if len(starts) > 1 else 1
+    return overlap_of(starts, ends, max(spacing, 1))
+
+
+def _errors_at(columns: Sequence[Values], rows: Sequence[int]) -> FloatArray:
+    """Return the errors `(N, d)` of some rows, NaN if unknown."""
+    return np.column_stack([np.array(column, np.float64)[rows] for column in columns])
 
 
 def _compared(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: float) -> PairedDifference:
