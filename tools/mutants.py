@@ -423,7 +423,9 @@ MUTATIONS = (
     ),
     Mutation("metrics/completeness/copies.py", "max(least_m, float(own_m.min()), 0.5", "max(least_m, 0.5"),
     Mutation("metrics/completeness/copies.py", "float(own_m.min()), 0.5 *", "float(own_m.min()), 1.5 *"),
-    Mutation("metrics/completeness/copies.py", "return found & is_moving", "return found"),
+    Mutation("metrics/completeness/copies.py", "return found.where(is_moving)", "return found"),
+    Mutation("metrics/completeness/copies.py", "resolution_of(true_pos) < resolution_m", "False"),
+    Mutation("metrics/completeness/copies.py", "is_enough(slice(None))), is_copy)", "True), is_copy)"),
     # the table against the raw values of a file
     Mutation(
         "metrics/stored/file_check.py",

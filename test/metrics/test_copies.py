@@ -93,9 +93,12 @@ def test_a_motion_is_that_of_the_truth_to_10_um_a_metre() -> None:
     assert counted(TRUE + NOISE, TRUE) == (0, 0)
 
 
-def test_rounded_truths_count_in_rows_of_fifty_and_up_to_a_millimetre() -> None:
-    curved = np.column_stack((TRUE[:, 0] * 0.987654321, np.sin(TRUE[:, 0]), np.cos(TRUE[:, 0])))
-    for digits, many in ((3, COUNT - 1), (5, COUNT - 1), (6, COUNT - 1), (2, 0)):
+CURVED = np.column_stack((TRUE[:, 0] * 0.987654321, np.sin(TRUE[:, 0]), np.cos(TRUE[:, 0])))
+
+
+def test_rounded_truths_count_in_rows_of_fifty() -> None:
+    curved = CURVED
+    for digits, many in ((2, COUNT - 1), (3, COUNT - 1), (5, COUNT - 1), (6, COUNT - 1)):
         assert counted(np.round(curved, digits), curved)[1] == many
     assert resolution_of(np.round(curved, 4)) == 1e-4
     assert resolution_of(curved) == 0.0
@@ -104,6 +107,24 @@ def test_rounded_truths_count_in_rows_of_fifty_and_up_to_a_millimetre() -> None:
         part[100 : 100 + length] = np.round(curved[100 : 100 + length], 3)
         part[[99, 100 + length]] += 0.01
         assert counted(part, curved)[1] == many
+
+
+@pytest.mark.parametrize(
+    ("digits", "count", "testable"),
+    [(3, COUNT, COUNT - 1), (2, COUNT, COUNT - 1), (1, COUNT, 0), (3, 50, 0), (6, 50, 48), (3, 52, 51)],
+)
+def test_copies_are_unknown_if_the_drive_is_too_short_for_the_resolution(
+    digits: int, count: int, testable: int
+) -> None:
+    """A drive of 28 m, or its first poses. 50 moving poses in a row are required, on 2000 units of the resolution."""
+    position = np.round(1.01 * CURVED[:count], digits)
+    none = np.zeros(count, np.bool_)
+    made = Frames(STAMPS[:count], CURVED[:count], LEVEL[:count], position, LEVEL[:count], np.arange(count))
+    truth = Trajectory(STAMPS[:count], CURVED[:count], LEVEL[:count])
+    row = Score(figures=tuple(copy_rows(made, truth, none, interpolated=False))).figure("poses_of_truth")
+    assert (row.n, row.value) == (testable, 0.0 if testable else None)
+    motions = judged_of_truth(made, [(np.array([0]), np.array([count - 1]))])
+    assert (motions.n, motions.value) == ((1, 0.0) if digits == 6 else (0, None))
 
 
 def test_steps_of_a_rover_that_stands_say_nothing() -> None:
@@ -132,7 +153,7 @@ def test_a_slow_drive_in_millimetres_is_no_copy() -> None:
     assert counted(np.round(fast, 3), fast)[1] > 0.9 * COUNT, "over 4 m the rounded truth is no estimate"
 
 
-@pytest.mark.parametrize("digits", [3, 4, 5, 6, 7, 12])
+@pytest.mark.parametrize("digits", [1, 2, 3, 4, 5, 6, 7, 12])
 @pytest.mark.parametrize("rate_hz", [10.0, 50.0, 100.0])
 def test_short_steps_of_an_honest_estimate_are_not_those_of_the_truth(rate_hz: float, digits: int) -> None:
     """60 m at 6 cm/s: steps of 0.6 to 6 mm are rounded to those of the truth, whose file has the same decimals."""

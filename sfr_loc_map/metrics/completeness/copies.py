@@ -1,15 +1,22 @@
 """Estimates that are not measurements: copies of the previous pose, and copies of the ground truth.
 
-Both are counted as figures of completeness. A pose is repeated if it is bit-identical to the previous pose although the
-rover moves and no state reports the pose as lost or degraded. A pose is a copy of the truth if the motion to it equals
-the true motion more accurately than any measurement, or if the pose is the rounded true pose. The motion is long
-compared with the resolution of the positions, because short steps of any estimate are rounded to those of the truth.
-The same test applies to the judged motions from start to end. See docs/metrics.md, "Completeness".
+Three figures of completeness count them:
+
+- `poses_repeated`: a pose is bit-identical to the previous pose although the rover moves, and no state reports the pose
+  as lost or degraded (`repeats_pose`).
+- `poses_of_truth`: the motion to a pose equals the true motion more accurately than any measurement
+  (`ends_true_motion`), or the pose is the rounded true pose (`is_rounded_truth`).
+- `errors_of_truth`: the motion from the start to the end of a judged sub-trajectory equals the true motion.
+
+Short motions of any estimate are rounded to those of the truth, so only motions that are long compared with the
+resolution of the positions are tested. The last two figures are fractions of what can be tested, and unknown if nothing
+can. See docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,11 +34,34 @@ DRIFT_SHARE = 0.02
 """Fraction of the typical true speed up to which a displacement is a drift of the tracking, not a motion. A stationary
 rover with a zero-velocity update repeats its pose while the truth drifts, for instance by 3 mm in 90 s."""
 EXACT_SHARE = 1e-5  #: Relative error of a motion that no odometry reaches: 10 um per metre.
-RESOLUTIONS_M = (1e-3, 1e-4, 1e-5, 1e-6)  #: Resolutions of the positions of a file that are recognised, m.
+RESOLUTIONS_M = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  #: Resolutions of positions that are recognised, m.
 FINEST_M = RESOLUTIONS_M[-1]  #: Resolution of the positions of a file that is finer than those recognised, at most.
+COARSEST_OF_COPIES_M = 1e-3
+"""Resolution at which positions are compared that lie on the same coarser grid as the true positions, m. A copy then
+equals the truth exactly, and the grid may be that of the drive and not that of the file."""
 ROUNDED_IN_A_ROW = 50  #: Number of consecutive rounded true poses that an estimate does not reach by chance.
 ROUNDED_PATH = 2000.0
 """Minimum path of these poses, in units of the resolution: an error of 0.05 % over 2 m equals a resolution of 1 mm."""
+
+
+class Tested(NamedTuple):
+    """Which poses or motions are long and precise enough to be recognised as copies of the truth, and which are."""
+
+    is_testable: Mask
+    is_copy: Mask  #: Only testable ones.
+
+    def either(self, other: Tested) -> Tested:
+        """Return which are testable, and which are copies, by one of two tests."""
+        return Tested(self.is_testable | other.is_testable, self.is_copy | other.is_copy)
+
+    def where(self, is_chosen: Mask) -> Tested:
+        """Return the result for chosen poses or motions only."""
+        return Tested(self.is_testable & is_chosen, self.is_copy & is_chosen)
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """The number of copies, and the number of all that are testable."""
+        return int(np.count_nonzero(self.is_copy)), int(np.count_nonzero(self.is_testable))
 
 
 def copy_rows(frames: Frames, truth: Trajectory, is_reported: Mask, *, interpolated: bool) -> Iterator[Figure]:
@@ -39,23 +69,33 @@ def copy_rows(frames: Frames, truth: Trajectory, is_reported: Mask, *, interpola
 
     `is_reported` `(F,)` states whether the pose of a frame is reported as lost or degraded.
     """
-    count = len(frames.stamps_ns)
     repeated = int(np.count_nonzero(repeats_pose(frames) & ~is_reported))
-    yield from share_rows("poses_repeated", repeated, count)
+    yield from share_rows("poses_repeated", repeated, len(frames.stamps_ns))
     references = [frames.true_position]
     if interpolated:
         references.append(spline_positions(truth, frames))
-    is_moving = moving_steps(frames.true_position)
-    moving = int(np.count_nonzero(is_moving))
-    copied = int(np.count_nonzero(is_of_truth(frames, references, is_moving)))
-    yield from share_rows("poses_of_truth", copied, moving)
+    yield from share_rows("poses_of_truth", *copies_of_truth(frames, references).counts)
 
 
-def scatter_m(positions: FloatArray) -> float:
-    """Return the median norm of the second differences of positions `(F, 3)`, caused by noise and acceleration."""
-    if len(positions) < 3:
-        return 0.0
-    return float(np.median(np.linalg.norm(np.diff(positions, n=2, axis=0), axis=1)))
+def judged_of_truth(frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]]) -> Figure:
+    """Return the row of the judged motions that equal the true motions, for the condition with the largest fraction.
+
+    This detects true poses that are used only at the starts and ends, where no two successive poses are true.
+    """
+    resolution_m = resolution_of_copies(frames.position, frames.true_position)
+    worst = figure_row("errors_of_truth", n=0)
+    for starts, ends in chosen:
+        lengths_m = np.linalg.norm(frames.true_position[ends] - frames.true_position[starts], axis=1)
+        is_moving = lengths_m > MOVING_SHARE * np.max(lengths_m, initial=0.0)
+        motions = compared_motions(frames, frames.true_position, starts, ends, resolution_m)
+        copies, testable = motions.where(is_moving).counts
+        share = share_of(copies, testable)
+        if share is not None and share >= (worst.value or 0.0):
+            worst = figure_row("errors_of_truth", n=testable, value=share)
+    return worst
+
+
+# ---- poses that repeat the previous pose
 
 
 def repeats_pose(frames: Frames) -> Mask:
@@ -82,6 +122,13 @@ def repeats_pose(frames: Frames) -> Mask:
     return np.asarray(is_same & (moved_m > np.maximum(least_m, drift_m)))
 
 
+def scatter_m(positions: FloatArray) -> float:
+    """Return the median norm of the second differences of positions `(F, 3)`, caused by noise and acceleration."""
+    if len(positions) < 3:
+        return 0.0
+    return float(np.median(np.linalg.norm(np.diff(positions, n=2, axis=0), axis=1)))
+
+
 def typical_speed(frames: Frames) -> float:
     """Return the median true speed of the moving rover, m/s; 0 if the rover does not move."""
     is_moving = moving_steps(frames.true_position)[1:]
@@ -103,29 +150,36 @@ def moving_steps(true_pos: FloatArray) -> Mask:
     return is_moving
 
 
-def is_of_truth(frames: Frames, references: list[FloatArray], is_moving: Mask) -> Mask:
+# ---- copies of the truth
+
+
+def copies_of_truth(frames: Frames, references: Sequence[FloatArray]) -> Tested:
     """Return which poses `(F,)` of a moving rover are copies of the truth.
 
     `references` are true positions at the frames, by each kind of interpolation.
     """
-    resolution_m = resolution_of(frames.position)
-    found = np.zeros(len(frames.stamps_ns), np.bool_)
+    is_moving = moving_steps(frames.true_position)
+    nothing = np.zeros(len(frames.stamps_ns), np.bool_)
+    found = Tested(nothing, nothing)
     for true_pos in references:
-        found |= ends_true_motion(frames, true_pos, resolution_m)
+        resolution_m = resolution_of_copies(frames.position, true_pos)
+        found = found.either(ends_true_motion(frames, true_pos, resolution_m))
         if resolution_m:
-            found |= is_rounded_truth(frames.position, true_pos, resolution_m, is_moving)
-    return found & is_moving
+            found = found.either(is_rounded_truth(frames.position, true_pos, resolution_m, is_moving))
+    return found.where(is_moving)
 
 
-def ends_true_motion(frames: Frames, true_pos: FloatArray, resolution_m: float) -> Mask:
+def ends_true_motion(frames: Frames, true_pos: FloatArray, resolution_m: float) -> Tested:
     """Return at which frames `(F,)` the last motion over the least testable path equals the true motion."""
-    found = np.zeros(len(true_pos), np.bool_)
     steps_m = np.linalg.norm(np.diff(true_pos, axis=0), axis=1)
     travelled_m = np.append(0.0, np.cumsum(steps_m))[: len(true_pos)]
     starts = np.searchsorted(travelled_m, travelled_m - least_motion_m(resolution_m), "right") - 1
     ends = np.flatnonzero(starts >= 0)
-    found[ends] = is_true_motion(frames, true_pos, starts[ends], ends, resolution_m)
-    return found
+    motions = compared_motions(frames, true_pos, starts[ends], ends, resolution_m)
+    is_testable, is_copy = np.zeros((2, len(true_pos)), np.bool_)
+    is_testable[ends] = motions.is_testable
+    is_copy[ends] = motions.is_copy
+    return Tested(is_testable, is_copy)
 
 
 def least_motion_m(resolution_m: float) -> float:
@@ -136,37 +190,49 @@ def least_motion_m(resolution_m: float) -> float:
     return float(np.sqrt(3.0)) * max(resolution_m, FINEST_M) / EXACT_SHARE
 
 
-def is_true_motion(frames: Frames, true_pos: FloatArray, starts: IntArray, ends: IntArray, resolution_m: float) -> Mask:
+def compared_motions(
+    frames: Frames, true_pos: FloatArray, starts: IntArray, ends: IntArray, resolution_m: float
+) -> Tested:
     """Return which motions from `starts` to `ends` equal the true motions, in DS or in RB at the start.
 
-    A displacement of less than half of the least testable motion, as after a turn back, equals no other.
+    A displacement of less than half of the least testable motion, as after a turn back, is not testable.
     """
     motion, true_motion = frames.position[ends] - frames.position[starts], true_pos[ends] - true_pos[starts]
     in_body = quat_rotate(quat_conjugate(frames.attitude[starts]), motion)
     true_in_body = quat_rotate(quat_conjugate(frames.true_attitude[starts]), true_motion)
     error_m = np.minimum(np.linalg.norm(motion - true_motion, axis=1), np.linalg.norm(in_body - true_in_body, axis=1))
     length_m = np.linalg.norm(true_motion, axis=1)
-    is_long = length_m >= 0.5 * least_motion_m(resolution_m)
-    return np.asarray(is_long & (error_m <= EXACT_SHARE * length_m + np.sqrt(3.0) * resolution_m))
+    is_long = np.asarray(length_m >= 0.5 * least_motion_m(resolution_m))
+    return Tested(is_long, is_long & (error_m <= EXACT_SHARE * length_m + np.sqrt(3.0) * resolution_m))
 
 
-def judged_of_truth(frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]]) -> Figure:
-    """Return the row of the judged motions that equal the true motions, for the condition with the largest fraction.
+def is_rounded_truth(positions: FloatArray, true_pos: FloatArray, resolution_m: float, is_moving: Mask) -> Tested:
+    """Return which positions `(F, 3)` are rounded true positions, in runs that contain enough motion.
 
-    This detects true poses that are used only at the starts and ends, where no two successive poses are true.
+    A run must have `ROUNDED_IN_A_ROW` poses of a moving rover and a minimum path, because over a short path the error
+    of a real estimate can be smaller than the rounding. Nothing is testable if the complete drive is too short for a
+    run.
     """
-    resolution_m = resolution_of(frames.position)
-    worst = figure_row("errors_of_truth", n=0)
-    for starts, ends in chosen:
-        lengths_m = np.linalg.norm(frames.true_position[ends] - frames.true_position[starts], axis=1)
-        is_moving = lengths_m > MOVING_SHARE * np.max(lengths_m, initial=0.0)
-        starts, ends = starts[is_moving], ends[is_moving]
-        is_true = is_true_motion(frames, frames.true_position, starts, ends, resolution_m)
-        count = len(is_true)
-        share = share_of(int(np.count_nonzero(is_true)), count)
-        if share is not None and share >= (worst.value or 0.0):
-            worst = figure_row("errors_of_truth", n=count, value=share)
-    return worst
+    steps_m = np.linalg.norm(np.diff(true_pos, axis=0, prepend=true_pos[:1]), axis=1)
+
+    def is_enough(run: slice) -> bool:
+        path_m = float(steps_m[run][1:].sum())
+        poses = int(np.count_nonzero(is_moving[run]))
+        return poses >= ROUNDED_IN_A_ROW and path_m >= ROUNDED_PATH * resolution_m
+
+    is_equal = (np.rint(true_pos / resolution_m) == np.rint(positions / resolution_m)).all(axis=1)
+    edges = np.flatnonzero(np.diff(is_equal, prepend=False, append=False))
+    is_copy = np.zeros(len(positions), np.bool_)
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        is_copy[begin:end] = is_enough(slice(begin, end))
+    return Tested(np.full(len(positions), is_enough(slice(None))), is_copy)
+
+
+def resolution_of_copies(positions: FloatArray, true_pos: FloatArray) -> float:
+    """Return the resolution at which a copy equals the truth, m; 0 if the positions were not rounded."""
+    resolution_m = resolution_of(positions)
+    is_of_finer_truth = resolution_of(true_pos) < resolution_m
+    return resolution_m if is_of_finer_truth else min(resolution_m, COARSEST_OF_COPIES_M)
 
 
 def resolution_of(positions: FloatArray) -> float:
@@ -176,23 +242,6 @@ def resolution_of(positions: FloatArray) -> float:
         if np.allclose(units, np.rint(units), rtol=0.0, atol=1e-4):
             return resolution_m
     return 0.0
-
-
-def is_rounded_truth(positions: FloatArray, true_pos: FloatArray, resolution_m: float, is_moving: Mask) -> Mask:
-    """Return which positions `(F, 3)` are rounded true positions, in runs that contain enough motion.
-
-    A run must have `ROUNDED_IN_A_ROW` poses of a moving rover and a minimum path, because over a short path the error
-    of a real estimate can be smaller than the rounding.
-    """
-    step_m = np.linalg.norm(np.diff(true_pos, axis=0, prepend=true_pos[:1]), axis=1)
-    is_equal = (np.rint(true_pos / resolution_m) == np.rint(positions / resolution_m)).all(axis=1)
-    found = np.zeros(len(positions), np.bool_)
-    edges = np.flatnonzero(np.diff(is_equal, prepend=False, append=False))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        has_poses = np.count_nonzero(is_moving[begin:end]) >= ROUNDED_IN_A_ROW
-        has_path = step_m[begin + 1 : end].sum() >= ROUNDED_PATH * resolution_m
-        found[begin:end] = has_poses and has_path
-    return found
 
 
 def spline_positions(truth: Trajectory, frames: Frames) -> FloatArray:

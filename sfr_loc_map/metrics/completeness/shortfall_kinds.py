@@ -170,7 +170,7 @@ SHORTFALLS = (
     ShortfallKind(  # not 0, because an estimate may equal the truth by chance for some motions
         "poses_of_truth",
         Scope.DRIVE,
-        "poses of the moving rover",
+        "poses of the moving rover that can be compared",
         0.1,
         f"{{percent}} % of the steps {OF_TRUTH}",
         is_lifted_by_partial=False,
@@ -178,7 +178,7 @@ SHORTFALLS = (
     ShortfallKind(
         "errors_of_truth",
         Scope.DRIVE,
-        "judged motions",
+        "long judged motions",
         0.1,
         f"{{percent}} % of the judged motions from a start to an end {OF_TRUTH}",
         accepted_by=("poses_of_truth_max_share",),
