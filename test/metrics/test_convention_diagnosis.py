@@ -105,6 +105,22 @@ def test_each_mismatch_is_found_among_the_others_and_its_setting_corrects_it(cas
     assert name != "time offset" or corrected.stamps_ns.tolist() == estimate[0].tolist()
 
 
+def test_inverted_motions_refer_to_the_first_pose_of_the_estimate_also_if_it_has_no_true_pose() -> None:
+    truth, estimate = rover(3)
+    late = tuple(column[60:] for column in truth)
+    assert found(CASES["inverted_motions"][0](*estimate), late)[0] == "inverted motions"
+
+
+def test_extrinsics_that_the_convention_does_not_accept_are_not_proposed() -> None:
+    """Estimate and truth are in millimetres, so that the lever arm of the camera is hundreds of units."""
+    (stamps, positions, quats), estimate = rover(3)
+    _, of_camera_mm, attitudes = CASES["camera"][0](*estimate)
+    in_mm = Trajectory(stamps, 1000.0 * of_camera_mm, attitudes)
+    hypothesis = diagnose(in_mm, Trajectory(stamps, 1000.0 * positions, quats), AssociationConfig()).found
+    assert hypothesis is not None
+    assert (hypothesis.mismatch, hypothesis.setting) == ("another point", "")
+
+
 def test_the_disagreement_of_an_offset_is_that_of_its_setting() -> None:
     """The offset to the exact stamps of the truth is preferred to the nearest offset of the grid."""
     truth, (stamps, *poses) = rover(0)

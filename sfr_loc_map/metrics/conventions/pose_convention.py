@@ -138,10 +138,16 @@ class PoseConvention:
 def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Transform) -> Trajectory:
     """Return poses of RB in the world frame of the estimate, from poses of a child frame of RB in a convention."""
     stamps = trajectory.stamps_ns
-    positions = trajectory.positions
-    quats = trajectory.quats_xyzw
     if convention.time_offset_ns:
         stamps = stamps + np.int64(convention.time_offset_ns)
+    positions, quats = poses_of_rb(trajectory.positions, trajectory.quats_xyzw, convention, T_rb_child)
+    return Trajectory(stamps, positions, quats)
+
+
+def poses_of_rb(
+    positions: FloatArray, quats: FloatArray, convention: PoseConvention, T_rb_child: Transform
+) -> tuple[FloatArray, FloatArray]:
+    """Return positions `(N, 3)` and quaternions `(N, 4)` of RB, from those of a child frame of RB in a convention."""
     order = convention.quaternion
     if order == "wxyz_ds_to_rb":  # the reader has conjugated the columns att_q_DsToRb as if they were scalar last
         quats = quat_conjugate(quats)
@@ -163,7 +169,7 @@ def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Tr
     if convention.of_another_frame:
         quats = quat_multiply(quat_normalised(quats), quat_from_matrix(T_rb_child.rotation.T))
         positions = positions - quat_rotate(quats, T_rb_child.translation)
-    return Trajectory(stamps, positions, quats)
+    return positions, quats
 
 
 def aligned(trajectory: Trajectory, T_ds_world: Transform) -> Trajectory:

@@ -1,4 +1,9 @@
-"""The search for a convention of poses that is not declared (`convention_diagnosis`).
+"""The search for a convention of poses that is not declared.
 
-`disagreement` compares the hypotheses of a diagnosis, and `offset_search` searches for an offset of the stamps.
+    estimate, truth ── compared_poses ──┬── mismatches ─────┬── convention_diagnosis.diagnose ── Diagnosis
+                                        └── offset_search ──┘
+
+`compared_poses` associates estimate and truth, `mismatches` lists the mismatches and their corrections, `offset_search`
+searches for an offset of the stamps, and `disagreement` measures what each correction leaves. `convention_diagnosis`
+has the rule by which one mismatch is chosen.
 """

@@ -1,0 +1,263 @@
+"""The convention mismatches that a diagnosis tries, and the correction of each.
+
+A correction is the conversion of `metrics.conventions.pose_convention` by one setting of `PoseConvention`, so that the
+correction that is evaluated is the correction that the user applies. Swapped images have no such setting. For a
+mismatch of the truth, the conversion is applied to the truth, and the user must correct the file.
+
+| mismatch | numbers fitted to the truth | is made by |
+|---|---|---|
+| quaternion order, inverted poses, axes, swapped or mirrored sides | none | `MISMATCHES` |
+| inverted motions | none | `inverted_motions` |
+| unit of the estimate or of the truth | none | `units` |
+| poses of the left camera of the rig | none | `left_camera` |
+| poses of a camera or of another point of the rover | lever arm, rotation | `fitted_point` |
+
+To add a mismatch, add its line to `MISMATCHES`. If the mismatch depends on the compared poses or on the rig, add a
+function to `DEPENDENT`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import (
+    matrix_from_quat,
+    quat_angle,
+    quat_conjugate,
+    quat_from_matrix,
+    quat_multiply,
+    quat_rotate,
+)
+from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, poses_of_rb
+from sfr_loc_map.metrics.diagnosis.compared_poses import ComparedPoses
+from sfr_loc_map.metrics.diagnosis.disagreement import PoseArrays, eighths
+
+MIN_LEVER_M = 0.05  #: Minimum fitted lever arm. Smaller lever arms are errors of extrinsics, and no other point.
+MAX_TILT_DEG = 60.0  #: Maximum rotation of a fitted camera from forward-looking optical axes. Chosen by hand.
+MIN_CORRELATION = 0.5  #: Minimum correlation of estimated and true displacements for a wrong unit; noise has about 0.
+SPEEDS = (0.005, 40.0)  #: Range of the speed of a vehicle, from a slow rover to a car, m/s. Chosen by hand.
+SPEED_QUANTILE = 0.9  #: Quantile of the speeds that is compared, because a rover may often be stationary.
+IDENTITY_WITHIN = 1e-9  #: Largest position, m, and angle, rad, of a pose that is considered the identity.
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])  #: Rotation of a point of the rover with the axes of RB.
+OPTICAL = quat_from_matrix(OPTICAL_IN_BODY)
+
+
+class Mismatch(NamedTuple):
+    """A convention mismatch and its correction."""
+
+    name: str
+    sentence: str  #: Fault of the estimate or of the truth, and its correction.
+    correct: Callable[[FloatArray, FloatArray], PoseArrays]  #: Returns corrected positions and quaternions.
+    setting: str = ""  #: Setting `NAME=VALUE` of `PoseConvention` for the correction; empty if there is none.
+    is_fitted: bool = False  #: Whether numbers were fitted to the truth for the correction.
+    is_of_truth: bool = False  #: Whether the truth has the mismatch and not the estimate.
+
+
+def by_setting(name: str, setting: str, sentence: str, rig: StereoRig | None = None) -> Mismatch:
+    """Return a mismatch of the estimate that a setting of `PoseConvention` corrects."""
+    return Mismatch(name, sentence, _correction(PoseConvention.parse([setting]), rig), setting)
+
+
+def of_truth(name: str, setting: str, sentence: str) -> Mismatch:
+    """Return a mismatch of the truth. The setting corrects estimates only, so that it is not proposed."""
+    return by_setting(name, setting, sentence)._replace(setting="", is_of_truth=True)
+
+
+def _correction(
+    convention: PoseConvention, rig: StereoRig | None = None
+) -> Callable[[FloatArray, FloatArray], PoseArrays]:
+    """Return the conversion of poses of a convention to poses of RB."""
+    T_rb_child = convention.T_rb_child(rig)
+    return lambda positions, quats: poses_of_rb(positions, quats, convention, T_rb_child)
+
+
+MISMATCHES = (
+    by_setting(
+        "conjugated quaternion",
+        "quaternion=conjugated",
+        "its attitudes are conjugated (orientation of RB in DS in place of DsToRb): conjugate them",
+    ),
+    by_setting("scalar first", "quaternion=wxyz", "its quaternions are scalar first: write them scalar last"),
+    by_setting(
+        "scalar first",
+        "quaternion=wxyz_ds_to_rb",
+        "its quaternions are scalar first in the columns att_q_DsToRb: write them scalar last",
+    ),
+    by_setting(
+        "scalar first",
+        "quaternion=conjugated_wxyz",
+        "its quaternions are scalar first and conjugated: write them scalar last",
+    ),
+    by_setting("inverted poses", "inverse=true", "its poses are inverted (DS in RB): invert them"),
+    by_setting(
+        "optical axes",
+        "frame=rb_optical",
+        "its attitudes are those of the optical axes (x right, y down, z forward): rotate them to RB",
+    ),
+    Mismatch(
+        "swapped left and right images",
+        "it moves backwards where the truth moves forwards: the left and right images are swapped",
+        lambda positions, quats: (-positions, quats),
+    ),
+    by_setting(
+        "mirrored left and right",
+        "mirrored=true",
+        "left and right are mirrored (y points right): negate y, and x and z of the quaternions",
+    ),
+    by_setting(
+        "axes of NED",
+        "frame=rb_frd",
+        "its attitudes are those of the axes x forward, y right, z down (NED): rotate them to RB; if the truth has "
+        "these axes, --set 'truth.lever_quat_xyzw=[1, 0, 0, 0]' corrects the truth",
+    ),
+    of_truth(
+        "truth scalar first",
+        "quaternion=wxyz",
+        "its quaternions are scalar first: write them scalar last, or name the columns (option --columns "
+        "'truth:t,x,y,z,qw,qx,qy,qz')",
+    ),
+)
+"""The mismatches that do not depend on the compared poses."""
+
+
+def mismatches_of(compared: ComparedPoses) -> Iterator[Mismatch]:
+    """Yield the mismatches that the compared poses can show; there are at least `MIN_POSES` frames."""
+    yield from MISMATCHES
+    for mismatches in DEPENDENT:
+        yield from mismatches(compared)
+
+
+# ---- mismatches that depend on the compared poses or on the rig
+
+
+def inverted_motions(compared: ComparedPoses) -> Iterator[Mismatch]:
+    """Yield inverted motions, unless the first pose is the identity, because they then equal inverted poses."""
+    first = compared.estimate.positions[0], compared.estimate.quats_xyzw[0]
+    if np.abs(first[0]).max() + quat_angle(first[1]) > IDENTITY_WITHIN:
+        sentence = "its motions since the first pose are inverted: invert them"
+        yield by_setting("inverted motions", "inverse_motion=true", sentence)
+
+
+def units(compared: ComparedPoses) -> Iterator[Mismatch]:
+    """Yield the mismatches that the unit of the positions is not the metre.
+
+    The ratio of the sizes does not show whether estimate or truth has the wrong unit. The estimate is corrected only if
+    the truth has the speed of a vehicle and the estimate does not. Otherwise the truth is named, without a correction.
+    """
+    if not _moves_in_true_directions(compared.true, compared.found):
+        return
+    if _has_speed_of_vehicle(compared.truth) and not _has_speed_of_vehicle(compared.estimate):
+        for unit, metres in (("millimetres", "0.001"), ("kilometres", "1000")):
+            sentence = f"its positions are in {unit}: write metres"
+            yield by_setting(unit, f"metres_per_unit={metres}", sentence)
+        return
+    others = {"kilometres": ("1000", "millimetres"), "millimetres": ("0.001", "kilometres")}
+    for unit, (metres, otherwise) in others.items():
+        sentence = f"its positions are in {unit}, or those of the estimate in {otherwise}: write metres"
+        yield of_truth(f"truth in {unit}", f"metres_per_unit={metres}", sentence)
+
+
+def _moves_in_true_directions(true: PoseArrays, found: PoseArrays) -> bool:
+    """Return whether the displacements have the directions of the true displacements.
+
+    The displacements of a stationary rover are noise. Without this condition the unit millimetre would explain this
+    noise, because a smaller unit reduces it.
+    """
+    starts, ends = eighths(len(true[0]))
+    moves = [quat_rotate(quat_conjugate(q[starts]), p[ends] - p[starts]) for p, q in (true, found)]
+    size = float(np.linalg.norm(moves[0]) * np.linalg.norm(moves[1]))
+    return bool((moves[0] * moves[1]).sum() > MIN_CORRELATION * size)
+
+
+def _has_speed_of_vehicle(poses: Trajectory) -> bool:
+    """Return whether the positions have the speed of a vehicle if they are in metres; poses are in time order.
+
+    The quantile `SPEED_QUANTILE` of the speeds between successive poses is compared.
+    """
+    steps = np.linalg.norm(np.diff(poses.positions, axis=0), axis=1)
+    speed = float(np.quantile(steps / (np.diff(poses.stamps_ns) / NS_PER_S), SPEED_QUANTILE))
+    return SPEEDS[0] <= speed <= SPEEDS[1]
+
+
+def left_camera(compared: ComparedPoses) -> Iterator[Mismatch]:
+    """Yield the mismatches in which the poses are those of the left camera: with optical axes, or with axes of RB."""
+    rig = compared.rig
+    if rig is None or rig.T_rb_sb is None:
+        return
+    name, setting = "left camera", "frame=left_optical"
+    yield by_setting(name, setting, _of_point(f"the {name}", "optical axes"), rig)
+    lever_m = PoseConvention.parse([setting]).T_rb_child(rig).translation
+    yield _by_extrinsics(name, _of_point(f"the {name}", "axes of RB"), lever_m, UPRIGHT)
+
+
+def fitted_point(compared: ComparedPoses) -> Iterator[Mismatch]:
+    """Yield the mismatches in which the poses are those of a camera or another point, with fitted extrinsics.
+
+    The rotation of a tilted camera aligns the directions of the estimated motions with those of the true motions
+    (Kabsch 1976). The directions are the rotation axes and displacements of the sub-trajectories in the frame of their
+    start, weighted by their size.
+    """
+    starts, ends = eighths(len(compared.rows))
+    turns, moves, directions = [], [], []
+    for positions, attitudes in (compared.true, compared.found):
+        back = quat_conjugate(attitudes[starts])
+        turns.append(_upright(quat_multiply(back, attitudes[ends])))
+        moves.append(quat_rotate(back, positions[ends] - positions[starts]))
+        size = float(np.sqrt(np.square(moves[-1]).sum(axis=1).mean())) or 1.0
+        directions.append(np.concatenate((turns[-1][:, :3], moves[-1] / size)))
+    u, _, vt = np.linalg.svd(directions[0].T @ directions[1])
+    fitted = quat_from_matrix(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+    tilt_deg = float(np.degrees(quat_angle(quat_multiply(fitted, quat_conjugate(OPTICAL)))))
+    axes = {"axes of RB": UPRIGHT, "optical axes": OPTICAL}
+    if tilt_deg <= MAX_TILT_DEG:
+        axes["tilted optical axes"] = fitted
+    for name, turn in axes.items():
+        # the lever arm l of the point whose poses are given: its displacements differ by `R l - l`
+        matrix = (matrix_from_quat(turns[0]) - np.eye(3)).reshape(-1, 3)
+        lever_m = np.asarray(np.linalg.lstsq(matrix, (quat_rotate(turn, moves[1]) - moves[0]).ravel(), rcond=1e-3)[0])
+        if float(np.linalg.norm(lever_m)) >= MIN_LEVER_M:
+            position = ", ".join(f"{value:.2f}" for value in lever_m)
+            sentence = _of_point("another point", f"{name}, at {position} m in RB")
+            yield _by_extrinsics("another point", sentence, lever_m, turn)._replace(is_fitted=True)
+
+
+def _of_point(point: str, place: str) -> str:
+    return f"its poses are those of {point} in place of RB ({place}): transform them by the extrinsics of the point"
+
+
+def _by_extrinsics(name: str, sentence: str, lever_m: FloatArray, turn: FloatArray) -> Mismatch:
+    """Return the mismatch in which the poses are those of a point with this pose in RB.
+
+    The setting is empty if a lever arm is larger than `PoseConvention` accepts, for example because the positions are
+    in millimetres.
+    """
+    numbers = tuple(round(number, 9) for number in (*lever_m.tolist(), *turn.tolist()))
+    convention = PoseConvention(extrinsics=numbers)
+    (setting,) = convention.settings
+    try:
+        PoseConvention.parse([setting])
+    except ConfigError:
+        setting = ""
+    return Mismatch(name, sentence, _correction(convention), setting)
+
+
+def _upright(quats: FloatArray) -> FloatArray:
+    """Return quaternions of the same rotations with a scalar part >= 0."""
+    return np.where(quats[:, 3:] < 0.0, -quats, quats)
+
+
+DEPENDENT: tuple[Callable[[ComparedPoses], Iterator[Mismatch]], ...] = (
+    inverted_motions,
+    units,
+    left_camera,
+    fitted_point,
+)
+"""Functions that yield the mismatches that the compared poses can show."""
