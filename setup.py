@@ -27,7 +27,7 @@ DOCS = [
     "sphinx-copybutton>=0.5,<0.6",
     "sphinx-design>=0.6,<0.9",
 ]
-TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.7,<4"]
+TEST = ["coverage>=7.4,<8", "hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.7,<4"]
 LIVE = ["aiohttp>=3.14,<4"]
 PLOT = ["matplotlib>=3.8,<4"]
 NOTEBOOK = [*PLOT, "pandas>=2.2,<4"]

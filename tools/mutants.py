@@ -1,14 +1,17 @@
 """Mutation tests of metrics, geometry, scores, reports, suites and measurements of methods: `make mutants`.
 
 Each mutation is a defect in one place: a sign, n for n - 1, an axis, an order, degrees for radians, a boundary of a
-condition, a bound of a range, the pixel of a true point, or an unexpected part. The tests of `GROUPS` run in a copy of
-the sources; for methods, those of `OF_METHODS` run first. A mutation survives if no test fails. The exit code is 1 if a
-mutation survives.
+condition, a bound of a range, the pixel of a true point, or an unexpected part. The test modules of `TESTS`, and
+those named after the mutated module, run in a copy of the sources. At first they run without a mutation, and the lines
+that each of them executes are recorded; a mutation then runs the modules that execute its lines first. A mutation
+survives if no test fails. The exit code is 1 if a mutation survives.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
+import json
 import os
 import shutil
 import sys
@@ -16,12 +19,14 @@ import tempfile
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from coverage import Coverage
 
 ROOT = Path(__file__).resolve().parents[1]
 COPIED = (
@@ -36,19 +41,25 @@ COPIED = (
     "include",
     "sample",
 )
-GROUPS = (
-    ("test/metrics",),
-    ("test/geometry",),
-    ("test/scoring/test_incomplete_everywhere.py",),
-    ("test/scoring/test_copied_poses.py", "test/scoring/test_unjudged_frames.py"),
-    ("test/scoring/test_drive_completeness.py", "test/scoring/test_map_completeness.py"),
-    ("test/scoring/test_judged_calls.py", "test/scoring/test_target_calls.py"),
-    ("test/test_host_clock.py",),
-    ("test/scoring/test_edited_scores.py", "test/scoring/test_verdicts.py"),
-    ("test/scoring/test_score_command.py", "test/scoring/test_several_scores.py"),
-    ("test/scoring/test_deviations.py", "test/report/test_test_report.py"),
+TESTS = (
+    "test/metrics",
+    "test/geometry",
+    "test/scoring/test_incomplete_everywhere.py",
+    "test/scoring/test_copied_poses.py",
+    "test/scoring/test_unjudged_frames.py",
+    "test/scoring/test_drive_completeness.py",
+    "test/scoring/test_map_completeness.py",
+    "test/scoring/test_judged_calls.py",
+    "test/scoring/test_target_calls.py",
+    "test/test_host_clock.py",
+    "test/scoring/test_edited_scores.py",
+    "test/scoring/test_verdicts.py",
+    "test/scoring/test_score_command.py",
+    "test/scoring/test_several_scores.py",
+    "test/scoring/test_deviations.py",
+    "test/report/test_test_report.py",
 )
-"""Groups of tests, in order."""
+"""Tests that run with each mutation."""
 OF_METHODS = (
     "test/methods/child/test_loop.py",
     "test/methods/test_call_monitor.py",
@@ -56,7 +67,8 @@ OF_METHODS = (
     "test/methods/test_misbehaviour.py",
     "test/methods/test_work_between_calls.py",
 )
-"""Tests of the calls and measurements of methods."""
+"""Tests of the calls and measurements of methods; they run with the mutations in `methods`."""
+PASSED, FAILED, NO_TESTS = 0, 1, 5  #: Exit codes of pytest.
 LIBRARIES = ("hypothesis", "msgspec", "numba", "numpy", "scipy.spatial.transform", "scipy.stats", "yaml")
 """Libraries that are imported once for all mutations."""
 
@@ -564,8 +576,16 @@ def copied(folder: Path) -> Path:
     return folder
 
 
-def fails(folder: Path, tests: Sequence[str], marks: str) -> bool:
-    """Return whether a test fails in a copy of the sources; the tests run in a fork with the libraries loaded."""
+class TestModule(NamedTuple):
+    """A test module, its duration, and the lines of the package that it executes, by file below `sfr_loc_map`."""
+
+    path: str
+    duration_s: float
+    executed: dict[str, frozenset[int]]
+
+
+def exit_code_of_tests(folder: Path, test_module: str, marks: str, executed_to: Path | None = None) -> int:
+    """Return the exit code of pytest in a fork with the libraries loaded; write the executed lines as JSON if asked."""
     child = os.fork()
     if child == 0:
         os.chdir(folder)
@@ -574,11 +594,43 @@ def fails(folder: Path, tests: Sequence[str], marks: str) -> bool:
         nothing = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nothing, 1)
         os.dup2(nothing, 2)
-        os._exit(int(pytest.main([*tests, "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-m", marks])))
-    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    if code not in (0, 1):
-        raise SystemExit(f"the tests ended with exit code {code}: run pytest {' '.join(tests)}")
-    return code == 1
+        tracer = Coverage(data_file=None, source=[str(folder / "sfr_loc_map")])
+        if executed_to is not None:
+            tracer.start()
+        code = int(pytest.main([test_module, "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-m", marks]))
+        if executed_to is not None:
+            tracer.stop()
+            data = tracer.get_data()
+            lines = {file: data.lines(file) for file in data.measured_files()}
+            executed_to.write_text(json.dumps(lines), encoding="utf-8")
+        os._exit(code)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def fails(folder: Path, test_module: str, marks: str) -> bool:
+    """Return whether a test of a module fails in a copy of the sources."""
+    code = exit_code_of_tests(folder, test_module, marks)
+    if code not in (PASSED, FAILED, NO_TESTS):
+        raise SystemExit(f"the tests ended with exit code {code}: run pytest {test_module}")
+    return code == FAILED
+
+
+def measured(test_modules: Sequence[str], marks: str) -> list[TestModule]:
+    """Run test modules in an unchanged copy of the sources; return their durations and executed lines."""
+    found = []
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = copied(Path(scratch))
+        package = folder / "sfr_loc_map"
+        executed_to = Path(scratch) / "executed.json"
+        for test_module in test_modules:
+            begin = time.monotonic()
+            if exit_code_of_tests(folder, test_module, marks, executed_to) not in (PASSED, NO_TESTS):
+                raise SystemExit(f"a test fails without a mutation: run pytest {test_module}")
+            duration_s = time.monotonic() - begin
+            lines = json.loads(executed_to.read_text(encoding="utf-8"))
+            executed = {str(Path(file).relative_to(package)): frozenset(numbers) for file, numbers in lines.items()}
+            found.append(TestModule(test_module, duration_s, executed))
+    return found
 
 
 def nearest_tests(path: str) -> tuple[str, ...]:
@@ -594,42 +646,65 @@ def nearest_tests(path: str) -> tuple[str, ...]:
     return tuple(str(each.relative_to(ROOT)) for each in next(filter(None, by_folder), []))
 
 
-def groups_of(path: str) -> list[tuple[str, ...]]:
-    """Return the groups of tests that run with a mutation of a module, in order."""
-    return [tests for tests in (nearest_tests(path), *GROUPS) if tests]
+def test_modules_of(mutations: Sequence[Mutation]) -> list[str]:
+    """Return the test modules that run with any of the mutations."""
+    of_all = {str(file.relative_to(ROOT)) for name in TESTS for file in modules_in(ROOT / name)}
+    return sorted(of_all.union(*(nearest_tests(item.path) for item in mutations)))
 
 
-def killing_group(mutation: Mutation, folder: Path, groups: Sequence[tuple[str, ...]], marks: str) -> tuple[str, ...]:
-    """Return the first group of tests that fails with a mutation in a copy of the sources; empty if none fails."""
+def modules_in(path: Path) -> list[Path]:
+    """Return the test modules in a folder, or the module itself."""
+    return sorted(path.rglob("test_*.py")) if path.is_dir() else [path]
+
+
+def mutated_lines(mutation: Mutation) -> range:
+    """Return the lines from the begin of the innermost statement with the mutated text to the end of this text."""
+    source = (ROOT / "sfr_loc_map" / mutation.path).read_text(encoding="utf-8")
+    first = source[: source.index(mutation.text)].count("\n") + 1
+    last = first + mutation.text.count("\n")
+    statements = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.stmt))
+    begins = [node.lineno for node in statements if node.lineno <= first and last <= (node.end_lineno or 0)]
+    return range(max(begins, default=first), last + 1)
+
+
+def in_order(mutation: Mutation, test_modules: Sequence[TestModule]) -> list[str]:
+    """Return the test modules for a mutation: first those that execute the mutated lines, nearest and shortest first.
+
+    All other test modules follow, because a test can execute the lines in a process of its own.
+    """
+    lines = frozenset(mutated_lines(mutation))
+    nearest = nearest_tests(mutation.path)
+
+    def rank(item: TestModule) -> tuple[bool, bool, float]:
+        is_executed = not lines.isdisjoint(item.executed.get(mutation.path, ()))
+        return not is_executed, item.path not in nearest, item.duration_s
+
+    return [item.path for item in sorted(test_modules, key=rank)]
+
+
+def killer_of(mutation: Mutation, folder: Path, test_modules: Sequence[str], marks: str) -> str | None:
+    """Return the first test module that fails with a mutation in a copy of the sources; None if none fails."""
     path = folder / "sfr_loc_map" / mutation.path
     text = path.read_text(encoding="utf-8")
     if text.count(mutation.text) != 1:
         raise SystemExit(f"{mutation.path}: found {text.count(mutation.text)} times, once is required: {mutation.text}")
     path.write_text(text.replace(mutation.text, mutation.instead), encoding="utf-8")
     try:
-        return next((tests for tests in groups if fails(folder, tests, marks)), ())
+        return next((each for each in test_modules if fails(folder, each, marks)), None)
     finally:
         path.write_text(text, encoding="utf-8")
 
 
-def try_all(mutations: Sequence[Mutation], marks: str) -> list[bool]:
-    """Return for each mutation whether it is killed, in a separate copy of the sources.
-
-    The group that killed the last mutation of the same file runs first.
-    """
+def try_all(mutations: Sequence[Mutation], test_modules: Sequence[TestModule], marks: str) -> list[bool]:
+    """Return for each mutation whether it is killed, in a separate copy of the sources."""
     killed = []
-    last_killer: dict[str, tuple[str, ...]] = {}
     with tempfile.TemporaryDirectory() as scratch:
         folder = copied(Path(scratch))
         for mutation in mutations:
             begin = time.monotonic()
-            first = last_killer.get(mutation.path)
-            groups = sorted(groups_of(mutation.path), key=lambda tests: tests != first)
-            killer = killing_group(mutation, folder, groups, marks)
-            if killer:
-                last_killer[mutation.path] = killer
-            killed.append(bool(killer))
-            word = f"killed by {killer[0]}" if killer else "SURVIVED"
+            killer = killer_of(mutation, folder, in_order(mutation, test_modules), marks)
+            killed.append(killer is not None)
+            word = f"killed by {killer}" if killer else "SURVIVED"
             print(f"{time.monotonic() - begin:5.1f} s  {mutation.path}: {mutation.instead}: {word}", flush=True)
     return killed
 
@@ -651,14 +726,15 @@ def main() -> int:
     for name in LIBRARIES:
         import_module(name)
     marks = "slow or not slow" if options.slow else "not slow"
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = copied(Path(scratch))
-        for tests in dict.fromkeys(group for item in chosen for group in groups_of(item.path)):
-            if fails(folder, tests, marks):
-                raise SystemExit(f"a test fails without a mutation: run pytest {' '.join(tests)}")
-    parts = [chosen[number :: options.workers] for number in range(options.workers)]
-    with ProcessPoolExecutor(options.workers, get_context("fork")) as pool:
-        killed = [each for part in pool.map(try_all, parts, [marks] * len(parts)) for each in part]
+    count = options.workers
+    paths = test_modules_of(chosen)
+    with ProcessPoolExecutor(count, get_context("fork")) as pool:
+        shares = [paths[number::count] for number in range(count)]
+        test_modules = [each for part in pool.map(partial(measured, marks=marks), shares) for each in part]
+        print(f"{len(test_modules)} test modules pass without a mutation", flush=True)
+        parts = [chosen[number::count] for number in range(count)]
+        trial = partial(try_all, test_modules=test_modules, marks=marks)
+        killed = [each for part in pool.map(trial, parts) for each in part]
     print(f"{sum(killed)} of {len(chosen)} mutations killed")
     return 0 if all(killed) else 1
 
