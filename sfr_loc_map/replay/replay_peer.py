@@ -41,7 +41,8 @@ class ReplayPeer(Peer):
             return False
 
         if not self.spin(timeout_s, is_met):
-            raise NodeError(f"{problem()} within {timeout_s:g} s: check the load of this host and start again")
+            place = f"in ROS domain {environment.domain()}"
+            raise NodeError(f"{problem()} within {timeout_s:g} s {place}: check the load of this host and start again")
 
     def wait_for_page(self, page: PageProcess) -> bool:
         """Wait until the live page has subscribed to its first topics or has ended; return False after the timeout."""

@@ -34,8 +34,10 @@ def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
 
 
 def domain() -> str:
-    """Return the ROS domain of this process, for messages."""
-    return os.environ.get("ROS_DOMAIN_ID") or "0"
+    """Return the ROS domain of this process and its discovery server, if it has one, for messages."""
+    number = os.environ.get("ROS_DOMAIN_ID") or "0"
+    server = os.environ.get("ROS_DISCOVERY_SERVER")
+    return f"{number} (discovery server {server})" if server else number
 
 
 def see_whole_graph(environment: MutableMapping[str, str] = os.environ) -> None:

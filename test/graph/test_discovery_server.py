@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from helpers.processes import PATIENCE_S, Process
+from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.environment import see_whole_graph
 
 SFR = ("-m", "sfr_loc_map")
@@ -57,6 +58,7 @@ def test_doctor_and_recorder_see_the_graph_of_a_discovery_server(discovery_serve
         causes, text = findings(tmp_path, "--seconds", "1")
         assert "no_publisher" not in causes.values(), text
         assert "no_topic" not in causes.values(), text
+        assert discovery_server in environment.domain()
         out = tmp_path / "bag.mcap"
         with Process(tmp_path / "record.log", *SFR, "record", str(out), "--duration", "4") as recorder:
             assert recorder.popen.wait(PATIENCE_S) == 0, recorder.text
