@@ -57,6 +57,9 @@ def limits_file(path: Path, text: str) -> Path:
         ("distance=50,time=60", "condition distance=50,time=60: the drive is 12.0 m long and lasts 24.0 s"),
         ("displacement=12", "condition displacement=12: the drive never reaches this straight-line distance"),
         ("turn=170", "condition turn=170: the drive never turns by this angle"),
+        ("distance=5,time=60", "condition distance=5,time=60: the drive lasts 24.0 s"),
+        ("distance=50,turn=1", "condition distance=50,turn=1: the drive is 12.0 m long"),
+        ("distance=5,turn=170", "condition distance=5,turn=170: no sub-trajectory of the drive meets all its parts"),
     ],
 )
 def test_a_condition_that_the_drive_never_meets_is_not_judged(

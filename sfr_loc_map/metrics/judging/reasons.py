@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,16 +22,9 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
     """Return why figures and limits are not judged, one phrase each; `asked` restricts the reported conditions."""
     if score.contradiction is not None:
         return (score.contradiction,)
-    incomplete = () if score.incomplete is None else (f"incomplete: {names_of_incomplete_parts(score)}",)
-    unmet: dict[str | None, str] = {}
-    if (drive := score.association) is not None:
-        extent = drive.matched, drive.path_length_m, drive.duration_s or 0.0
-        for row in score.rows("position", part=str(drive.rebase)):
-            if row.condition is not None and not row.n and not row.unknown:
-                condition = Condition.parse(row.condition)
-                if not asked or condition in asked:
-                    unmet[row.condition] = _reason(condition, *extent)
-    reasons = [*incomplete, *unmet.values()]
+    unmet = unmet_conditions(score, asked)
+    reasons = [] if score.incomplete is None else [f"incomplete: {names_of_incomplete_parts(score)}"]
+    reasons += unmet.values()
     points = score.figure("point_error")
     if points is not None and not points.n:
         reasons.append("map: no point of the cloud has a true point")
@@ -39,6 +33,22 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
             over = "" if item.condition is None else f" over {label_of(item.condition)}"
             reasons.append(f"limit {item.name}{over}: {why_open(item, score)}")
     return tuple(reasons)
+
+
+def unmet_conditions(score: Score, asked: Collection[Condition] = ()) -> dict[str | None, str]:
+    """Return why no sub-trajectory of the drive meets a condition, by condition; only of those in `asked` if given."""
+    drive = score.association
+    if drive is None:
+        return {}
+    extent = DriveExtent(drive.matched, drive.path_length_m, drive.duration_s or 0.0)
+    found: dict[str | None, str] = {}
+    for row in score.rows("position", part=drive.rebase):
+        if row.condition is None or row.n or row.unknown:
+            continue
+        condition = Condition.parse(row.condition)
+        if not asked or condition in asked:
+            found[row.condition] = why_unmet(condition, extent)
+    return found
 
 
 def names_of_incomplete_parts(score: Score) -> str:
@@ -88,23 +98,44 @@ def unknown_of_truth(figure: str, score: Score) -> str | None:
 
 def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> tuple[str, ...]:
     """Return why a drive with this truth never meets some conditions, for a warning before the drive is processed."""
-    length_m = float(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum())
-    duration_s = float(truth.stamps_ns[-1] - truth.stamps_ns[0]) / NS_PER_S if len(truth) else 0.0
-    longest = {ConditionKind.TIME: duration_s, ConditionKind.FRAMES: len(truth) - 1.0}
-    # the straight-line distance cannot exceed the path length
-    longest |= dict.fromkeys((ConditionKind.DISTANCE, ConditionKind.DISPLACEMENT), length_m)
-    beyond = (
-        item for item in conditions if any(part.value > longest.get(part.kind, part.value) for part in item.parts)
+    drive = DriveExtent(
+        frames=len(truth),
+        length_m=float(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum()),
+        duration_s=float(truth.stamps_ns[-1] - truth.stamps_ns[0]) / NS_PER_S if len(truth) else 0.0,
     )
-    return tuple(_reason(item, len(truth), length_m, duration_s) for item in beyond)
+    return tuple(why_unmet(item, drive) for item in conditions if drive.shortages(item))
 
 
-def _reason(condition: Condition, frames: int, length_m: float, duration_s: float) -> str:
-    path = f"is {length_m:.1f} m long"
-    texts = {ConditionKind.TIME: f"lasts {duration_s:.1f} s", ConditionKind.FRAMES: f"has {frames} frames"}
-    texts[ConditionKind.TURN] = "never turns by this angle"
-    texts[ConditionKind.DISPLACEMENT] = "never reaches this straight-line distance"
-    told = " and ".join(dict.fromkeys(texts.get(part.kind, path) for part in condition.parts))
+class DriveExtent(NamedTuple):
+    """The extent of a drive, which no sub-trajectory exceeds."""
+
+    frames: int
+    length_m: float
+    duration_s: float
+
+    def shortages(self, condition: Condition) -> list[str]:
+        """Return the extents that are too short for a part of a condition, each once; the angles are unknown."""
+        extents = {
+            ConditionKind.DISTANCE: (self.length_m, f"is {self.length_m:.1f} m long"),
+            ConditionKind.DISPLACEMENT: (self.length_m, "never reaches this straight-line distance"),
+            ConditionKind.TIME: (self.duration_s, f"lasts {self.duration_s:.1f} s"),
+            ConditionKind.FRAMES: (self.frames - 1.0, f"has {self.frames} frames"),
+        }
+        known = [(part.value, *extents[part.kind]) for part in condition.parts if part.kind in extents]
+        return list(dict.fromkeys(text for required, extent, text in known if required > extent))
+
+
+def why_unmet(condition: Condition, drive: DriveExtent) -> str:
+    """Return why no sub-trajectory of a drive meets a condition, which is known not to be met."""
+    if drive.frames < 2:
+        why = "at most one pose of the estimate has a true pose, but two are required"
+    elif short := drive.shortages(condition):
+        why = f"the drive {' and '.join(short)}"
+    elif len(condition.parts) > 1:
+        why = "no sub-trajectory of the drive meets all its parts"
+    elif condition.kind is ConditionKind.TURN:
+        why = "the drive never turns by this angle"
+    else:
+        why = "the drive never reaches this straight-line distance"
     named = ",".join(f"{part.kind}={part.value:g}" for part in condition.parts)
-    one = "at most one pose of the estimate has a true pose, but two are required"
-    return f"condition {named}: {f'the drive {told}' if frames > 1 else one}"
+    return f"condition {named}: {why}"
