@@ -87,7 +87,8 @@ OTHER_FRAMES = "metrics/errors/other_frames.py"
 INCOMPLETE, FORMULAS_BESIDE = "metrics/judging/incomplete.py", "metrics/formulas_beside.py"
 FORMULAS, SCORE = "metrics/formulas.py", "metrics/errors/trajectory_errors.py"
 SHORTFALLS = "metrics/completeness/shortfall_kinds.py"
-EXPECTED_ITEMS = "metrics/completeness/expected_items.py"
+EXPECTED_ITEMS, DRIVE = "metrics/completeness/expected_items.py", "metrics/completeness/drive.py"
+GAPS = "metrics/completeness/gaps.py"
 CALL_CHECKS, CALL_STATS = "scoring/call_checks.py", "calls/call_stats.py"
 DRIVES, JOB = "suite/running/drive_copies.py", "suite/running/job.py"
 MUTATIONS = (
@@ -232,7 +233,7 @@ MUTATIONS = (
         "truth.positions[before] + share[:, None] * move",
         "truth.positions[before] + move",
     ),
-    Mutation(EXPECTED_ITEMS, "GAP_PERIODS = 5", "GAP_PERIODS = 7"),
+    Mutation(GAPS, "GAP_PERIODS = 5", "GAP_PERIODS = 7"),
     Mutation(SHORTFALLS, "most_without_limits=0.01", "most_without_limits=0.013"),
     Mutation("metrics/frames/association.py", "IMAGE_PERIOD_SHARE = 0.4", "IMAGE_PERIOD_SHARE = 0.15"),
     Mutation("metrics/frames/truth_error.py", "[2.0 * of_position] * 3", "[1.0 * of_position] * 3"),
@@ -274,8 +275,8 @@ MUTATIONS = (
     Mutation("metrics/judging/limits_file.py", "minimum_independent=float(independent))", ")"),
     Mutation("metrics/score/limits.py", "name: limited.of_target() for", "name: limited for"),
     # completeness of a drive, a map, calls, a live run
-    Mutation(EXPECTED_ITEMS, "self.has_estimate & self.has_truth", "self.has_estimate"),
-    Mutation("metrics/completeness/drive.py", "DOUBLED_SHARE = 0.1 ", "DOUBLED_SHARE = 0.6 "),
+    Mutation(DRIVE, "self.has_estimate & self.has_truth", "self.has_estimate"),
+    Mutation(DRIVE, "DOUBLED_SHARE = 0.1 ", "DOUBLED_SHARE = 0.6 "),
     Mutation(EXPECTED_ITEMS, "stamps_ns.max() - in_flight_ns", "stamps_ns.max() - 2 * in_flight_ns"),
     Mutation(EXPECTED_ITEMS, "missing = max(expected_pairs - mapped, 0)", "missing = 0"),
     Mutation(EXPECTED_ITEMS, "max(known, default=None)", "min(known, default=None)"),
@@ -286,7 +287,7 @@ MUTATIONS = (
     Mutation("scoring/score_parts.py", "periods_ns[is_long].sum()", "periods_ns[is_long].min(initial=0)"),
     Mutation(EXPECTED_ITEMS, "(counts[is_of_drive] - 1).sum()", "(counts[is_of_drive] - 2).sum()"),
     Mutation(EXPECTED_ITEMS, "repeated_stamps + len(pairs) - len(np.unique(pairs))", "repeated_stamps"),
-    Mutation("metrics/completeness/drive.py", 'single_run_stamps(truth, "ground truth")', "pass"),
+    Mutation(DRIVE, 'single_run_stamps(truth, "ground truth")', "pass"),
     Mutation("metrics/frames/association.py", "np.lexsort((difference[near], image[near]))", "np.argsort(image[near])"),
     Mutation("metrics/frames/association.py", "return rows[chosen] if len(chosen) else rows", "return rows[chosen]"),
     Mutation(
@@ -392,16 +393,12 @@ MUTATIONS = (
     Mutation("scoring/score_run.py", "fitted_unit(run.convention) or ", ""),
     Mutation("metrics/conventions/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
     Mutation(
-        EXPECTED_ITEMS,
-        "estimates_ns[~is_covered]",
-        "estimates_ns[(estimates_ns < true_ns[0]) | (estimates_ns > true_ns[-1])]",
+        DRIVE, "estimates_ns[~is_covered]", "estimates_ns[(estimates_ns < true_ns[0]) | (estimates_ns > true_ns[-1])]"
     ),
-    Mutation(EXPECTED_ITEMS, "estimates_ns[~is_covered]", "estimates_ns[:0]"),
+    Mutation(DRIVE, "estimates_ns[~is_covered]", "estimates_ns[:0]"),
     # a path without images, a range without pixels, a stationary rover
-    Mutation(
-        "metrics/completeness/drive.py", "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"
-    ),
-    Mutation("metrics/completeness/drive.py", "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
+    Mutation(GAPS, "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"),
+    Mutation(GAPS, "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
     Mutation(INCOMPLETE, "value is None and kind.text_of_nothing", "value is None and not kind.text_of_nothing"),
     Mutation(INCOMPLETE, "share.value <= most or moving", "share.value <= 1.0 or moving"),
     Mutation(INCOMPLETE, " or not meets(limit, value):\n            text = standing", ":\n            text = standing"),

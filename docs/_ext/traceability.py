@@ -163,7 +163,7 @@ CLAUSES = (
         "Sub-trajectories",
         "A sub-trajectory starts at frame N and ends when the condition is met. This is repeated from the next start. "
         "A spacing of 10 frames is recommended. Mean, sigma and mean + 3 sigma are computed over all sub-trajectories.",
-        ("metrics/formulas.py", "metrics/config.py", "metrics/completeness/expected_items.py"),
+        ("metrics/formulas.py", "metrics/config.py", "metrics/completeness/drive.py"),
         "table of figures: condition and n; what was scored: spacing of the starts; what of the drive is judged",
         'The text "the conditions associated with the requirement" allows several conditions, which must then hold '
         "together. Frames are true poses that have an estimate, or images with `--frames images`. Starts continue to "

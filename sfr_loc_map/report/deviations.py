@@ -184,7 +184,7 @@ def _images(score: Score) -> Iterator[str]:
     without_images = score.number("path_without_images") or 0.0
     if without_images > PATH_WITHOUT_IMAGES:
         yield f"{100.0 * without_images:.3g} % of the true path has no images, so no estimate is expected there."
-    if not score.association.images:
+    if score.association.images is None:
         yield (
             "The images of the drive are unknown. The estimate had to cover only the true poses. Images without an "
             "estimate and without a true pose are not counted."

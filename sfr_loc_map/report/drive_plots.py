@@ -212,7 +212,7 @@ def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
     for k, (name, score) in enumerate(named):
         steps = score.rows("position", subject=Subject.TRAJECTORY, condition=None)
         totals = ((distance_of(row.part), row.mean_plus_3sigma) for row in steps)
-        series.append((line_style(k), name, [item for item in totals if item[1] is not None]))
+        series.append((line_style(k), name, [item for item in totals if None not in item]))
     points = [point for *_, over in series for point in over]
     if not points:
         return []

@@ -28,12 +28,8 @@ from sfr_loc_map.metrics.calls.call_score import (
     score_target,
     with_external,
 )
-from sfr_loc_map.metrics.completeness.expected_items import (
-    SPARSER,
-    answers_completeness,
-    rows_without_cloud,
-    rows_without_poses,
-)
+from sfr_loc_map.metrics.completeness.drive import SPARSER, rows_without_poses
+from sfr_loc_map.metrics.completeness.expected_items import answers_completeness, rows_without_cloud
 from sfr_loc_map.metrics.config import (
     AlignedErrorConfig,
     AssociationMode,
@@ -119,7 +115,7 @@ def result_without_poses(images: int) -> TrajectoryResult:
 
 def _uneven_estimates(drive: DriveToScore, association: Association) -> Iterator[str]:
     """Yield a caveat if the spacing of the estimates varies and the images are unknown."""
-    share = 0.0 if association.images else uneven_share(drive.estimates.trajectory.stamps_ns)
+    share = 0.0 if association.images is not None else uneven_share(drive.estimates.trajectory.stamps_ns)
     if share > UNEVEN_SHARE:
         yield (
             f"the spacing of the estimates varies and the images are unknown: {100.0 * share:.3g} % of the time is "
@@ -131,7 +127,7 @@ def _uneven_estimates(drive: DriveToScore, association: Association) -> Iterator
 def _sparse_truth(drive: DriveToScore, association: Association) -> Iterator[str]:
     """Yield a warning if frames are the poses of a truth that is sparser than the images or estimates."""
     expected, what = association.images, "images"
-    if not expected:
+    if expected is None:
         expected, what = len(drive.estimates.trajectory), "estimates"
     if association.mode is AssociationMode.MATCH and association.truth_poses <= FEW_TRUE_POSES * expected:
         yield (

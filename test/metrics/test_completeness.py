@@ -12,13 +12,14 @@ from helpers.random_drives import as_score
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.completeness.copies import spline_positions
-from sfr_loc_map.metrics.completeness.drive import single_run_stamps, true_path
+from sfr_loc_map.metrics.completeness.drive import single_run_stamps
 from sfr_loc_map.metrics.completeness.expected_items import (
     calls_completeness,
     live_completeness,
     map_completeness,
     settled,
 )
+from sfr_loc_map.metrics.completeness.gaps import true_path
 from sfr_loc_map.metrics.config import AssociationConfig, CallKind, TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates, associate
@@ -95,6 +96,16 @@ def test_images_without_a_truth_are_not_judged() -> None:
     half = covered(straight(), straight(last=201), straight())
     assert (half.missing, half.judged_share) == (0, pytest.approx(0.5, abs=0.005))
     assert half.without_truth == 199  # a true pose stands for one period after it
+
+
+def test_a_drive_without_images_expects_no_estimate() -> None:
+    """Half of the true path has no estimate, but the source is known to have no image."""
+    config = TrajectoryScoreConfig(conditions=("distance=2",))
+    images_ns = np.empty(0, np.int64)
+    score = as_score(score_trajectory(Estimates.of(straight(last=201)), straight(), config, image_stamps_ns=images_ns))
+    assert score.association.images == 0
+    assert (score.figure("judged", part="drive").n, score.number("in_gaps")) == (0, None)
+    assert judged_by(score, None).incomplete is None
 
 
 def test_truth_that_goes_on_after_the_images_needs_them_to_be_known() -> None:

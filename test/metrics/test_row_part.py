@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from sfr_loc_map.metrics.config import CallKind
@@ -40,8 +41,9 @@ def test_a_text_is_a_part_and_the_part_is_the_text(text: str | None, part: RowPa
 
 def test_parts_with_a_number_are_read_as_they_are_written() -> None:
     assert range_of(range_part(0.0, 4.5)) == (0.0, 4.5)
-    for low_m, high_m in ((0.0, 1e-5), (1e-5, 2.5e-5), (2.5e-5, 1e6)):
+    for low_m, high_m in ((0.0, 1e-5), (1e-5, 2.5e-5), (2.5e-5, 1e6), (10.0, np.inf)):
         assert range_of(range_part(low_m, high_m)) == (low_m, high_m)
+        assert distance_of(range_part(low_m, high_m)) is None
     assert range_of("near-far m") is None
     assert range_of(pair_part(3)) is None
     assert distance_of(distance_part(5.0)) == 5.0

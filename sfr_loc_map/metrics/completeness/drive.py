@@ -1,17 +1,14 @@
-"""The rows of completeness of a drive: its expected stamps, and the gaps between its estimates.
+"""The rows of completeness of a drive: its expected stamps, their coverage, and the gaps between its estimates.
 
 `drive_completeness` determines
 
-1. the expected stamps (`expected_items.expected_stamps`),
-2. which of them have an estimate and a ground truth (`expected_items.coverage_of`),
-3. the gaps, which are runs of expected stamps without an estimate (`gaps_of`), and
+1. the expected stamps (`expected_stamps`): the images, or the true poses if the images are unknown,
+2. which of them have an estimate and a ground truth (`coverage_of`),
+3. the gaps, which are times without an estimate (module `gaps`), and
 4. the rows of the table of figures.
 
-The true poses are no evidence of the images, because a ground truth may be denser than unknown images. If the images
-are unknown, only a time of more than five median periods between neighbouring estimates is therefore an evident gap
-(`long_gaps`). These periods are those of the item under test, so that evenly selected poses have no evident gap. Limits
-therefore require complete evidence, so that each true pose without an estimate is missing. Without limits there is no
-verdict, and only evident gaps are reported. See docs/metrics.md, "Completeness".
+An estimate is judged if it is paired with a true pose. With a matched truth that is sparser than the images, an
+estimate between two true poses also counts as judged, although no figure contains its error (`needs_frame`).
 """
 
 from __future__ import annotations
@@ -23,74 +20,31 @@ import msgspec
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.geometry.arrays import IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.completeness.expected_items import (
+from sfr_loc_map.metrics.completeness.expected_items import expected_row, settled, share_of, share_rows
+from sfr_loc_map.metrics.completeness.gaps import (
     GAP_PERIODS,
-    coverage_of,
-    coverage_rows,
-    expected_stamps,
-    max_gap_of,
-    settled,
-    share_of,
+    DriveGaps,
+    LongestGap,
+    TruePath,
+    gaps_of,
+    is_in_a_gap,
+    long_gaps,
+    missing_path,
+    path_without_images,
+    true_path,
 )
 from sfr_loc_map.metrics.completeness.shortfall_kinds import HIDDEN_CONDITIONS, IN_GAPS
-from sfr_loc_map.metrics.config import Condition, ConditionKind
-from sfr_loc_map.metrics.frames.association import unique_rows
+from sfr_loc_map.metrics.config import AssociationMode, Condition
+from sfr_loc_map.metrics.frames.association import has_own, nearness_ns
 from sfr_loc_map.metrics.table.records import Association
-from sfr_loc_map.metrics.table.row_part import DISTANCE, TIME
+from sfr_loc_map.metrics.table.row_part import DISTANCE, TIME, RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 
 DOUBLED_SHARE = 0.1  #: A file contains two runs if the fraction of repeated stamps with another position exceeds this.
-
-
-class TruePath(NamedTuple):
-    """The ascending stamps of the true poses, and the length of the true path up to each pose."""
-
-    stamps_ns: IntArray  #: `(T,)`
-    travelled_m: FloatArray  #: `(T,)`
-
-    def travelled_at(self, stamps_ns: IntArray) -> FloatArray:
-        """Return the length of the path up to stamps, m, interpolated linearly; there must be a true pose."""
-        begin_ns = self.stamps_ns[0]
-        since_ns = (self.stamps_ns - begin_ns).astype(np.float64)  # differences of stamps are exact in float64
-        return np.asarray(np.interp((stamps_ns - begin_ns).astype(np.float64), since_ns, self.travelled_m))
-
-
-class Gaps(NamedTuple):
-    """The intervals of a drive without an estimate."""
-
-    begins_ns: IntArray  #: `(G,)`
-    ends_ns: IntArray  #: `(G,)`
-
-    def with_others(self, others: Gaps) -> Gaps:
-        """Return these gaps and others, which may overlap."""
-        begins_ns = np.concatenate((self.begins_ns, others.begins_ns))
-        ends_ns = np.concatenate((self.ends_ns, others.ends_ns))
-        return Gaps(begins_ns, ends_ns)
-
-    def lengths_s(self) -> FloatArray:
-        """Return the time of each gap, s."""
-        return np.asarray((self.ends_ns - self.begins_ns) / NS_PER_S)
-
-    def lengths_m(self, path: TruePath) -> FloatArray:
-        """Return the length of the true path in each gap, m; 0 without a true pose."""
-        if not len(path.stamps_ns):
-            return np.zeros(len(self.begins_ns))
-        return path.travelled_at(self.ends_ns) - path.travelled_at(self.begins_ns)
-
-
-class LongestGap(NamedTuple):
-    """The longest path and the longest time of the gaps of a drive, 0 without a gap."""
-
-    distance_m: float
-    time_s: float
-
-    @classmethod
-    def of(cls, gaps: Gaps, path: TruePath) -> LongestGap:
-        """Return the longest path and the longest time of gaps, which may belong to different gaps."""
-        return cls(float(gaps.lengths_m(path).max(initial=0.0)), float(gaps.lengths_s().max(initial=0.0)))
+SPARSER = 1.5  #: The truth is sparser than the images if the ratio of their median periods exceeds this.
 
 
 def drive_completeness(
@@ -104,43 +58,24 @@ def drive_completeness(
 ) -> tuple[Association, list[Figure]]:
     """Return the association with the number of images, and the rows of completeness.
 
-    `frames_ns` are the ascending stamps of the frames. MetricsError if the estimate or the truth contains two runs.
+    `frames_ns` are the ascending stamps of the frames. `image_stamps_ns` is None if the images are unknown.
+    MetricsError if the estimate or the truth contains two runs.
     """
     estimates_ns = single_run_stamps(estimate, "estimate")
     single_run_stamps(truth, "ground truth")
     path = true_path(truth, estimates_ns, in_flight_ns)
     expected_ns = expected_stamps(image_stamps_ns, estimates_ns, path.stamps_ns, association, in_flight_ns)
-    if image_stamps_ns is not None and len(image_stamps_ns):
-        association = msgspec.structs.replace(association, images=len(expected_ns))
     coverage = coverage_of(expected_ns, estimates_ns, frames_ns, path.stamps_ns, association)
-    gaps = gaps_of(expected_ns, ~coverage.has_estimate)
-    if association.images:
-        evident = gaps
-        share_in_gaps = coverage.missing / coverage.expected
-        path_share = path_without_images(expected_ns, path, max_gap_of(association))
+    if image_stamps_ns is None:
+        gaps = gaps_without_images(coverage, estimates_ns, path)
+        without_images = figure_row("path_without_images", n=0)
     else:
-        evident = long_gaps(estimates_ns, path.stamps_ns)
-        share_in_gaps = missing_path(evident, estimates_ns, path)
-        path_share = None
-        gaps = gaps.with_others(evident)
-    hidden = sum(is_in_a_gap(condition, evident, path) for condition in conditions)
-    rows = [
-        *coverage_rows(coverage, association, len(estimates_ns)),
-        *longest_gap_rows(LongestGap.of(gaps, path)),
-        figure_row(IN_GAPS, value=share_in_gaps),
-        figure_row(HIDDEN_CONDITIONS, n=len(conditions), value=share_of(hidden, len(conditions))),
-        figure_row("path_without_images", n=association.images or 0, value=path_share),
-    ]
+        gaps = gaps_between_images(coverage)
+        share = path_without_images(expected_ns, path, max_gap_of(association))
+        without_images = figure_row("path_without_images", n=len(expected_ns), value=share)
+        association = msgspec.structs.replace(association, images=len(expected_ns))
+    rows = [*coverage_rows(coverage, association, len(estimates_ns)), *gap_rows(gaps, path, conditions), without_images]
     return association, rows
-
-
-def longest_gap_rows(longest: LongestGap) -> Iterator[Figure]:
-    """Yield the longest distance and the longest time without an estimate."""
-    yield figure_row("longest_gap", part=DISTANCE, value=longest.distance_m)
-    yield figure_row("longest_gap", part=TIME, unit="s", value=longest.time_s)
-
-
-# ---- the two inputs: poses of one run, and the true path
 
 
 def single_run_stamps(poses: Trajectory, what: str) -> IntArray:
@@ -159,90 +94,171 @@ def single_run_stamps(poses: Trajectory, what: str) -> IntArray:
     return unique
 
 
-def true_path(truth: Trajectory, estimates_ns: IntArray, in_flight_ns: int) -> TruePath:
-    """Return the path of the true poses whose results are due."""
-    rows = unique_rows(truth.stamps_ns)
-    stamps_ns = settled(truth.stamps_ns[rows], estimates_ns, in_flight_ns)
-    steps_m = np.linalg.norm(np.diff(truth.positions[rows[: len(stamps_ns)]], axis=0), axis=1)
-    return TruePath(stamps_ns, np.append(0.0, np.cumsum(steps_m)))
+# ---- expected stamps, and which of them are covered
 
 
-def path_without_images(images_ns: IntArray, path: TruePath, max_gap_ns: int) -> float | None:
-    """Return the fraction of the true path before the first image, after the last image, and in gaps between images.
+def expected_stamps(
+    image_stamps_ns: IntArray | None,
+    estimates_ns: IntArray,
+    true_ns: IntArray,
+    association: Association,
+    in_flight_ns: int = 0,
+) -> IntArray:
+    """Return the ascending stamps of a drive at which an estimate is due; estimates and true poses ascend.
 
-    A gap is longer than both `max_gap_ns` and five median periods. No estimate is expected there. None without a path.
+    They are the stamps of the images. If the images are unknown, they are the stamps of the true poses, and of the
+    estimates that the ground truth does not cover. Results of the last `in_flight_ns` are not due yet.
     """
-    true_ns = path.stamps_ns
-    if not len(true_ns) or path.travelled_m[-1] <= 0.0:
-        return None
-    steps_ns = np.diff(images_ns)
-    is_hole = steps_ns > max(max_gap_ns, GAP_PERIODS * float(np.median(steps_ns)) if len(steps_ns) else 0.0)
-    begins_m = path.travelled_at(np.concatenate((true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])))
-    ends_m = path.travelled_at(np.concatenate((images_ns[:1], images_ns[1:][is_hole], true_ns[-1:])))
-    return float(np.sum(np.maximum(ends_m - begins_m, 0.0)) / path.travelled_m[-1])
+    if image_stamps_ns is not None:
+        return settled(np.unique(image_stamps_ns), estimates_ns, in_flight_ns)
+    due_ns = settled(estimates_ns, estimates_ns[:0], in_flight_ns)
+    return expected_without_images(due_ns, true_ns, association)
+
+
+def expected_without_images(estimates_ns: IntArray, true_ns: IntArray, association: Association) -> IntArray:
+    """Return the stamps of true poses, and of the estimates before, after and in gaps of the truth; inputs ascend.
+
+    If the images are unknown, these estimates count as images without a truth.
+    """
+    if len(true_ns) < 2:
+        return true_ns
+    near_ns = nearness_ns(estimates_ns, tolerance_of(association))
+    is_covered = is_spanned(estimates_ns, true_ns, near_ns, association)
+    return np.union1d(true_ns, estimates_ns[~is_covered])
+
+
+class Coverage(NamedTuple):
+    """The ascending expected stamps of a drive, and which of them have an estimate and a ground truth."""
+
+    expected_ns: IntArray  #: `(E,)`
+    has_estimate: Mask  #: `(E,)`
+    has_truth: Mask  #: `(E,)` with a ground truth with which the estimate, if there is one, is compared.
+
+    @property
+    def expected(self) -> int:
+        """The number of expected stamps."""
+        return len(self.expected_ns)
+
+    @property
+    def judged(self) -> int:
+        """The number of expected stamps with an estimate and a ground truth."""
+        return int(np.count_nonzero(self.has_estimate & self.has_truth))
+
+    @property
+    def missing(self) -> int:
+        """The number of expected stamps without an estimate."""
+        return int(np.count_nonzero(~self.has_estimate))
+
+    @property
+    def without_truth(self) -> int:
+        """The number of expected stamps without a ground truth."""
+        return int(np.count_nonzero(~self.has_truth))
+
+
+def coverage_of(
+    expected_ns: IntArray, estimates_ns: IntArray, frames_ns: IntArray, true_ns: IntArray, association: Association
+) -> Coverage:
+    """Return which expected stamps have an estimate and a ground truth; all stamps ascend."""
+    near_ns = nearness_ns(expected_ns, tolerance_of(association))
+    has_estimate = has_own(expected_ns, estimates_ns, near_ns)
+    has_frame = has_own(expected_ns, frames_ns, near_ns)
+    has_truth = is_spanned(expected_ns, true_ns, near_ns, association)
+    has_truth &= has_frame | ~has_estimate | ~needs_frame(expected_ns, true_ns, near_ns, association.mode)
+    return Coverage(expected_ns, has_estimate, has_truth)
+
+
+def needs_frame(expected_ns: IntArray, true_ns: IntArray, near_ns: int, mode: AssociationMode | str) -> Mask:
+    """Return which expected stamps are judged only if their estimate is a frame; both stamps are ascending.
+
+    A frame is an estimate paired with a true pose (docs/metrics.md). No figure contains the error of an estimate that
+    is not a frame. With an interpolated truth, every estimate is expected to be a frame. With a matched truth, every
+    estimate at a true pose is expected to be a frame: every estimate unless the truth is sparser than the images. The
+    ends of the truth are excluded, because a file may have rounded the stamp of an estimate outwards.
+    """
+    if not len(true_ns):
+        return np.zeros(len(expected_ns), np.bool_)
+    is_inside = (expected_ns - near_ns >= true_ns[0]) & (expected_ns + near_ns <= true_ns[-1])
+    is_sparse = min(len(true_ns), len(expected_ns)) > 1 and np.median(np.diff(true_ns)) >= SPARSER * np.median(
+        np.diff(expected_ns)
+    )
+    if mode == AssociationMode.MATCH and is_sparse:
+        is_inside &= has_own(expected_ns, true_ns, near_ns)
+    return np.asarray(is_inside)
+
+
+def is_spanned(expected_ns: IntArray, true_ns: IntArray, near_ns: int, association: Association) -> Mask:
+    """Return which expected stamps the ground truth covers; both stamps are ascending.
+
+    An interpolated truth covers the stamps within `near_ns` of its ends, because files round stamps, but no estimate
+    farther away is a frame. A matched truth may be sparser than the images. Each of its poses therefore covers one of
+    its median periods before and after it. A gap that is longer than both the longest interpolated gap and five median
+    periods is not covered.
+    """
+    if not len(true_ns):
+        return np.zeros(len(expected_ns), np.bool_)
+    usual_ns = float(np.median(np.diff(true_ns))) if len(true_ns) > 1 else 0.0
+    is_matched = association.mode == AssociationMode.MATCH
+    reach_ns = max(tolerance_of(association), round(usual_ns)) if is_matched else near_ns
+    longest_ns = max(max_gap_of(association), GAP_PERIODS * usual_ns)
+    before = np.searchsorted(true_ns, expected_ns, "right") - 1
+    after = np.searchsorted(true_ns, expected_ns, "left")
+    since = expected_ns - true_ns[np.maximum(before, 0)]
+    until = true_ns[np.minimum(after, len(true_ns) - 1)] - expected_ns
+    is_inside = (before >= 0) & (after < len(true_ns)) & (since + until <= longest_ns)
+    is_beside = ((before >= 0) & (since <= reach_ns)) | ((after < len(true_ns)) & (until <= reach_ns))
+    return np.asarray(is_inside | is_beside)
+
+
+def tolerance_of(association: Association) -> int:
+    """Return the largest difference between stamps that are considered equal, ns."""
+    return round(association.tolerance_s * NS_PER_S)
+
+
+def max_gap_of(association: Association) -> int:
+    """Return the longest gap of the truth that is interpolated, ns."""
+    return round(association.max_gap_s * NS_PER_S)
+
+
+def coverage_rows(coverage: Coverage, association: Association, estimates: int) -> Iterator[Figure]:
+    """Yield the rows that count expected stamps, frames and estimates. `estimates` are different stamps."""
+    expected = coverage.expected
+    yield expected_row(RowPart(Scope.DRIVE), coverage.judged, expected)
+    yield from share_rows("missing", coverage.missing, expected)
+    yield from share_rows("images_without_truth", coverage.without_truth, expected)
+    yield from share_rows("lost", association.lost, association.matched)
+    yield from share_rows("degraded", association.degraded, association.matched)
+    yield from share_rows("unmatched", estimates - association.matched, estimates)
+    yield from share_rows("doubled", association.estimate_duplicates, association.estimate_poses)
+
+
+def rows_without_poses(images: int) -> Iterator[Figure]:
+    """Yield the rows of a drive without an estimate for any of its images."""
+    yield expected_row(RowPart(Scope.DRIVE), 0, images)
+    yield from share_rows("missing", images, images)
+    yield figure_row(IN_GAPS, value=1.0)
 
 
 # ---- gaps
 
 
-def gaps_of(expected_ns: IntArray, is_absent: Mask) -> Gaps:
-    """Return the gaps from the last expected stamp with an estimate to the next expected stamp with an estimate.
-
-    `expected_ns` is ascending. A gap at an end of the drive begins or ends at the first or last expected stamp.
-    """
-    edges = np.flatnonzero(np.diff(is_absent, prepend=False, append=False))  # begin and end of each run, alternating
-    begins = expected_ns[np.maximum(edges[::2] - 1, 0)]
-    ends = expected_ns[np.minimum(edges[1::2], len(expected_ns) - 1)]
-    return Gaps(begins, ends)
+def gaps_between_images(coverage: Coverage) -> DriveGaps:
+    """Return the gaps of a drive whose images are known; all of them are evident, and their share is that missing."""
+    gaps = gaps_of(coverage.expected_ns, ~coverage.has_estimate)
+    return DriveGaps(gaps, gaps, share_of(coverage.missing, coverage.expected))
 
 
-def long_gaps(stamps: IntArray, true_ns: IntArray) -> Gaps:
-    """Return the times of more than five median periods between estimates, within the time span of the truth.
-
-    Both stamps are ascending.
-    """
-    nothing = np.empty(0, np.int64)
-    if not len(stamps) or not len(true_ns):
-        return Gaps(nothing, nothing)
-    usual_ns = np.median(np.diff(stamps)) if len(stamps) > 1 else 0
-    within = stamps[(stamps > true_ns[0]) & (stamps < true_ns[-1])]
-    known = np.concatenate([true_ns[:1], within, true_ns[-1:]])
-    wide = np.flatnonzero(np.diff(known) > GAP_PERIODS * usual_ns)
-    return Gaps(known[wide], known[wide + 1])
+def gaps_without_images(coverage: Coverage, estimates_ns: IntArray, path: TruePath) -> DriveGaps:
+    """Return the gaps of a drive whose images are unknown; only long gaps are evident, by their true path."""
+    evident = long_gaps(estimates_ns, path.stamps_ns)
+    every = gaps_of(coverage.expected_ns, ~coverage.has_estimate).with_others(evident)
+    return DriveGaps(every, evident, missing_path(evident, estimates_ns, path))
 
 
-def missing_path(gaps: Gaps, stamps: IntArray, path: TruePath) -> float:
-    """Return the fraction of the true path in gaps, or of the time if the rover did not move.
-
-    The fraction is 1 without an estimate or a true pose.
-    """
-    if not len(stamps) or not len(path.stamps_ns):
-        return 1.0
-    whole = float(path.travelled_m[-1])
-    in_gaps = float(gaps.lengths_m(path).sum())
-    if whole <= 0.0:
-        whole = int(path.stamps_ns[-1] - path.stamps_ns[0]) / NS_PER_S
-        in_gaps = float(gaps.lengths_s().sum())
-    return in_gaps / whole if whole > 0.0 else 0.0
-
-
-def is_in_a_gap(condition: Condition, gaps: Gaps, path: TruePath) -> bool:
-    """Return whether a gap is longer than the sub-trajectories of a condition, in each part of a combined condition.
-
-    The frames and the turn of a gap are unknown, so that parts of these kinds are ignored.
-    """
-    lengths_m = gaps.lengths_m(path)
-    lengths_s = gaps.lengths_s()
-    lengths = {ConditionKind.DISTANCE: lengths_m, ConditionKind.DISPLACEMENT: lengths_m, ConditionKind.TIME: lengths_s}
-    is_longer = [lengths[part.kind] > part.value for part in condition.parts if part.kind in lengths]
-    return bool(is_longer) and bool(np.all(is_longer, axis=0).any())
-
-
-def covered_text(share: float, of: str, longest: LongestGap | None) -> str:
-    """Return the text of the covered fraction of images or true poses (`of`) and of the longest gap."""
-    text = f"the estimate covers {100.0 * share:.4g} % of the {of}"
-    if longest is not None:
-        text += f", and its longest gap is {longest.distance_m:.4g} m and {longest.time_s:.4g} s"
-    if of != "images":
-        text += "; if the truth is longer or denser than the images, score against the source with its images"
-    return text
+def gap_rows(gaps: DriveGaps, path: TruePath, conditions: Sequence[Condition]) -> Iterator[Figure]:
+    """Yield the longest gaps, the fraction of the drive in evident gaps, and the conditions that these gaps hide."""
+    longest = LongestGap.of(gaps.every, path)
+    yield figure_row("longest_gap", part=DISTANCE, value=longest.distance_m)
+    yield figure_row("longest_gap", part=TIME, unit="s", value=longest.time_s)
+    yield figure_row(IN_GAPS, value=gaps.evident_share)
+    hidden = sum(is_in_a_gap(condition, gaps.evident, path) for condition in conditions)
+    yield figure_row(HIDDEN_CONDITIONS, n=len(conditions), value=share_of(hidden, len(conditions)))

@@ -15,35 +15,28 @@ expected items (`n`, null if it is unknown) and the fraction of them that is jud
 During a run, images and pairs are expected as soon as their result is due (`settled`). A call for a set of pairs is
 expected once, at any pair.
 
-An estimate is judged if it is paired with a true pose. With a matched truth that is sparser than the images, an
-estimate between two true poses also counts as judged, although no figure contains its error (`needs_frame`).
-
 Items that are expected and have a result, but no ground truth, are neither judged nor missing (`images_without_truth`,
-`points_without_truth`). This file has one section for each subject, in the order of this table. `drive` makes the other
-rows of a drive, which are about the gaps between its estimates. `shortfall_kinds` states when a subject is incomplete.
-See docs/metrics.md, "Completeness".
+`points_without_truth`). The module `drive` counts the items of the drive. This file has one section for each other
+subject, in the order of this table. `shortfall_kinds` states when a subject is incomplete. See docs/metrics.md,
+"Completeness".
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.metrics.completeness.shortfall_kinds import ANSWERED_TWICE, IN_GAPS, UNANSWERED, UNMEASURED
-from sfr_loc_map.metrics.config import AssociationMode, CallKind
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.metrics.completeness.shortfall_kinds import ANSWERED_TWICE, UNANSWERED, UNMEASURED
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.frames.association import has_own, nearness_ns
-from sfr_loc_map.metrics.table.records import Association, ExternalScore
+from sfr_loc_map.metrics.table.records import ExternalScore
 from sfr_loc_map.metrics.table.row_part import COUNT, Place, RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
 from sfr_loc_map.stamp_pairing import nearest_stamps
 
-SPARSER = 1.5  #: The truth is sparser than the images if the ratio of their median periods exceeds this.
-GAP_PERIODS = 5  #: A gap is a time of more than this number of median periods between neighbouring poses.
 CALL_TOLERANCE_NS = 1000  #: Difference between stamps that is accepted of a single call, the default of `tolerance_s`.
 
 
@@ -65,27 +58,6 @@ def share_of(count: int, total: int) -> float | None:
     return count / total if total else None
 
 
-# ---- drives
-
-
-def expected_stamps(
-    image_stamps_ns: IntArray | None,
-    estimates_ns: IntArray,
-    true_ns: IntArray,
-    association: Association,
-    in_flight_ns: int = 0,
-) -> IntArray:
-    """Return the ascending stamps of a drive at which an estimate is due; estimates and true poses ascend.
-
-    They are the stamps of the images. If the images are unknown, they are the stamps of the true poses, and of the
-    estimates that the ground truth does not cover. Results of the last `in_flight_ns` are not due yet.
-    """
-    if image_stamps_ns is not None and len(image_stamps_ns):
-        return settled(np.unique(image_stamps_ns), estimates_ns, in_flight_ns)
-    due_ns = settled(estimates_ns, estimates_ns[:0], in_flight_ns)
-    return expected_without_images(due_ns, true_ns, association)
-
-
 def settled(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> IntArray:
     """Return the ascending stamps whose results are due.
 
@@ -97,129 +69,6 @@ def settled(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> Int
     if len(results_ns):
         due_ns = max(due_ns, results_ns.max())
     return np.asarray(stamps_ns[stamps_ns <= due_ns])
-
-
-def expected_without_images(estimates_ns: IntArray, true_ns: IntArray, association: Association) -> IntArray:
-    """Return the stamps of true poses, and of the estimates before, after and in gaps of the truth; inputs ascend.
-
-    If the images are unknown, these estimates count as images without a truth.
-    """
-    if len(true_ns) < 2:
-        return true_ns
-    near_ns = nearness_ns(estimates_ns, tolerance_of(association))
-    is_covered = is_spanned(estimates_ns, true_ns, near_ns, association)
-    return np.union1d(true_ns, estimates_ns[~is_covered])
-
-
-class Coverage(NamedTuple):
-    """The ascending expected stamps of a drive, and which of them have an estimate and a ground truth."""
-
-    expected_ns: IntArray  #: `(E,)`
-    has_estimate: Mask  #: `(E,)`
-    has_truth: Mask  #: `(E,)` with a ground truth with which the estimate, if there is one, is compared.
-
-    @property
-    def expected(self) -> int:
-        """The number of expected stamps."""
-        return len(self.expected_ns)
-
-    @property
-    def judged(self) -> int:
-        """The number of expected stamps with an estimate and a ground truth."""
-        return int(np.count_nonzero(self.has_estimate & self.has_truth))
-
-    @property
-    def missing(self) -> int:
-        """The number of expected stamps without an estimate."""
-        return int(np.count_nonzero(~self.has_estimate))
-
-    @property
-    def without_truth(self) -> int:
-        """The number of expected stamps without a ground truth."""
-        return int(np.count_nonzero(~self.has_truth))
-
-
-def coverage_of(
-    expected_ns: IntArray, estimates_ns: IntArray, frames_ns: IntArray, true_ns: IntArray, association: Association
-) -> Coverage:
-    """Return which expected stamps have an estimate and a ground truth; all stamps ascend."""
-    near_ns = nearness_ns(expected_ns, tolerance_of(association))
-    has_estimate = has_own(expected_ns, estimates_ns, near_ns)
-    has_frame = has_own(expected_ns, frames_ns, near_ns)
-    has_truth = is_spanned(expected_ns, true_ns, near_ns, association)
-    has_truth &= has_frame | ~has_estimate | ~needs_frame(expected_ns, true_ns, near_ns, association.mode)
-    return Coverage(expected_ns, has_estimate, has_truth)
-
-
-def needs_frame(expected_ns: IntArray, true_ns: IntArray, near_ns: int, mode: AssociationMode | str) -> Mask:
-    """Return which expected stamps are judged only if their estimate is a frame; both stamps are ascending.
-
-    A frame is an estimate paired with a true pose (docs/metrics.md). No figure contains the error of an estimate that
-    is not a frame. With an interpolated truth, every estimate is expected to be a frame. With a matched truth, every
-    estimate at a true pose is expected to be a frame: every estimate unless the truth is sparser than the images. The
-    ends of the truth are excluded, because a file may have rounded the stamp of an estimate outwards.
-    """
-    if not len(true_ns):
-        return np.zeros(len(expected_ns), np.bool_)
-    is_inside = (expected_ns - near_ns >= true_ns[0]) & (expected_ns + near_ns <= true_ns[-1])
-    is_sparse = min(len(true_ns), len(expected_ns)) > 1 and np.median(np.diff(true_ns)) >= SPARSER * np.median(
-        np.diff(expected_ns)
-    )
-    if mode == AssociationMode.MATCH and is_sparse:
-        is_inside &= has_own(expected_ns, true_ns, near_ns)
-    return np.asarray(is_inside)
-
-
-def is_spanned(expected_ns: IntArray, true_ns: IntArray, near_ns: int, association: Association) -> Mask:
-    """Return which expected stamps the ground truth covers; both stamps are ascending.
-
-    An interpolated truth covers the stamps within `near_ns` of its ends, because files round stamps, but no estimate
-    farther away is a frame. A matched truth may be sparser than the images. Each of its poses therefore covers one of
-    its median periods before and after it. A gap that is longer than both the longest interpolated gap and five median
-    periods is not covered.
-    """
-    if not len(true_ns):
-        return np.zeros(len(expected_ns), np.bool_)
-    usual_ns = float(np.median(np.diff(true_ns))) if len(true_ns) > 1 else 0.0
-    is_matched = association.mode == AssociationMode.MATCH
-    reach_ns = max(tolerance_of(association), round(usual_ns)) if is_matched else near_ns
-    longest_ns = max(max_gap_of(association), GAP_PERIODS * usual_ns)
-    before = np.searchsorted(true_ns, expected_ns, "right") - 1
-    after = np.searchsorted(true_ns, expected_ns, "left")
-    since = expected_ns - true_ns[np.maximum(before, 0)]
-    until = true_ns[np.minimum(after, len(true_ns) - 1)] - expected_ns
-    is_inside = (before >= 0) & (after < len(true_ns)) & (since + until <= longest_ns)
-    is_beside = ((before >= 0) & (since <= reach_ns)) | ((after < len(true_ns)) & (until <= reach_ns))
-    return np.asarray(is_inside | is_beside)
-
-
-def coverage_rows(coverage: Coverage, association: Association, estimates: int) -> Iterator[Figure]:
-    """Yield the rows that count expected stamps, frames and estimates. `estimates` are different stamps."""
-    expected = coverage.expected
-    yield expected_row(RowPart(Scope.DRIVE), coverage.judged, expected)
-    yield from share_rows("missing", coverage.missing, expected)
-    yield from share_rows("images_without_truth", coverage.without_truth, expected)
-    yield from share_rows("lost", association.lost, association.matched)
-    yield from share_rows("degraded", association.degraded, association.matched)
-    yield from share_rows("unmatched", estimates - association.matched, estimates)
-    yield from share_rows("doubled", association.estimate_duplicates, association.estimate_poses)
-
-
-def rows_without_poses(images: int) -> Iterator[Figure]:
-    """Yield the rows of a drive without an estimate for any of its images."""
-    yield expected_row(RowPart(Scope.DRIVE), 0, images)
-    yield from share_rows("missing", images, images)
-    yield figure_row(IN_GAPS, value=1.0)
-
-
-def tolerance_of(association: Association) -> int:
-    """Return the largest difference between stamps that are considered equal, ns."""
-    return round(association.tolerance_s * NS_PER_S)
-
-
-def max_gap_of(association: Association) -> int:
-    """Return the longest gap of the truth that is interpolated, ns."""
-    return round(association.max_gap_s * NS_PER_S)
 
 
 # ---- maps
@@ -325,16 +174,22 @@ def wrong_calls(part: str | None, given: IntArray, expected: IntArray) -> Iterat
 
 
 def answers_completeness(node: ExternalScore) -> Iterator[Figure]:
-    """Yield the completeness of the calls of an external node, from its answers and the published pairs."""
+    """Yield the completeness of the calls of an external node, from its answers and the published pairs.
+
+    A missing or repeated answer is missing or repeated in the calls and also in the drive or the map. Both have a
+    figure of it, because other limits accept the shortfall of the calls (`shortfall_kinds`).
+    """
     kind = CallKind(node.task)
     answers = node.answers
     received = answers.answered + answers.late + answers.doubled + answers.other_stamp
+    missing = answers.missing, answers.pairs
+    other = answers.other_stamp, received
+    doubled = answers.doubled, received
     yield expected_row(RowPart(Scope.CALLS, kind), answers.answered, answers.pairs)
-    yield figure_row("calls_missing", part=kind, n=answers.pairs, value=share_of(answers.missing, answers.pairs))
-    yield figure_row("calls_other", part=kind, n=received, value=share_of(answers.other_stamp, received))
-    yield figure_row("calls_doubled", part=kind, n=received, value=share_of(answers.doubled, received))
-    yield figure_row(UNANSWERED, part=kind, n=answers.pairs, value=share_of(answers.missing, answers.pairs))
-    yield figure_row(ANSWERED_TWICE, part=kind, n=received, value=share_of(answers.doubled, received))
+    counts = {"calls_missing": missing, "calls_other": other, "calls_doubled": doubled}
+    counts |= {UNANSWERED: missing, ANSWERED_TWICE: doubled}
+    for figure, (count, total) in counts.items():
+        yield figure_row(figure, part=kind, n=total, value=share_of(count, total))
     if node.process is not None:  # memory of all its processes over the complete run
         measured = int(node.process.peak_rss_bytes > 0)
         yield expected_row(RowPart(Scope.MEMORY, kind), measured, 1)

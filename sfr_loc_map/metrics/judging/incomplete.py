@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.completeness.drive import LongestGap, covered_text
+from sfr_loc_map.metrics.completeness.gaps import LongestGap, covered_text
 from sfr_loc_map.metrics.completeness.shortfall_kinds import (
     COVERED,
     JUDGED,
@@ -103,7 +103,7 @@ def largest_complete(kind: ShortfallKind, rules: Rules, score: Score) -> float |
     most = kind.most if rules.limits else kind.most_without_limits
     if most is None or (rules.partial and kind.is_lifted_by_partial):
         return None
-    has_images = score.association is None or bool(score.association.images)
+    has_images = score.association is None or score.association.images is not None
     for limit in rules.limits:
         most = max(most, kind.allowed_fraction(limit.name, limit.limit, has_images=has_images))
     return most if most < 1.0 else None
@@ -281,7 +281,7 @@ def missing_text(score: Score) -> str:
     """Return the text of the fraction of a drive that has an estimate, and of the longest gap."""
     drive = score.association
     value = score.number("missing", part=None) or 0.0
-    what = "images" if drive is None or drive.images else "true poses"
+    what = "images" if drive is None or drive.images is not None else "true poses"
     if value == 1.0 and drive is None:
         return f"no pose for any of {score.number('missing', 'n', part=None):.0f} {what}"
     longest_m = score.number("longest_gap", part=DISTANCE)

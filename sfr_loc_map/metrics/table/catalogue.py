@@ -25,7 +25,7 @@ from sfr_loc_map.metrics.config import CallKind, Reading
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.formulas_beside import chord_error
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
-from sfr_loc_map.metrics.table.row_part import COUNT, DIRECTIONS, MOVING, OTHER_FRAMES, Place, RowPart, is_of_distance
+from sfr_loc_map.metrics.table.row_part import COUNT, DIRECTIONS, MOVING, OTHER_FRAMES, Place, RowPart, distance_of
 
 
 class Subject(StrEnum):
@@ -301,7 +301,7 @@ def clause_of(figure: str, part: str | None) -> str:
     if figure not in KINDS or part in DIRECTIONS or part in FITTED or of_row.place is Place.STATED:
         return ""
     kind = KINDS[figure]
-    if kind.subject is Subject.TRAJECTORY and (part in (MOVING, OTHER_FRAMES) or is_of_distance(part)):
+    if kind.subject is Subject.TRAJECTORY and (part in (MOVING, OTHER_FRAMES) or distance_of(part) is not None):
         return ""
     if kind.subject is Subject.TIMING:
         return kind.clause if part == Place.TARGET else ""

@@ -44,7 +44,7 @@ COUNT = "count"  #: Part of the row with a number of items in place of their fra
 SUB_TRAJECTORIES = "sub-trajectories"  #: Part of the row `standing` of one condition.
 DIRECTIONS = {"x": "x (east)", "y": "y (north)", "z": "z (up)", "along": "along the path", "cross": "across the path"}
 """Parts of the position error along one direction, and their titles; x, y and z are axes of DS."""
-NUMBER = r"\d+(?:\.\d+)?(?:e[+-]\d+)?"  #: Pattern of a number >= 0 in the format `g`.
+NUMBER = r"(\d+(?:\.\d+)?(?:e[+-]\d+)?|inf)"  #: Pattern of a number >= 0 in the format `g`.
 
 
 class Scope(StrEnum):
@@ -120,7 +120,7 @@ def range_part(low_m: float, high_m: float) -> str:
 
 def range_of(part: str | None) -> tuple[float, float] | None:
     """Return the bounds of a range of points, m; None for another part."""
-    found = re.fullmatch(rf"({NUMBER})-({NUMBER}) m", part or "")
+    found = re.fullmatch(f"{NUMBER}-{NUMBER} m", part or "")
     return None if found is None else (float(found[1]), float(found[2]))
 
 
@@ -129,11 +129,7 @@ def distance_part(distance_m: float) -> str:
     return f"{distance_m:g} m"
 
 
-def is_of_distance(part: str | None) -> bool:
-    """Return whether a part is a distance travelled."""
-    return (part or "").endswith(" m") and range_of(part) is None
-
-
-def distance_of(part: str | None) -> float:
-    """Return the distance travelled of such a part, m; 0 for a row without a part."""
-    return float((part or "0").removesuffix(" m"))
+def distance_of(part: str | None) -> float | None:
+    """Return the distance travelled of a part, m; None for another part."""
+    found = re.fullmatch(f"{NUMBER} m", part or "")
+    return None if found is None else float(found[1])
