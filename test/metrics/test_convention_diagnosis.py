@@ -14,6 +14,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, converted_estimates
+from sfr_loc_map.metrics.diagnosis.compared_poses import MAX_POSES, compared_poses
 from sfr_loc_map.metrics.diagnosis.convention_diagnosis import diagnose
 from sfr_loc_map.metrics.diagnosis.disagreement import disagreements
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates, associate
@@ -220,3 +221,10 @@ def test_a_unit_of_the_truth_is_not_corrected_in_the_estimate(metres: float, uni
     found = diagnose(Trajectory(*estimate), truth, AssociationConfig()).found
     assert found is not None
     assert (found.mismatch, found.setting) == (f"truth in {unit}", "")
+
+
+def test_a_long_estimate_is_decimated_to_the_maximum_number_of_poses() -> None:
+    count = 2 * MAX_POSES - 1
+    poses = Trajectory(np.arange(count), np.zeros((count, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+    compared = compared_poses(poses, poses, AssociationConfig(), None)
+    assert (len(compared.estimate), len(compared.truth)) == (MAX_POSES, count)

@@ -56,7 +56,7 @@ SLIP = FigureKind(
     shown=OF_ERRORS,
     compared=(TOTAL,),
     topic="slip",
-    errors_of=lambda sub_trajectories: np.abs(sub_trajectories.errors.position_m[:, 0]),
+    compute_errors=lambda sub_trajectories: np.abs(sub_trajectories.errors.position_m[:, 0]),
 )
 MakeScore = Callable[..., Score]
 
@@ -191,7 +191,7 @@ def with_slip(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -
     """A figure that the catalogue has since a moment ago, of scalars or of vectors."""
     kind = SLIP
     if getattr(request, "param", "scalars") == "vectors":
-        kind = SLIP._replace(errors_of=lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2])
+        kind = SLIP._replace(compute_errors=lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2])
     monkeypatch.setitem(catalogue.KINDS, SLIP.name, kind)
     names = limits.LIMITED_NUMBERS[limits.LimitSection.TRAJECTORY]
     for name, limited in limits.names_of([kind]).items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from sfr_loc_map.geometry.rotation import unit_quats
@@ -43,13 +44,14 @@ def compared_poses(
     estimate: Trajectory, truth: Trajectory, config: AssociationConfig, rig: StereoRig | None
 ) -> ComparedPoses:
     """Return the compared poses of an estimate and a truth with attitudes. A long estimate is decimated."""
-    estimate = _in_order(estimate, max(1, len(estimate.stamps_ns) // MAX_POSES))
-    truth = _in_order(truth, 1)
+    estimate = _in_order(estimate, MAX_POSES)
+    truth = _in_order(truth, len(truth))
     frames, _ = associate(estimate, truth, config)
     return ComparedPoses(estimate, truth, frames.estimate_rows, (frames.true_position, frames.true_attitude), rig)
 
 
-def _in_order(poses: Trajectory, step: int) -> Trajectory:
-    """Return every `step`-th pose in the order of the stamps, each stamp once."""
-    rows = unique_rows(poses.stamps_ns)[::step]
+def _in_order(poses: Trajectory, most: int) -> Trajectory:
+    """Return the poses in the order of the stamps, each stamp once, decimated to at most `most` poses."""
+    rows = unique_rows(poses.stamps_ns)
+    rows = rows[:: max(math.ceil(len(rows) / max(most, 1)), 1)]
     return Trajectory(poses.stamps_ns[rows], poses.positions[rows], poses.quats_xyzw[rows])

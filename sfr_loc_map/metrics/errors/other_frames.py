@@ -46,7 +46,7 @@ def to_other_frames(judged: SubTrajectories, placed: PlacedFrames) -> SubTraject
     before = np.maximum(after - 1, 0)
     is_after_nearer = np.abs(known[after] - ends) < np.abs(ends - known[before])
     starts = np.where(is_after_nearer, known[after], known[before])
-    return SubTrajectories(starts, ends, placed.poses, placed.errors_of(placed.poses, starts, ends))
+    return SubTrajectories(starts, ends, placed.poses, placed.error_function(placed.poses, starts, ends))
 
 
 def beyond_the_judged(kind: FigureKind, others: SubTrajectories, judged: SubTrajectories) -> Mask:

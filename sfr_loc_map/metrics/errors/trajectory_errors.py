@@ -31,15 +31,15 @@ DISTANCES_MAX_STARTS = 5000  #: A sub-trajectory that contains more starts is ig
 
 def error_figures(*, has_height: bool) -> list[FigureKind]:
     """Return the figures of sub-trajectories for a ground truth with or without heights."""
-    kinds = [kind for kind in KINDS.values() if kind.errors_of is not None]
+    kinds = [kind for kind in KINDS.values() if kind.compute_errors is not None]
     without_height = [] if has_height else [kind for kind in kinds if kind.is_without_height]
     return [kind for kind in kinds if not kind.is_without_height] + without_height
 
 
 def errors_of(kind: FigureKind, sub_trajectories: SubTrajectories) -> FloatArray:
     """Return the errors of a figure of sub-trajectories."""
-    assert kind.errors_of is not None  # as in all `error_figures`
-    return kind.errors_of(sub_trajectories)
+    assert kind.compute_errors is not None  # as in all `error_figures`
+    return kind.compute_errors(sub_trajectories)
 
 
 # ---- selection
@@ -113,15 +113,15 @@ def error_rows(
     for reading, function in ERROR_FUNCTIONS.items() if truth.has_attitude else ():
         if reading is judged:
             continue
-        errors_of = without_unknown_attitudes(known, function)
-        errors = errors_of(placed.poses, sub_trajectories.starts, sub_trajectories.ends)
+        error_function = without_unknown_attitudes(known, function)
+        errors = error_function(placed.poses, sub_trajectories.starts, sub_trajectories.ends)
         other = sub_trajectories._replace(errors=errors)
         for kind in kinds:
             if not kind.is_of_all_readings:
                 yield error_row(kind, condition, str(reading), other)
 
 
-def growth_rows(poses: Poses, length_m: Lengths, spacing: int, errors_of: ErrorFunction) -> Iterator[Figure]:
+def growth_rows(poses: Poses, length_m: Lengths, spacing: int, error_function: ErrorFunction) -> Iterator[Figure]:
     """Yield the rows of the error as a function of the length of the sub-trajectory."""
     count = len(length_m)
     for metres in DISTANCES_M:
@@ -131,7 +131,7 @@ def growth_rows(poses: Poses, length_m: Lengths, spacing: int, errors_of: ErrorF
         is_short = (ends < count) & (ends - starts <= DISTANCES_MAX_STARTS * apart)
         starts, ends = starts[is_short], ends[is_short]
         if len(starts):
-            sub_trajectories = SubTrajectories(starts, ends, poses, errors_of(poses, starts, ends))
+            sub_trajectories = SubTrajectories(starts, ends, poses, error_function(poses, starts, ends))
             for kind in error_figures(has_height=True):
                 if not kind.is_of_all_readings:
                     yield error_row(kind, None, distance_part(metres), sub_trajectories)

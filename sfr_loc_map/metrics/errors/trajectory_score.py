@@ -80,7 +80,7 @@ def score_trajectory(
     figures = [row for result in results for row in result.figures]
     figures += largest_fraction_beyond(figures)
     figures.append(largest_standing_fraction(figures))
-    figures += growth_rows(placed.poses, placed.length_m, config.spacing, placed.errors_of)
+    figures += growth_rows(placed.poses, placed.length_m, config.spacing, placed.error_function)
     figures += truth_error_rows(truth, frames.stamps_ns if association.interpolated else frames.stamps_ns[:0])
     path = path_rows(placed.estimates, frames, placed.length_m) if details else None
     return TrajectoryResult(
@@ -148,7 +148,7 @@ def result_of_condition(
     condition, starts, ends = chosen
     name = condition.setting
     known = as_truth(truth)
-    sub_trajectories = SubTrajectories(starts, ends, placed.poses, placed.errors_of(placed.poses, starts, ends))
+    sub_trajectories = SubTrajectories(starts, ends, placed.poses, placed.error_function(placed.poses, starts, ends))
     overlap = overlap_of(starts, ends, spacing)
     of_other_frames = tuple(rows_of_other_frames(name, sub_trajectories, placed, has_height=known.has_height))
     of_moving: Iterable[Figure] = ()
@@ -268,7 +268,7 @@ def sub_trajectory_table(
     frames = placed.frames
     poses = placed.poses
     length_m = placed.length_m
-    functions = {placed.association.rebase: placed.errors_of}
+    functions = {placed.association.rebase: placed.error_function}
     if truth.has_attitude:
         known = as_truth(truth)
         functions |= {reading: without_unknown_attitudes(known, each) for reading, each in ERROR_FUNCTIONS.items()}

@@ -52,7 +52,7 @@ class PlacedFrames(NamedTuple):
     frames: Frames
     association: Association
     estimates: Estimates
-    errors_of: ErrorFunction
+    error_function: ErrorFunction
     placement: Placement | None
     poses: Poses  #: Poses of all frames; unknown true heights are NaN.
     length_m: Lengths  #: Length of the true path up to each frame.
@@ -79,11 +79,11 @@ def placed_frames(
         frames, association = associate(estimates.trajectory, truth, config.association, images_ns)
         if not known.has_tilt:
             frames = with_estimated_tilt(frames)
-        errors_of = without_unknown_attitudes(known, ERROR_FUNCTIONS[reading])
+        error_function = without_unknown_attitudes(known, ERROR_FUNCTIONS[reading])
     else:
         estimates, frames, association, placement = associate_positions(estimates, truth, config.association, images_ns)
         reading = Reading.YAW_ALIGNED if placement.tilt_deg is None else Reading.ROTATION_ALIGNED
-        errors_of = formulas.position_reading
+        error_function = formulas.position_reading
     true_position = frames.true_position
     if not known.has_height:
         true_position = true_position.copy()
@@ -100,16 +100,16 @@ def placed_frames(
         path_length_m=float(length_m[-1]) if len(length_m) else 0.0,
         duration_s=int(frames.stamps_ns[-1] - frames.stamps_ns[0]) / NS_PER_S if len(length_m) else None,
     )
-    return PlacedFrames(frames, association, estimates, errors_of, placement, poses, length_m)
+    return PlacedFrames(frames, association, estimates, error_function, placement, poses, length_m)
 
 
-def without_unknown_attitudes(truth: Truth, errors_of: ErrorFunction) -> ErrorFunction:
+def without_unknown_attitudes(truth: Truth, error_function: ErrorFunction) -> ErrorFunction:
     """Return a function whose attitude errors are unknown (NaN) if roll and pitch of the truth are unknown."""
     if truth.has_tilt:
-        return errors_of
+        return error_function
 
     def without_attitude(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
-        errors = errors_of(poses, starts, ends)
+        errors = error_function(poses, starts, ends)
         return errors._replace(attitude_deg=np.full_like(errors.attitude_deg, np.nan))
 
     return without_attitude

@@ -43,7 +43,7 @@ class Proof(NamedTuple):
 def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None:
     """Return all errors of a figure over a condition; None if the score lacks some of the errors."""
     row = score.judged_row(figure, condition=condition)
-    errors = score.errors_of(figure, condition)
+    errors = score.all_errors(figure, condition)
     if errors is None or row is None or row.independent is None or not np.isfinite(errors).all():
         return None
     return Sample(errors, min(row.independent, float(len(errors))))

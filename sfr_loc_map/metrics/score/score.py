@@ -147,7 +147,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         """Return the row that a verdict of this score judges, None if the verdict has no row."""
         return None if verdict.row is None else self.figures[verdict.row]
 
-    def errors_of(self, figure: str, condition: str | None) -> FloatArray | None:
+    def all_errors(self, figure: str, condition: str | None) -> FloatArray | None:
         """Return all errors `(n, d)` of a figure, NaN if unknown; None if the score does not contain all errors.
 
         The data of the plots are used only if they contain every sub-trajectory.
@@ -157,7 +157,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         details = None if self.details is None else self.details.trajectory
         for rows in () if columns or details is None else details.sub_trajectories:
             if rows.condition == condition and rows.every == 1:
-                columns = rows.errors_of(figure)
+                columns = rows.error_columns(figure)
         return np.stack([np.array(values, np.float64) for values in columns], axis=1) if columns else None
 
     def has(self, subject: str) -> bool:

@@ -217,7 +217,7 @@ def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) 
     rows = CommonRows.of(mine, theirs)
     overlap = _overlap(np.array(mine.start_frame)[rows.first], np.array(mine.end_frame)[rows.first])
     for kind in KINDS.values():
-        columns, other_columns = mine.errors_of(kind.name), theirs.errors_of(kind.name)
+        columns, other_columns = mine.error_columns(kind.name), theirs.error_columns(kind.name)
         if TOTAL not in kind.compared or not columns or not other_columns:
             continue
         found = PairedDifference(

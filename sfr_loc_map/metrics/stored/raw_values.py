@@ -68,7 +68,7 @@ def _required(score: Score) -> Iterator[str]:
         row = score.judged_row(figure, subject=Subject.TRAJECTORY, condition=condition)
         if row is None or not row.n:
             continue
-        if score.errors_of(figure, condition) is None:
+        if score.all_errors(figure, condition) is None:
             yield f"{row.label} is limited, but its errors are absent"
         for name, part in _required_beside(score, figure, condition):
             if score.figure(name, condition=condition, part=part) is None:
@@ -156,7 +156,7 @@ def _of_sub_trajectories(score: Score) -> Iterator[str]:
     for row in score.figures:
         if row.condition is None or row.part != score.reading:
             continue
-        errors = score.errors_of(row.figure, row.condition)
+        errors = score.all_errors(row.figure, row.condition)
         if errors is not None:
             rounding_m = 0.0 if (row.figure, row.condition) in exact else DIGITS_M
             yield from _computed_again(row, errors, rounding_m)
@@ -184,7 +184,7 @@ def _of_axes(score: Score) -> Iterator[str]:
 
 def _of_thinned(row: Figure, rows: SubTrajectoryRows) -> Iterator[str]:
     """Yield the contradictions between a row and the data of the plots, which have every n-th of its errors."""
-    columns = rows.errors_of(row.figure)
+    columns = rows.error_columns(row.figure)
     if not columns or any(None in column for column in columns):
         return
     kept = np.stack([np.array(values, np.float64) for values in columns], axis=1)

@@ -1,12 +1,12 @@
 """The catalogue of figures, one line each: the names, clauses and displayed statistics that every view uses.
 
 To add a figure, add its line here, and the text of a new clause in `CLAUSES`. The line of an error of sub-trajectories
-also names the function that returns the errors (`errors_of`). The rows of any other figure are made where its values
-are computed. To show one more statistic of a figure, add its name to the line. To add a quantile, add its field to
-`metrics.formulas.Statistics`. Any other statistic is computed in `metrics.formulas.statistics`, and `EXPANSION` of
+also names the function that computes the errors (`compute_errors`). The rows of any other figure are made where its
+values are computed. To show one more statistic of a figure, add its name to the line. To add a quantile, add its field
+to `metrics.formulas.Statistics`. Any other statistic is computed in `metrics.formulas.statistics`, and `EXPANSION` of
 `metrics.judging.limited_value` states how the error of the truth affects it. Reports, comparisons, suites, searches,
-histories, limits, the topics of the monitor and the check of stored scores then include the figure or statistic. Scores
-that were stored without a new statistic remain readable.
+histories, limits, the topics of the monitor and the check of stored scores then include the figure or statistic.
+Scores that were stored without a new statistic remain readable.
 
 Plots of the errors of sub-trajectories draw each statistic that is shown or limited. Three things have to be changed
 separately: the topics that `config/sros2_policy.xml` allows by name, the other plots, which draw mean, mean + 3 sigma,
@@ -75,7 +75,7 @@ class FigureKind(NamedTuple):
     is_count: bool = False  #: Whether a figure of unit `1` is a count instead of a fraction.
     is_better_if_larger: bool = False  #: Whether a larger value is better, unlike errors, times and memory.
     #: Errors of sub-trajectories, `(M,)` or vectors `(M, d)`, that the figure is about; None for any other figure.
-    errors_of: Callable[[SubTrajectories], FloatArray] | None = None
+    compute_errors: Callable[[SubTrajectories], FloatArray] | None = None
     is_of_all_readings: bool = False  #: Whether these errors do not depend on the reading of the document.
     is_without_height: bool = False  #: Whether only scores against a ground truth without heights have the figure.
 
@@ -105,7 +105,7 @@ CATALOGUE = (
         OF_ERRORS,
         (TOTAL,),
         topic="position",
-        errors_of=lambda sub_trajectories: sub_trajectories.errors.position_m,
+        compute_errors=lambda sub_trajectories: sub_trajectories.errors.position_m,
     ),
     FigureKind(
         "attitude",
@@ -117,7 +117,7 @@ CATALOGUE = (
         (TOTAL,),
         topic="attitude",
         is_unsigned=True,
-        errors_of=lambda sub_trajectories: sub_trajectories.errors.attitude_deg,
+        compute_errors=lambda sub_trajectories: sub_trajectories.errors.attitude_deg,
     ),
     FigureKind(
         "heading",
@@ -128,7 +128,7 @@ CATALOGUE = (
         OF_ERRORS,
         (TOTAL,),
         topic="heading",
-        errors_of=lambda sub_trajectories: sub_trajectories.errors.heading_deg,
+        compute_errors=lambda sub_trajectories: sub_trajectories.errors.heading_deg,
     ),
     FigureKind(
         "horizontal",
@@ -136,7 +136,7 @@ CATALOGUE = (
         "",
         "m",
         "horizontal position error",
-        errors_of=lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2],
+        compute_errors=lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2],
         is_without_height=True,
     ),
     FigureKind(
@@ -145,7 +145,7 @@ CATALOGUE = (
         "",
         "m",
         "chord error",
-        errors_of=lambda sub_trajectories: chord_error(
+        compute_errors=lambda sub_trajectories: chord_error(
             sub_trajectories.poses, sub_trajectories.starts, sub_trajectories.ends
         ),
         is_of_all_readings=True,

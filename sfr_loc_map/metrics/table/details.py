@@ -127,7 +127,7 @@ class SubTrajectoryRows(Columns, frozen=True, kw_only=True):
     #: vectors, by figure and number of the direction (`NAME 1`).
     others: dict[str, Values] = {}
 
-    def errors_of(self, figure: str) -> tuple[Values, ...]:
+    def error_columns(self, figure: str) -> tuple[Values, ...]:
         """Return the errors of a figure, a column for each direction; empty if there are no errors of the figure."""
         if figure in NAMED_ERRORS:
             return tuple(getattr(self, name) for name in NAMED_ERRORS[figure])

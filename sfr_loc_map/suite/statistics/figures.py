@@ -68,8 +68,8 @@ def figures_of(score: Score) -> dict[FigureName, float]:
         found[FigureName(ComparedKind.TIME, f"{call} mean, s")] = score.number(call, "mean", part=None)
         found[FigureName(ComparedKind.MEMORY, f"{call} peak, bytes")] = score.number("peak", part=call)
     known = {name: value for name, value in found.items() if value is not None and value >= 0.0}
-    errors_of = (ComparedKind.ACCURACY, ComparedKind.NEES)
-    raised = {name: max(value, LEAST_ERROR) if name.kind in errors_of else value for name, value in known.items()}
+    with_minimum = (ComparedKind.ACCURACY, ComparedKind.NEES)
+    raised = {name: max(value, LEAST_ERROR) if name.kind in with_minimum else value for name, value in known.items()}
     defined = {name: value for name, value in raised.items() if value > 0.0}
     if (drive := score.association) is not None:
         counts = {

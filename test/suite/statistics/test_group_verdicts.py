@@ -113,7 +113,7 @@ def lacking(score: Score, lack: str) -> Score:
     if lack == "short":
         truth, estimate = drive(0, count=2)
         return score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=1",)))
-    errors = score.errors_of("position", "distance=1")
+    errors = score.all_errors("position", "distance=1")
     details = replace(score.details, trajectory=replace(score.details.trajectory, sub_trajectories=()))
     columns = tuple((None, *values[1:]) for values in errors.T.tolist())
     rows = (ErrorRows(figure="position", condition="distance=1", errors=columns),) if lack == "unknown" else ()
