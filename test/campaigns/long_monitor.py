@@ -91,7 +91,7 @@ def scoring_per_pair_s(steps: list[Step], hz: float) -> float:
         cost_s = float(np.interp(now_s * hz, pairs, costs))
         used_s += cost_s
         now_s += max(PUBLISH_PERIOD_S, 1.0 / hz, (1.0 + RESTS) * cost_s)
-    return used_s / steps[-1].pairs
+    return used_s / (now_s * hz)  # the rest after the last score ends later than the run
 
 
 def main(arguments: list[str]) -> int:
