@@ -47,6 +47,10 @@ def timeline(score: Score, kind: CallKind) -> list[Plot]:
         layout["grid"] = {"rows": 2, "columns": 1, "pattern": "coupled", "ygap": 0.14}
         layout["yaxis2"] = axis("peak memory, MiB")
     block = series.slowest_of
-    caption = "One mark per call; resident memory." if block == 1 else f"The slowest of every {block} calls."
+    row = score.figure(kind, part=None)
+    count = "" if row is None else f", n = {row.n}"
+    caption = (
+        f"One mark per call{count}; resident memory." if block == 1 else f"The slowest of every {block} calls{count}."
+    )
     title = f"Time and memory by call: {kind.words}"
     return [Plot(f"{kind}-timeline", title, caption, data, layout, height=440, width="full")]

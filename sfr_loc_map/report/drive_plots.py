@@ -210,24 +210,27 @@ def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
     """Return the plot of the errors of scores over the length of the sub-trajectories; empty without data."""
     series = []
     for k, (name, score) in enumerate(named):
-        steps = score.rows("position", subject=Subject.TRAJECTORY, condition=None)
-        totals = ((distance_of(row.part), row.mean_plus_3sigma) for row in steps)
-        series.append((line_style(k), name, [item for item in totals if None not in item]))
+        rows = score.rows("position", subject=Subject.TRAJECTORY, condition=None)
+        known = [(distance_of(row.part), row.mean_plus_3sigma, row.n) for row in rows]
+        series.append((line_style(k), name, [point for point in known if None not in point]))
     points = [point for *_, over in series for point in over]
     if not points:
         return []
-    distances, errors = zip(*points, strict=True)
+    distances, errors, _ = zip(*points, strict=True)
     factor, unit = error_scale(largest(errors))
     data = []
     for style, name, over in series:
         if over:
-            xy = [distance for distance, _ in over], scaled([error for _, error in over], factor)
-            data.append(line(name, xy, mode="lines+markers", **style))
+            lengths_m, totals, counts = zip(*over, strict=True)
+            hover = f"over %{{x}} m: %{{y:.4g}} {unit}, n = %{{customdata}}<extra>{name}</extra>"
+            more: dict[str, Any] = {"customdata": counts, "hovertemplate": hover}
+            data.append(line(name, (lengths_m, scaled(totals, factor)), mode="lines+markers", **more, **style))
     layout = {
         "xaxis": log_axis("length of the sub-trajectory, m", min(distances), max(distances)),
         "yaxis": log_axis(f"position error, mean + 3 sigma, {unit}", *span(scaled(errors, factor))),
     }
-    return [Plot("growth", "Position error against path length", "Re-based at each start.", data, layout)]
+    caption = "Re-based at each start, without an interval. Hover for the number of sub-trajectories."
+    return [Plot("growth", "Position error against path length", caption, data, layout)]
 
 
 class _Panel(NamedTuple):

@@ -34,7 +34,11 @@ def limit_lines(
 
 
 def error_axis(title: str, values: Values, limits: Sequence[float]) -> dict[str, Any]:
-    """Return an axis from 0 for values and their limits; logarithmic if a limit is far above all values."""
-    if max(limits, default=0.0) > LOGARITHMIC_ABOVE * largest(values):
+    """Return an axis from 0 for values and their limits; logarithmic if a limit is far above all values.
+
+    A logarithmic axis cannot show a value of 0.
+    """
+    has_zero = any(value == 0.0 for value in values)
+    if not has_zero and max(limits, default=0.0) > LOGARITHMIC_ABOVE * largest(values):
         return log_axis(title, *span([*values, *limits]))
     return axis(title, rangemode="tozero")

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import KINDS, OF_CALLS, TOTAL, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.table.catalogue import KINDS, OF_CALLS, TOTAL, FigureKind, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.table.row_part import ANY
 from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.report import plots
 from sfr_loc_map.report.comparison import optional_cell
@@ -95,23 +96,24 @@ def _methods(named: Named) -> Table:
     """Return a table with a row per method.
 
     The columns are the verdict, the kind, the compared statistics of the figures whose mean + 3 sigma is compared (over
-    the first condition), frames, coverage, times, memory and findings.
+    `compared_condition`), frames, coverage, times, memory and findings.
     """
     shown = [
         MethodColumn(Column("verdict", words=True), _verdict, is_marked=False),
         MethodColumn(Column("kind", words=True), _kind, is_marked=False),
     ]
-    compared = {row.figure: row for _, score in named for row in compared_rows(score)}
+    condition = compared_condition([score for _, score in named])
+    compared = {row.figure: row for _, score in named for row in compared_rows(score, condition)}
     for figure, first in compared.items():
         over = f" over {label_of(first.condition)}" if first.condition else ""
         title = f"{title_of(figure)}{over}"
         for statistic in KINDS[figure].compared:
-            unit = fitting(Unit(first.unit), *(_compared_number(score, figure, statistic) for _, score in named))
+            rows = [compared_row(score, KINDS[figure], condition) for _, score in named]
+            unit = fitting(Unit(first.unit), *(row.statistic(statistic) for row in rows if row is not None))
             words = title if statistic == TOTAL else f"{title}, {statistic_title(statistic)}"
             larger = KINDS[figure].is_better_if_larger
-            shown.append(
-                MethodColumn(Column(words, unit), _figure_cell(figure, statistic, unit), is_better_if_larger=larger)
-            )
+            cell_of = partial(_figure_cell, kind=KINDS[figure], condition=condition, statistic=statistic, unit=unit)
+            shown.append(MethodColumn(Column(words, unit), cell_of, is_better_if_larger=larger))
     if any(score.association is not None for _, score in named):
         shown.append(MethodColumn(Column("frames"), partial(_frames, name="matched"), is_marked=False))
         shown.append(MethodColumn(Column("lost"), partial(_frames, name="lost")))
@@ -122,7 +124,7 @@ def _methods(named: Named) -> Table:
         shown.append(MethodColumn(Column(f"time {statistic}", MILLISECOND), partial(_times, statistic=statistic)))
     shown.append(MethodColumn(Column("memory", MIB), _peaks))
     shown.append(MethodColumn(Column("findings"), _finding_count))
-    ordered = sorted(named, key=lambda item: rank_of(item[1]))
+    ordered = sorted(named, key=lambda item: rank_of(item[1], condition))
     columns = [_cells_of(column, [score for _, score in ordered]) for column in shown]
     rows_of_all = tuple((Cell.head(name), *cells) for (name, _), *cells in zip(ordered, *columns, strict=True))
     note = (
@@ -151,11 +153,29 @@ def _finding_count(score: Score) -> Cell:
     return Cell.number(sum(item.count for item in score.findings))
 
 
-def compared_rows(score: Score) -> list[Figure]:
-    """Return the errors by which methods are compared: the judged errors of the first condition."""
-    errors = [kind for kind in KINDS.values() if TOTAL in kind.compared]
-    rows = (score.judged_row(kind.name, subject=kind.subject) for kind in errors)
+def compared_condition(scores: Sequence[Score]) -> str:
+    """Return the condition over which errors are compared: the first one that all scores of trajectories have.
+
+    Without a common condition, it is the first condition of the first score. `ANY` if no score has a condition.
+    """
+    conditions = [score.conditions for score in scores if score.conditions]
+    if not conditions:
+        return ANY
+    first, *others = conditions
+    return next((condition for condition in first if all(condition in other for other in others)), first[0])
+
+
+def compared_rows(score: Score, condition: str) -> list[Figure]:
+    """Return the errors by which methods are compared: the judged errors over a condition."""
+    kinds = [kind for kind in KINDS.values() if TOTAL in kind.compared]
+    rows = (compared_row(score, kind, condition) for kind in kinds)
     return [row for row in rows if row is not None]
+
+
+def compared_row(score: Score, kind: FigureKind, condition: str) -> Figure | None:
+    """Return the judged row of a figure, for the trajectory over a condition."""
+    over = condition if kind.subject is Subject.TRAJECTORY else ANY
+    return score.judged_row(kind.name, subject=kind.subject, condition=over)
 
 
 def is_ranked(score: Score) -> bool:
@@ -163,30 +183,23 @@ def is_ranked(score: Score) -> bool:
     return score.incomplete is None and score.contradiction is None and not score.fatal_findings
 
 
-def rank_of(score: Score) -> tuple[bool, bool, float]:
+def rank_of(score: Score, condition: str) -> tuple[bool, bool, float]:
     """Return the sort key of a method: mean + 3 sigma of the position or point error.
 
     Methods without errors are last, after those that are not ranked.
     """
-    error = next((row.mean_plus_3sigma for row in compared_rows(score)), None)
+    error = next((row.mean_plus_3sigma for row in compared_rows(score, condition)), None)
     return error is None, not is_ranked(score), error or 0.0
 
 
-def _compared_number(score: Score, figure: str, statistic: str) -> float | None:
-    row = score.judged_row(figure)
-    return None if row is None else row.statistic(statistic)
-
-
-def _figure_cell(figure: str, statistic: str, unit: Unit) -> Callable[[Score], Cell]:
-    def cell_of(score: Score) -> Cell:
-        row, value = score.judged_row(figure), _compared_number(score, figure, statistic)
-        if row is None or value is None:
-            return Cell(ABSENT)
-        has_interval = statistic == TOTAL and row.interval is not None
-        interval = f" ({Cell.interval(row.interval, unit=unit).text})" if has_interval else ""
-        return Cell(number(value, unit=unit) + interval, value)
-
-    return cell_of
+def _figure_cell(score: Score, kind: FigureKind, condition: str, statistic: str, unit: Unit) -> Cell:
+    row = compared_row(score, kind, condition)
+    value = None if row is None else row.statistic(statistic)
+    if row is None or value is None:
+        return Cell(ABSENT)
+    has_interval = statistic == TOTAL and row.interval is not None
+    interval = f" ({Cell.interval(row.interval, unit=unit).text})" if has_interval else ""
+    return Cell(number(value, unit=unit) + interval, value)
 
 
 def _frames(score: Score, name: str) -> Cell:
@@ -275,12 +288,14 @@ def _paths(named: Named) -> list[plots.Plot]:
 
 def _cost(named: Named, task: Task) -> list[plots.Plot]:
     data, times, errors = [], [], []
+    condition = compared_condition([score for _, score in named])
     for k, (name, score) in enumerate(named):
         seconds, node = score.number(task.call, "p50", part=None), score.external
         is_latency = seconds is None and node is not None and node.task == task.name
         if is_latency and node is not None and node.latency_s is not None:
             seconds = node.latency_s.p50
-        error = next((row.mean_plus_3sigma for row in compared_rows(score) if row.subject is task.subject), None)
+        rows = [row for row in compared_rows(score, condition) if row.subject is task.subject]
+        error = rows[0].mean_plus_3sigma if rows else None
         if not seconds or not error:
             continue
         color, symbol = plots.line_style(k)["color"], plots.SYMBOLS[k // len(plots.COLORS) % len(plots.SYMBOLS)]
@@ -290,7 +305,7 @@ def _cost(named: Named, task: Task) -> list[plots.Plot]:
         data.append(plots.marks(label, ([times[-1]], [errors[-1]]), color, symbol=symbol, size=13, showlegend=True))
     if not data:
         return []
-    what = "position error" if task.subject is Subject.TRAJECTORY else "point error"
+    what = f"position error over {label_of(condition)}" if task.subject is Subject.TRAJECTORY else "point error"
     layout = {
         "xaxis": plots.log_axis("median time of a call, ms", *plots.span(times)),
         "yaxis": plots.log_axis(f"{what}, mean + 3 sigma, mm", *plots.span(errors)),

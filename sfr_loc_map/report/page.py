@@ -145,6 +145,7 @@ def _environment() -> Environment:
 
     loader = PackageLoader("sfr_loc_map", "report/templates")
     environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.globals["palettes"] = PALETTES
     environment.filters["table"] = lambda table: Markup(to_html(table))
     plain = {"default": lambda item: {each.name: getattr(item, each.name) for each in fields(item)}}  # dataclasses
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":"), **plain}

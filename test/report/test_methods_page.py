@@ -68,6 +68,22 @@ def test_each_method_has_a_row_and_a_latency_is_no_time_per_call(scores: list[Sc
     assert cells["position error over 5 m"][0].startswith(f"{1e3 * total:.4g}")
 
 
+def test_errors_are_compared_over_a_condition_that_all_scores_have(scores: list[Score]) -> None:
+    """A score whose first condition is another one was shown below the condition of the last score."""
+    longer = tuple(
+        replace(row, condition="distance=10", mean_plus_3sigma=9.0)
+        for row in scores[0].rows("position", condition="distance=5")
+    )
+    other = replace(scores[0], figures=(*longer, *scores[0].figures))
+    table = methods_tables([scores[0], other], ["sfr", "other"])[0]
+    (column,) = (k for k, each in enumerate(table.columns) if each.title.startswith("position error over"))
+    assert table.columns[column].title == "position error over 5 m"
+    assert len({row[column].text for row in table.rows}) == 1
+    alone = replace(scores[0], figures=longer)
+    table = methods_tables([scores[0], alone], ["sfr", "alone"])[0]
+    assert [row[column].text for row in table.rows][1] == "-"
+
+
 @pytest.mark.parametrize("flaw", ["incomplete", "contradiction", "findings"])
 def test_a_method_without_all_results_is_not_the_best(scores: list[Score], flaw: str) -> None:
     """A method that gave up early has small errors and short times."""

@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from helpers.made_scores import HOSTILE, dig, json_of, place_of, whole_score, without
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_plain
+from sfr_loc_map.report.limit_lines import error_axis
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.path_plot import Curve, path_plot
 from sfr_loc_map.report.plots import PALETTES, to_figure
@@ -267,6 +268,11 @@ def test_two_requirements_on_one_statistic_are_both_drawn() -> None:
     printed = printed_plots(judged)[0]
     texts = [*(level.text for level in printed.levels), *printed.beyond.split(", ")]
     assert len([text for text in texts if text.startswith("limit of mean + 3 sigma ")]) == 2
+
+
+def test_an_error_of_zero_is_drawn_although_its_limit_is_far_above() -> None:
+    assert error_axis("error", [1.0, 2.0], [100.0]).get("type") == "log"
+    assert error_axis("error", [0.0, 2.0], [100.0]).get("type") is None
 
 
 def test_limits_are_drawn_beside_their_figure_and_do_not_flatten_it() -> None:
