@@ -135,7 +135,8 @@ class DriveConfig:
     enabled: bool = param(True, doc="Whether to render the drive (localisation pairs).")
     segments: tuple[str, ...] = param(
         ("straight 4", "arc 6 40", "arc -8 30", "straight 4"),
-        doc="Path: straight M (< 0: backwards), arc RADIUS_M (> 0: left) ANGLE_DEG, turn DEG, stop S, goto X Y.",
+        doc="Path: straight M, arc RADIUS_M (> 0: left) ANGLE_DEG, turn DEG, stop S, goto X Y; M and ANGLE_DEG < 0: "
+        "backwards.",
     )
     start_x_m: float = param(0.0, unit="m", doc="East coordinate of the start in DS.", low=-10_000.0, high=10_000.0)
     start_y_m: float = param(0.0, unit="m", doc="North coordinate of the start in DS.", low=-10_000.0, high=10_000.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,52 @@ SLIP_TIME_S = 2.5  #: Correlation time of the slip: 0.4 m of path at the default
 SLIP_SPREAD, MOST_SLIP = 0.6, 0.95  #: Standard deviation of the slip over its mean, and the largest slip (chosen).
 SWAY_TIME_S = 2.0  #: Driving time between independent values of drift and heading error, s (chosen).
 ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}  #: Number of arguments of each segment.
-NEAR_M = 1e-6  #: Length below which a segment has no motion, m.
+NEAR_M = 1e-6  #: Length below which a segment has no motion, m; also the least radius, m, and angle, deg.
 FARTHEST_M = 400.0  #: Largest distance from the start along x or y, m; the ground is 1024 m wide.
 COURSE_STEP_RAD = math.radians(1.0)  #: Turn between the positions of an arc whose distance from the start is checked.
 
 
-Leg = tuple[float, float, float]
-"""Length, m, turn, rad, and wait, s, of a segment: constant curvature, a point turn (length 0) or a wait."""
+@dataclass(frozen=True, slots=True)
+class Arc:
+    """A path of constant curvature: straight if the turn is 0, driven backwards if the length is negative."""
+
+    length_m: float
+    turn_rad: float
+    wheels_turn: ClassVar[float] = 1.0
+
+    def share_per_s(self, config: DriveConfig, grip: float) -> float:
+        """Return the fraction of the leg per second; `grip` is the fraction of the motion that slip leaves."""
+        return config.speed_m_s * grip / abs(self.length_m)
+
+
+@dataclass(frozen=True, slots=True)
+class PointTurn:
+    """A turn on the spot."""
+
+    turn_rad: float
+    length_m: ClassVar[float] = 0.0
+    wheels_turn: ClassVar[float] = 1.0
+
+    def share_per_s(self, config: DriveConfig, grip: float) -> float:
+        """Return the fraction of the leg per second; `grip` is the fraction of the motion that slip leaves."""
+        return math.radians(config.turn_rate_deg_s) * grip / abs(self.turn_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """A stop of some time."""
+
+    duration_s: float
+    length_m: ClassVar[float] = 0.0
+    turn_rad: ClassVar[float] = 0.0
+    wheels_turn: ClassVar[float] = 0.0
+
+    def share_per_s(self, config: DriveConfig, grip: float) -> float:
+        """Return the fraction of the leg per second."""
+        return 1.0 / self.duration_s
+
+
+Leg = Arc | PointTurn | Wait
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,32 +116,11 @@ class Drive:
 
 
 def legs_of(config: DriveConfig) -> list[Leg]:
-    """Return the segments of a path; ConfigError if a segment is invalid or leaves the ground."""
+    """Return the legs of a path; ConfigError if a segment is invalid or leaves the ground."""
     legs: list[Leg] = []
     x, y, heading = config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg)
     for segment in config.segments:
-        word, *rest = segment.split() or [""]
-        try:
-            numbers = [float(number) for number in rest]
-        except ValueError:
-            numbers = []
-        if ARGUMENTS.get(word) != len(numbers) or not np.isfinite(numbers).all():
-            known = "'straight M', 'arc RADIUS_M ANGLE_DEG', 'turn DEG', 'stop S', 'goto X Y'"
-            raise ConfigError(f"drive.segments has '{segment}': one of {known} is required")
-        if word == "goto":
-            dx, dy = numbers[0] - x, numbers[1] - y
-            turn, length = math.remainder(math.atan2(dy, dx) - heading, 2 * math.pi), math.hypot(dx, dy)
-            new = [(0.0, turn, 0.0), (length, 0.0, 0.0)] if length > NEAR_M else []
-        elif word == "straight":
-            new = [(numbers[0], 0.0, 0.0)]
-        elif word == "arc":
-            angle = math.radians(numbers[1])
-            new = [(abs(numbers[0] * angle), math.copysign(1, numbers[0]) * abs(angle), 0.0)]
-        elif word == "turn":
-            new = [(0.0, math.radians(numbers[0]), 0.0)]
-        else:
-            new = [(0.0, 0.0, max(numbers[0], 0.0))]
-        for leg in new:
+        for leg in _legs_of_segment(segment, x, y, heading):
             course = _course(x, y, heading, leg)
             x, y, heading = course[-1]
             away = max(max(abs(east - config.start_x_m), abs(north - config.start_y_m)) for east, north, _ in course)
@@ -109,16 +128,45 @@ def legs_of(config: DriveConfig) -> list[Leg]:
                 raise ConfigError(
                     f"drive.segments go {away:.3g} m away from the start: at most {FARTHEST_M:g} m are allowed"
                 )
-        legs += new
+            legs.append(leg)
     return legs
+
+
+def _legs_of_segment(segment: str, x: float, y: float, heading: float) -> list[Leg]:
+    """Return the legs of a segment that begins at a position and heading; ConfigError if the segment is invalid."""
+    word, *rest = segment.split() or [""]
+    try:
+        numbers = [float(number) for number in rest]
+    except ValueError:
+        numbers = []
+    if ARGUMENTS.get(word) != len(numbers) or not np.isfinite(numbers).all():
+        known = "'straight M', 'arc RADIUS_M ANGLE_DEG', 'turn DEG', 'stop S', 'goto X Y'"
+        raise ConfigError(f"drive.segments has '{segment}': one of {known} is required")
+    if word == "goto":
+        dx, dy = numbers[0] - x, numbers[1] - y
+        turn, length = math.remainder(math.atan2(dy, dx) - heading, 2 * math.pi), math.hypot(dx, dy)
+        if length <= NEAR_M:
+            return []
+        return [PointTurn(turn), Arc(length, 0.0)] if turn else [Arc(length, 0.0)]
+    if word == "stop" and numbers[0] <= 0.0:
+        raise ConfigError(f"drive.segments has '{segment}': a time greater than 0 s is required")
+    if word == "stop":
+        return [Wait(numbers[0])]
+    if min(abs(number) for number in numbers) <= NEAR_M:
+        raise ConfigError(f"drive.segments has '{segment}': a length, radius and angle other than 0 is required")
+    if word == "straight":
+        return [Arc(numbers[0], 0.0)]
+    if word == "turn":
+        return [PointTurn(math.radians(numbers[0]))]
+    radius, angle = numbers[0], math.radians(numbers[1])
+    return [Arc(abs(radius) * angle, math.copysign(1.0, radius) * angle)]
 
 
 def _course(x: float, y: float, heading: float, leg: Leg) -> list[tuple[float, float, float]]:
     """Return positions and headings along a segment: at steps of the first turn of an arc, and at the end."""
-    length_m, turn_rad, _ = leg
-    circle = min(abs(turn_rad), 2.0 * math.pi) if length_m else 0.0
-    shares = [step * COURSE_STEP_RAD / abs(turn_rad) for step in range(1, math.ceil(circle / COURSE_STEP_RAD))]
-    return [_advance(x, y, heading, share * length_m, share * turn_rad) for share in (*shares, 1.0)]
+    circle = min(abs(leg.turn_rad), 2.0 * math.pi) if leg.length_m else 0.0
+    shares = [step * COURSE_STEP_RAD / abs(leg.turn_rad) for step in range(1, math.ceil(circle / COURSE_STEP_RAD))]
+    return [_advance(x, y, heading, share * leg.length_m, share * leg.turn_rad) for share in (*shares, 1.0)]
 
 
 def _advance(x: float, y: float, heading: float, length: float, turn: float) -> tuple[float, float, float]:
@@ -133,20 +181,14 @@ def states_of(config: DriveConfig, legs: list[Leg], rng: np.random.Generator) ->
     states = [(config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg), 0.0)]
     # a slowly changing standard normal number (first-order Gauss-Markov process)
     slip, keep = float(rng.normal()), math.exp(-STEP_S / SLIP_TIME_S)
-    for length_m, turn_rad, wait_s in legs:
+    for leg in legs:
         base = states[-1][:3]
         done = 0.0
         while done < 1.0 - 1e-12:
             slip = keep * slip + math.sqrt(1 - keep**2) * float(rng.normal())
-            kept = 1.0 - min(max(config.slip * (1.0 + SLIP_SPREAD * slip), 0.0), MOST_SLIP)
-            if wait_s:  # fraction of the leg per second
-                rate = 1.0 / wait_s
-            elif abs(length_m) > NEAR_M:  # negative lengths are driven backwards
-                rate = config.speed_m_s * kept / abs(length_m)
-            else:
-                rate = math.radians(config.turn_rate_deg_s) * kept / max(abs(turn_rad), 1e-9)
-            done = min(done + STEP_S * rate, 1.0)
-            states.append((*_advance(*base, length_m * done, turn_rad * done), 0.0 if wait_s else 1.0))
+            grip = 1.0 - min(max(config.slip * (1.0 + SLIP_SPREAD * slip), 0.0), MOST_SLIP)
+            done = min(done + STEP_S * leg.share_per_s(config, grip), 1.0)
+            states.append((*_advance(*base, leg.length_m * done, leg.turn_rad * done), leg.wheels_turn))
     rows = np.array(states if len(states) > 1 else 2 * states)
     # sideways drift and heading errors change smoothly, and only while the wheels turn
     travelled = np.cumsum(rows[:, 3]) * STEP_S

@@ -45,6 +45,12 @@ class Plan:
             raise ConfigError("neither drive nor panorama is enabled: enable at least one")
         if not config.drive.segments:
             raise ConfigError("drive.segments is empty: give a segment ('stop 1')")
+        rocks = config.rocks
+        if rocks.cover > 0.0 and rocks.smallest_m >= rocks.largest_m:
+            raise ConfigError(
+                f"rocks.smallest_m is {rocks.smallest_m:g} m and rocks.largest_m {rocks.largest_m:g} m: no rock has "
+                "such a size; give a larger rocks.largest_m, or rocks.cover 0"
+            )
         terrain = Terrain.make(config.seed, config.terrain, config.ground)
         rng = np.random.default_rng([config.seed, Stream.DRIVE])
         states = states_of(config.drive, legs_of(config.drive), rng)

@@ -14,6 +14,7 @@ from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig, settings_i
 from sfr_loc_map.simulation.noise import Stream, gradient2, hash2, mix, sub_seed, unit, value2
 
 SHORTEST_M = 0.02  #: Shortest wavelength of the meshed relief, m; shorter waves appear only in the shading.
+SAMPLES_PER_RIPPLE = 2.75  #: Samples per wavelength that resolve the ripples.
 CRATER_CLASSES = 4  #: Number of size classes of craters; diameters double from class to class, from 1 m.
 OCTAVE_ANGLE = 0.6435
 """Angle between the noise grids of two octaves, rad, which hides the grid directions (3-4-5 triangle)."""
@@ -30,6 +31,7 @@ class TerrainParameters(NamedTuple):
     hills_m: float  #: Height scale of the hills.
     hills_length_m: float  #: Wavelength of the hills.
     ripple_height_m: float  #: Crest height of wind ripples.
+    ripple_length_m: float  #: Wavelength of wind ripples.
     ripple_wave_x: float  #: Wave number of the ripples to the east, radians per metre.
     ripple_wave_y: float  #: Wave number of the ripples to the north, radians per metre.
     crater_density: float  #: Craters wider than 1 m, per square metre.
@@ -52,13 +54,13 @@ class Terrain:
     @classmethod
     def make(cls, seed: int, terrain: ReliefConfig, ground: GroundConfig) -> Terrain:
         """Return the ground of a configuration."""
-        azimuth, number = math.radians(terrain.ripple_azimuth_deg), 2.0 * math.pi
+        azimuth, turn = math.radians(terrain.ripple_azimuth_deg), 2.0 * math.pi
         parameters = TerrainParameters(
             **settings_in(terrain, TerrainParameters._fields),
             **settings_in(ground, TerrainParameters._fields),
             gradient=math.tan(math.radians(terrain.slope_deg)),
-            ripple_wave_x=number * math.cos(azimuth) / terrain.ripple_length_m,
-            ripple_wave_y=number * math.sin(azimuth) / terrain.ripple_length_m,
+            ripple_wave_x=turn * math.cos(azimuth) / terrain.ripple_length_m,
+            ripple_wave_y=turn * math.sin(azimuth) / terrain.ripple_length_m,
             seed=sub_seed(seed, Stream.TERRAIN),
         )
         return cls(parameters, float(terrain.coarseness))
@@ -107,7 +109,7 @@ def _heights(x: FloatArray, y: FloatArray, spacing: FloatArray, parameters: Terr
         if rim > 0.0:
             r = math.hypot(x[i] - parameters.rim_x_m, y[i] - parameters.rim_y_m) / rim
             z += _crater_profile(r, 0.24 * rim, 0.07 * rim)
-        if spacing[i] < 0.2 and parameters.ripple_height_m > 0.0:
+        if SAMPLES_PER_RIPPLE * spacing[i] < parameters.ripple_length_m and parameters.ripple_height_m > 0.0:
             z += _ripples(x[i], y[i], parameters)
         out[i] = z
 

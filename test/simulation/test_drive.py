@@ -13,7 +13,7 @@ import pytest
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.extrinsics import mast_head_in_rb
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.drive import legs_of
+from sfr_loc_map.simulation.drive import Arc, legs_of
 from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.rover import GROUND_HEIGHT_RB_M
 from sfr_loc_map.suite_names import Task
@@ -62,6 +62,7 @@ def test_origin_stands_0_540_m_from_a_slope_along_its_normal(config: Maker) -> N
         (["turn 90", "straight 2"], (0, 2), 90),
         (["arc 2 90"], (2, 2), 90),
         (["arc -2 90"], (2, -2), -90),
+        (["arc 2 -90"], (-2, 2), -90),  # backwards on the circle to the left
         (["straight 1", "goto 1 3", "goto 1 3"], (1, 3), 90),
     ],
 )
@@ -100,10 +101,30 @@ def test_pose_of_the_cameras_in_lm_is_the_hand_computed_pose(config: Maker) -> N
     assert pose.rotation == pytest.approx(np.array([[0, -1, 0], [long, 0, half], [-half, 0, long]]), abs=1e-9)
 
 
-@pytest.mark.parametrize("segment", ["fly 3", "straight", "arc 2", "straight x", "", "turn nan"])
+@pytest.mark.parametrize(
+    "segment",
+    [
+        "fly 3",
+        "straight",
+        "arc 2",
+        "straight x",
+        "",
+        "turn nan",
+        "stop 0",
+        "stop -5",
+        "straight 0",
+        "turn 0",
+        "arc 0 90",
+    ],
+)
 def test_unknown_segment_is_refused(config: Maker, segment: str) -> None:
     with pytest.raises(ConfigError, match=r"drive\.segments"):
         Plan.make(config(drive__segments=[segment]))
+
+
+def test_sizes_of_rocks_without_a_rock_are_refused(config: Maker) -> None:
+    with pytest.raises(ConfigError, match=r"rocks\.smallest_m"):
+        Plan.make(config(rocks__cover=0.05, rocks__smallest_m=2.0, rocks__largest_m=1.5))
 
 
 @pytest.mark.parametrize(
@@ -126,7 +147,23 @@ def test_path_that_leaves_the_ground_is_refused_although_it_may_end_on_the_groun
 
 def test_circle_within_the_allowed_distance_is_driven(config: Maker) -> None:
     legs = legs_of(config(**FLAT, **STEADY, drive__segments=["arc 199 360"]).drive)
-    assert legs == [(pytest.approx(199 * 2 * math.pi), pytest.approx(2 * math.pi), 0.0)]
+    assert legs == [Arc(pytest.approx(199 * 2 * math.pi), pytest.approx(2 * math.pi))]
+
+
+def test_slip_makes_a_drive_longer_by_its_mean(config: Maker) -> None:
+    settings = FLAT | STEADY | {"drive__segments": ["straight 150"], "drive__speed_m_s": 1.0}
+    drive = Plan.make(config(**settings | {"drive__slip": 0.2})).drive
+    assert drive.duration_s == pytest.approx(150.0 / 0.8, rel=0.05)
+
+
+def test_sway_has_the_configured_standard_deviations(config: Maker) -> None:
+    """Values at intervals of 2 s are independent; between them, they are blended, which leaves 0.86 of the spread."""
+    sway = {"drive__sway_m": 0.05, "drive__sway_deg": 3.0}
+    settings = FLAT | STEADY | sway | {"drive__segments": ["straight 300"], "drive__speed_m_s": 0.3}
+    drive = Plan.make(config(**settings)).drive
+    headings = np.degrees(np.arctan2(drive.rotations[:, 1, 0], drive.rotations[:, 0, 0]))
+    assert np.std(drive.origins[:, 1]) == pytest.approx(0.86 * 0.05, rel=0.1)
+    assert np.std(headings) == pytest.approx(0.86 * 3.0, rel=0.1)
 
 
 AXIS = np.array([0.451, 0.317, 0.594])

@@ -1,4 +1,4 @@
-"""The shape of the ground: slopes, craters and ripples, without repetition."""
+"""The shape of the ground: slopes, craters and ripples."""
 
 from itertools import pairwise
 
@@ -40,3 +40,13 @@ def test_large_crater_is_a_bowl_with_a_rim_around_its_centre() -> None:
         z = heights(crater, x0 + r * radius * np.cos(angle), y0 + r * radius * np.sin(angle))
         assert np.allclose(z, height * radius, atol=0.012 * radius)
         assert np.ptp(z) < 1e-9
+
+
+def test_ripples_are_omitted_where_the_spacing_does_not_resolve_them() -> None:
+    x, y = np.random.default_rng(0).uniform(-20, 20, (2, 200))
+    for length_m in (0.5, 5.0, 50.0):
+        ripples = flat(ripple_height_m=1.0, ripple_length_m=length_m)
+        fine = heights(ripples, x, y)
+        assert np.ptp(fine) > 0.3
+        assert (heights(ripples, x, y, spacing=0.3 * length_m) == fine).all()
+        assert (heights(ripples, x, y, spacing=0.5 * length_m) == 0.0).all()
