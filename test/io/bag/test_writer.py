@@ -85,8 +85,10 @@ def limit_files(size: int) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
 
-@pytest.mark.parametrize("limit", [5000, 20_500, 41_000])
-def test_when_the_disk_is_full_all_that_was_flushed_stays(path: Path, file_limit: None, limit: int) -> None:
+@pytest.mark.parametrize(("limit", "least_flushed"), [(5000, 0), (20_500, 9), (41_000, 27)])
+def test_when_the_disk_is_full_all_that_was_flushed_stays(
+    path: Path, file_limit: None, limit: int, least_flushed: int
+) -> None:
     bag, topic = started(path)
     bag.flush()
     limit_files(limit)  # the system writes up to it, then fails
@@ -104,5 +106,7 @@ def test_when_the_disk_is_full_all_that_was_flushed_stays(path: Path, file_limit
         fill()
     bag.__exit__(OutputError, OutputError(), None)
     limit_files(resource.RLIM_INFINITY)
-    assert not flushed or read(path) == [raw(n, 1000) for n in range(flushed)]
+    assert flushed >= least_flushed
+    if flushed:
+        assert read(path) == [raw(n, 1000) for n in range(flushed)]
     assert next(path.glob("*.mcap")).stat().st_size <= limit
