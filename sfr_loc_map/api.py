@@ -12,8 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Unpack, get_type_hints, overload
 
-import numpy as np
-
 from sfr_loc_map import api_types
 from sfr_loc_map.api_types import PathLike
 from sfr_loc_map.calls.call_record import tracking_warning
@@ -24,8 +22,6 @@ from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.hashes import hash_arrays
-from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source, drive_of, panorama_of
 from sfr_loc_map.io.source_settings import source_config
@@ -39,8 +35,8 @@ from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.runs import offline
 from sfr_loc_map.scoring.conversion import converted_run
-from sfr_loc_map.scoring.inputs import CloudToScore, Correction, Run, ScoreInputs
-from sfr_loc_map.scoring.load import load_map_truth, load_run, with_fusion_flag
+from sfr_loc_map.scoring.inputs import Correction, InMemory, Run, ScoreInputs
+from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.scoring.settings import ScoreSettings, score_settings
 from sfr_loc_map.suite_names import OURS, Task
@@ -223,23 +219,20 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
     if isinstance(estimate, PointCloud):
         if isinstance(place, Trajectory):
             raise ConfigError("a cloud requires a source with mapping pairs and truth; a trajectory was given")
-        given_stats = load_run(ScoreInputs(stats=stats)).stats
-        read = [*given_stats, *_own_stats(estimate)]
-        loaded = with_fusion_flag(LoadedCloud(estimate.xyz.astype(np.float64), estimate), fused, "the cloud")
-        truths, nav_stamps_ns = load_map_truth(Path(place), estimate.pair_stamps_ns, config)
-        cloud = CloudToScore(loaded, truths)
-        in_memory = {"cloud": hash_arrays([estimate.to_structured()])}
         inputs = ScoreInputs(map_truth=Path(place), stats=stats, config=config)
-        return Run(inputs, read, given_stats=given_stats, cloud=cloud, nav_stamps_ns=nav_stamps_ns, in_memory=in_memory)
+        return load_run(inputs, fused, InMemory(cloud=estimate, calls=_own_stats(estimate)))
     if not isinstance(estimate, Trajectory) and not isinstance(place, Trajectory):
         inputs = ScoreInputs.of(Path(estimate), Path(place), stats or None)
         return load_run(replace(inputs, config=config), fused)
-    both: dict[str, Any] = {"estimate": estimate, "truth": place}
-    given = {role: item for role, item in both.items() if isinstance(item, Trajectory)}
-    files: dict[str, Any] = {role: Path(item) for role, item in both.items() if role not in given}
-    run = load_run(ScoreInputs(**files, stats=stats, config=config), fused, calls=_own_stats(estimate), **given)
-    hashes = {role: hash_arrays((item.stamps_ns, item.positions, item.quats_xyzw)) for role, item in given.items()}
-    return replace(run, in_memory=hashes)
+    poses = estimate if isinstance(estimate, Trajectory) else None
+    true = place if isinstance(place, Trajectory) else None
+    inputs = ScoreInputs(
+        estimate=None if isinstance(estimate, Trajectory) else Path(estimate),
+        truth=None if isinstance(place, Trajectory) else Path(place),
+        stats=stats,
+        config=config,
+    )
+    return load_run(inputs, fused, InMemory(poses, true, calls=_own_stats(estimate)))
 
 
 def _under_test(method: str, task: Task, config: object, source: Source) -> offline.UnderTest:

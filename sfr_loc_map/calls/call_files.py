@@ -40,7 +40,7 @@ STATS_SUFFIX = ".stats.csv"  #: Suffix of a file of calls, which replaces the su
 CALL_NAMES = ("stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes")
 COST_NAMES = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
 MEMORY_METHOD = "memory_method"  #: Column that states how memory was measured.
-METHOD_FIELDS = ("version", "kind", "sha256", "config_sha256", "isolation")  #: Fields of a `MethodRecord`.
+METHOD_FIELDS = tuple(name for name in MethodRecord.__struct_fields__ if name != "name")
 OF_METHOD = {f"method_{name}": name for name in METHOD_FIELDS}  #: Field of a `MethodRecord` by its column.
 METHOD_NAMES = ("method", *OF_METHOD)
 FINDING = "finding"  #: Column of the error of a method in a call.
@@ -188,11 +188,12 @@ class _Table:
         self._check_one_method()
         if not (name := first.get("method")):
             return None
-        about = {field: first.get(column) or None for column, field in OF_METHOD.items()}
-        if about["kind"] not in set(MethodKind):
-            text = f"method_kind is '{about['kind'] or ''}': one of {', '.join(MethodKind)} is required"
+        about = {field: text for column, field in OF_METHOD.items() if (text := first.get(column))}
+        if (kind := about.get("kind", "")) not in set(MethodKind):
+            text = f"method_kind is '{kind}': one of {', '.join(MethodKind)} is required"
             raise InputError(f"statistics '{self.path}': {text}")
-        return msgspec.convert({"name": name, **about}, MethodRecord)
+        with refusing(f"statistics '{self.path}'", "give the unchanged calls of one run"):
+            return msgspec.convert({"name": name, "version": None, **about}, MethodRecord, strict=False)
 
     def _check_one_method(self) -> None:
         """Raise InputError if rows name different methods: a file has the calls of one run."""

@@ -20,7 +20,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
-from sfr_loc_map.metrics.table.records import FindingKind, FindingRecord
+from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, FindingRecord
 from sfr_loc_map.suite_names import Task
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class CallRecord:
     """One call of localiser or mapper; `encode_call` and `decode_call` convert it for `<node>/call`.
 
     The file of the calls of a run (`call_files`) and its columns (`call_stats`) have all fields but `pair_stamps_ns`,
-    `fused`, `times`, `counts` and `version`. The task follows from the state.
+    `fused`, `times`, `counts`, `version` and `task`. The task of a row is that which has its state.
     """
 
     stamp_ns: Annotated[int, Meta(ge=0, le=2**63 - 1)]  #: Stamp of the pair; for a fused cloud, of its last pair.
@@ -54,7 +54,7 @@ class CallRecord:
     #: `(48,)`: upper triangle of the covariance of the motion since the previous pose, in RB at that pose (21); one
     #: standard deviation of the error that all motions share (6); upper triangle of the pose noise (21). None: unknown.
     step: FloatArray | None = None
-    finding: str = ""  #: Error of the method in this call, `KIND: text`.
+    finding: str = ""  #: Error of the method in this call (`CallFinding`).
     pair_stamps_ns: tuple[int, ...] = ()  #: Stamps of the pairs of a fused cloud, in the order of the points' `pair`.
     fused: bool | None = None  #: Whether the cloud contains each surface once; None if the mapper does not report it.
     #: Times around the call, s: decoding, latencies. `times` and `counts` are shown live but not written to files.
@@ -101,14 +101,42 @@ def call_of_estimate(
     estimate: PoseEstimate, usage: CallUsage, more: Mapping[str, float] = MappingProxyType({})
 ) -> CallRecord:
     """Return the record of the localiser's call that gave an estimate, with further statistics."""
-    step = None if estimate.step is None else estimate.step.uncertainty
-    about = (estimate.figures | dict(more), estimate.covariance, estimate.reason_text, step)
-    return CallRecord(estimate.stamp_ns, *usage.cost(estimate.state), *about)
+    return CallRecord(
+        estimate.stamp_ns,
+        usage.processing_time_s,
+        estimate.state.value,
+        usage.peak_rss_bytes,
+        usage.above_idle_bytes,
+        statistics=estimate.figures | dict(more),
+        covariance=estimate.covariance,
+        reason=estimate.reason_text,
+        step=None if estimate.step is None else estimate.step.uncertainty,
+    )
+
+
+def mapping_call(
+    stamp_ns: int,
+    usage: CallUsage,
+    state: MappingState,
+    statistics: Mapping[str, float] = MappingProxyType({}),
+    finding: str = "",
+) -> CallRecord:
+    """Return the record of a mapper's call for the pair of a stamp, or for a map whose last pair has the stamp."""
+    return CallRecord(
+        stamp_ns,
+        usage.processing_time_s,
+        state.value,
+        usage.peak_rss_bytes,
+        usage.above_idle_bytes,
+        statistics=statistics,
+        finding=finding,
+        task=Task.MAPPING,
+    )
 
 
 def call_of_fusion(fused: FusedMap, stamps_ns: Sequence[int], usage: CallUsage, state: MappingState) -> CallRecord:
     """Return the record of a mapper's call that fused pairs; `stamps_ns` is in the order of the points' `pair`."""
-    call = CallRecord(stamps_ns[-1], *usage.cost(state), fused.statistics, task=Task.MAPPING)
+    call = mapping_call(stamps_ns[-1], usage, state, fused.statistics)
     return replace(call, pair_stamps_ns=tuple(stamps_ns), fused=fused.cloud.fused)
 
 
@@ -140,11 +168,11 @@ class FindingCounts:
 
     def add(self, text: str, stamp_ns: int) -> None:
         """Add the `KIND: text` of a call; other texts are ignored."""
-        word, _, rest = text.partition(": ")
-        if word in set(FindingKind):
-            kind = FindingKind(word)
-            first = self._counted.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=rest)
-            self._counted[kind] = msgspec.structs.replace(first, count=first.count + 1)
+        if (found := CallFinding.parse(text)) is None:
+            return
+        kind = found.kind
+        first = self._counted.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=found.text)
+        self._counted[kind] = msgspec.structs.replace(first, count=first.count + 1)
 
     @property
     def records(self) -> tuple[FindingRecord, ...]:

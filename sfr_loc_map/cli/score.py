@@ -244,7 +244,6 @@ def score(
         columns=of_estimate,
         config=truth_config(truth, config_file, parse_settings(settings), of_truth),
         limits=by.limits_file,
-        command=shlex.join(["sfr", *sys.argv[1:]]),
     )
     if diagnose:
         _diagnose(inputs, config, json_path, lenient=lenient)
@@ -252,13 +251,14 @@ def score(
     inputs = _measured_on(inputs, target, target_timing, target_run)
     aligned = aligned_error_config(align, {"max_difference_s": max_difference, "rpe_delta": rpe_delta})
     correction = correction_of(convention, apply_diagnosis)
-    loaded = load_run(inputs, fused)
+    loaded = load_run(inputs, fused, command=shlex.join(["sfr", *sys.argv[1:]]))
     for note in () if loaded.drive is None else loaded.drive.notes:
         say(note, err=True)
-    run = converted_run(loaded, config, correction)
+    converted = converted_run(loaded, config, correction)
+    run = converted.run
     if points is not None and (run.cloud is None or run.cloud.loaded.cloud is None):
         raise ConfigError("'--points' writes errors of map points: give a cloud with the pixel and pair of each point")
-    result = score_run(run, config, by.limits, aligned)
+    result = score_run(converted, config, by.limits, aligned)
     present(result, json_path, html)
     _write_secondary(result, run, with_conditions(config, by.limits), junit, points, pieces)
     _propose_next(context, result)

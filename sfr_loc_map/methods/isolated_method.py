@@ -15,7 +15,7 @@ from sfr_loc_map.methods.child.loop import Answer, OrderedPair
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, NotStartedAgainError
 from sfr_loc_map.methods.method_process import MethodProcess
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.metrics.table.records import FindingKind, MethodRecord
+from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, MethodRecord
 
 T = TypeVar("T")
 
@@ -119,7 +119,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         if error.ended:
             self._process = None
         again = f"; not started again after {self._starts} starts" if error.ended and self._is_given_up else ""
-        return MethodCall(finding=f"{error.kind}: {error}{again}", reason=error.kind.value)
+        return MethodCall(finding=str(CallFinding(error.kind, f"{error}{again}")), reason=error.kind.value)
 
 
 def _check_stamp(pair: StereoPair, answer: Answer) -> None:

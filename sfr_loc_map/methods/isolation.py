@@ -18,7 +18,7 @@ from pathlib import Path
 
 from sfr_loc_map.child_process import LIBRARY_PATH, child_environment, inherited_environment
 from sfr_loc_map.methods.own_code import code_of
-from sfr_loc_map.methods.registry import Method
+from sfr_loc_map.methods.registry import Isolation, Method
 from sfr_loc_map.metrics.table.records import MethodKind
 
 OWN_FILES = "SFR_METHOD_FILES"  #: Variable with additional readable paths, separated as in PATH.
@@ -50,10 +50,11 @@ PACKAGES = ("site-packages", "dist-packages")  #: Folder names of installed pack
 KERNELS = "sfr_loc_map.methods.child.numba_cache"
 
 
-def exception_of() -> str:
-    """Return the exception from the isolation of files: the additional readable paths; empty without one."""
-    named = os.environ.get(OWN_FILES, "")
-    return f"; readable by {OWN_FILES}: {named}" if named else ""
+def isolation_of(restrictions: str, *, can_read_all_files: bool) -> Isolation:
+    """Return the isolation of a process from the restrictions in force and the paths that the user permitted."""
+    readable = os.environ.get(OWN_FILES) or None
+    exception = "" if readable is None else f"; readable by {OWN_FILES}: {readable}"
+    return Isolation(restrictions + exception, can_read_all_files, readable)
 
 
 def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, list[str]]:

@@ -23,7 +23,7 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.methods.call_monitor import CallFindings, CallMonitor
 from sfr_loc_map.methods.channel import Channel, ClosedChannelError
 from sfr_loc_map.methods.child.loop import Answer, Camera, Hello, Order, OrderedPair, Pose, Reply, Setup
-from sfr_loc_map.methods.isolation import environment_of, exception_of, rules_of
+from sfr_loc_map.methods.isolation import environment_of, isolation_of, rules_of
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.registry import ADAPTERS, CHILD, Method, MethodLimits
 from sfr_loc_map.metrics.table.records import FindingKind
@@ -117,7 +117,9 @@ class MethodProcess:
                 raise MethodFailureError(error.kind, f"method {method.name} {error}", ended=True) from error
             raise
         self.version = hello["version"]
-        self.isolation = str(supervisor["isolation"]) + exception_of()
+        self.isolation = isolation_of(
+            str(supervisor["isolation"]), can_read_all_files=bool(supervisor["can_read_all_files"])
+        )
         self.fuses, self.maps_sets = hello["fuses"], hello["maps_sets"]
         self._monitor.start(int(supervisor["process"]))
         self.idle_bytes = self._monitor.idle_bytes

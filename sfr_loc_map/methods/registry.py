@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
@@ -41,6 +42,14 @@ class MethodLimits:
     restarts: int = param(3, doc="Number of restarts after the process was lost.", low=0, high=1000)
 
 
+class Isolation(NamedTuple):
+    """How the process of a method is isolated."""
+
+    text: str  #: Means that are in force, and exceptions, for display.
+    can_read_all_files: bool  #: Whether the system could not isolate the process from the files of its user.
+    readable_files: str | None  #: Further paths that the user permitted to read, separated as in PATH.
+
+
 @dataclass(frozen=True, slots=True)
 class Method:
     """A localiser or mapper that runs in its own process."""
@@ -57,7 +66,7 @@ class Method:
     python: Path = field(default_factory=lambda: Path(sys.executable))  #: Interpreter that has the method.
     vocabulary: str = ""  #: Vocabulary file; empty if not required.
 
-    def record(self, version: str | None, isolation: str | None = None) -> MethodRecord:
+    def record(self, version: str | None, isolation: Isolation | None = None) -> MethodRecord:
         """Return the record of the method in the score."""
         config_sha256 = hashlib.sha256(self.config.encode()).hexdigest() if self.config else None
         return MethodRecord(
@@ -66,7 +75,9 @@ class Method:
             kind=self.kind,
             sha256=self.sha256,
             config_sha256=config_sha256,
-            isolation=isolation,
+            isolation=None if isolation is None else isolation.text,
+            can_read_all_files=isolation is not None and isolation.can_read_all_files,
+            readable_files=None if isolation is None else isolation.readable_files,
         )
 
 

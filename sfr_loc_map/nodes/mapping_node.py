@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
-from sfr_loc_map.calls.call_record import CallRecord, call_of_fusion, call_of_stages
+from sfr_loc_map.calls.call_record import call_of_fusion, call_of_stages, mapping_call
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -219,8 +219,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
         header = messages.header_msg(pair.stamp_ns, received.frame_id)
         disparity = messages.disparity_msg(result.disparity_px, received.rig, mapper.search, header)
         self._disparity.publish(disparity)
-        cost, times = usage.cost(MappingState.MAPPED), self.times(received, conversion_s)
-        call = CallRecord(pair.stamp_ns, *cost, result.statistics, times=times, task=Task.MAPPING)
+        call = mapping_call(pair.stamp_ns, usage, MappingState.MAPPED, result.statistics)
+        call = replace(call, times=self.times(received, conversion_s))
         self.publish_call(call, self._reported(result.warnings))
         if len(self._pairs) == self.config.pairs_per_map:
             self._fuse()

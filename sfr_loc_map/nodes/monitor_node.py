@@ -341,7 +341,6 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         configuration = self._configurations | {"monitor": json.loads(self.config_json())}
         made = Provenance(version=__version__, configuration=configuration)
         dropped = sum(self.counts().values())
-        self._score.diagnose()
         live = LiveRun(
             in_flight_s=in_flight_s,
             details=details,

@@ -11,7 +11,7 @@ from sfr_loc_map.calls.call_files import save_stats
 from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.io.clouds.cloud_file import save_cloud, save_points
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
-from sfr_loc_map.metrics.table.records import MethodRecord
+from sfr_loc_map.metrics.table.records import CallFinding, MethodRecord
 from sfr_loc_map.replay.result import ExternalResult, ReplayResult
 
 
@@ -74,5 +74,5 @@ def with_findings(records: Sequence[CallRecord], node: ExternalResult) -> list[C
         first_ns = finding.first_stamp_ns or 0
         row = min(free, key=lambda row: abs(records[row].stamp_ns - first_ns))
         free.remove(row)
-        found[row] = replace(records[row], finding=f"{finding.kind}: {finding.text}")
+        found[row] = replace(records[row], finding=str(CallFinding(finding.kind, finding.text)))
     return found

@@ -15,7 +15,7 @@ from sfr_loc_map.replay.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.result import ReplayResult
-from sfr_loc_map.replay.score import score_replay
+from sfr_loc_map.replay.score import files_of_source, score_replay
 from sfr_loc_map.replay.session import Replayed, replay
 from sfr_loc_map.scoring.inputs import Correction
 from sfr_loc_map.suite_names import Task
@@ -48,6 +48,7 @@ def replay_and_score(
     the poses of an external localiser. If a signal ends the replay, the played part is scored; without any result, a
     KeyboardInterrupt is raised. If the replay or the conversion fails, the received results are written but not scored.
     """
+    read = files_of_source(source, options.limits_file)
     with naming(source.path):
         replayed = replay(source, options, progress=progress, say=say)
         if replayed.was_interrupted and replayed.result.is_empty:
@@ -61,9 +62,9 @@ def replay_and_score(
         result,
         options.score,
         options.limits,
-        files=files,
         settings={Task.LOCALISATION: changed(options.localisation), Task.MAPPING: changed(options.mapping)},
-        limits_file=options.limits_file,
+        read=read,
+        files=files,
         command=command,
     )
     localised = [record for record in result.records if record.task is Task.LOCALISATION]

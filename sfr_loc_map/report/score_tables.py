@@ -218,7 +218,7 @@ def completeness_without_zeros(score: Score) -> Table:
     return figure_table(COVERED.name, COVERED.title, shown, f"{zeros} other figures are 0." if zeros else "")
 
 
-def table_of(score: Score, name: str) -> Table:
+def score_table(score: Score, name: str) -> Table:
     """Return one of the tables of figures, which may have no rows."""
     return view_table(next(view for view in VIEWS if view.name == name), score)
 

@@ -24,7 +24,7 @@ from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.notes import NO_INTERVAL
 from sfr_loc_map.report.page import from_template
 from sfr_loc_map.report.printed_plot import DRAWING, PrintedPlot, printed_plots
-from sfr_loc_map.report.score_tables import table_of
+from sfr_loc_map.report.score_tables import score_table
 from sfr_loc_map.report.summary import NO_VERDICT, Banner, banner_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 from sfr_loc_map.tables.model import OPEN, UNKNOWN, Table
@@ -146,7 +146,7 @@ def _section(score: Score, number: int) -> ScoreSection:
         item=_item(score),
         inputs=[InputRow(role, printable(file.path), file.sha256) for role, file in files.items()],
         results=list(_results(score, number)),
-        tables=_named(str(number), [table for name in TABLES if (table := table_of(score, name)).rows]),
+        tables=_named(str(number), [table for name in TABLES if (table := score_table(score, name)).rows]),
         plots=printed_plots(score),
     )
 

@@ -4,7 +4,7 @@
 (`UnderTest`), and return the complete run:
 
     run_localiser ─► localiser_steps ─► localise, localise_with
-    run_mapper    ────────────────────► map_pairs, map_pairs_with
+    run_mapper    ────────────────────► map_pairs, map_pairs_with ─► _map_and_fuse
 
 `localise` and `map_pairs` call our own code in this process. `localise_with` and `map_pairs_with` call a method in its
 own process. `localiser_steps` yields the estimates of a drive one by one.
@@ -16,15 +16,16 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate, call_of_fusion, call_of_stages
+from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate, call_of_fusion, call_of_stages, mapping_call
 from sfr_loc_map.config import changed
 from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stamped_poses import LONGEST_GAP_S
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.host_clock import checked_clock
@@ -53,6 +54,7 @@ MAX_START_GAP_NS = round(LONGEST_GAP_S * NS_PER_S)
 """Longest gap of the truth in which the start pose is interpolated, ns; as in a score."""
 DEFAULT_STEP_S = 0.1
 Progress = Callable[[int], None]
+Map = TypeVar("Map", bound=PairMap)
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,9 +223,18 @@ def localise_with(how: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> 
     with IsolatedLocaliser(how.method, *setup, rate_hz=1.0 / step_s, hidden=how.hidden) as localiser:
         for pair in sequence.pairs():
             estimate, call = localiser.localise(pair, (pair.stamp_ns - first_ns) / NS_PER_S)
-            cost = call.usage.cost(estimate.state)
-            figures, covariance = call.statistics, call.covariance
-            record = CallRecord(pair.stamp_ns, *cost, figures, covariance, call.reason, call.step, call.finding)
+            record = CallRecord(
+                pair.stamp_ns,
+                call.usage.processing_time_s,
+                estimate.state.value,
+                call.usage.peak_rss_bytes,
+                call.usage.above_idle_bytes,
+                statistics=call.statistics,
+                covariance=call.covariance,
+                reason=call.reason,
+                step=call.step,
+                finding=call.finding,
+            )
             yield Step(estimate, record, localiser.record)
 
 
@@ -293,28 +304,9 @@ def map_pairs(
 ) -> MapRun:
     """Map the pairs of a source by our mapper and fuse them; once `ended` returns true, only the mapped pairs."""
     check_count(sequence)
-    mapper = Mapper(sequence.rig, config)
-    load_kernels("mapping")
-    meter = CallMeter()
-    maps: list[MappedPair] = []
-    records: list[CallRecord] = []
+    mapper = _OwnMapper(sequence.rig, config)
     pairs = [replace(item, truth=None) for item in sequence.pairs()]  # the call excludes reading, its memory the truth
-    for index, item in enumerate(pairs):
-        with meter.measure() as usage:
-            done = mapper.process(item.pair, item.T_lm_navsb, index)
-        maps.append(done)
-        records.append(
-            CallRecord(item.pair.stamp_ns, *usage.cost(MappingState.MAPPED), done.statistics, task=Task.MAPPING)
-        )
-        progress(index + 1)
-        if ended():
-            break
-    with meter.measure() as usage:
-        fused = mapper.fuse(maps)
-    records.append(call_of_fusion(fused, [item.stamp_ns for item in maps], usage, MappingState.FUSED))
-    usage = call_of_stages(records)
-    records.append(CallRecord(maps[-1].stamp_ns, *usage.cost(MappingState.MAPPED_SET), task=Task.MAPPING))
-    return MapRun(maps, fused, records, record_of_ours(Task.MAPPING, changed(config)))
+    return _map_and_fuse(mapper, pairs, progress, ended)
 
 
 def map_pairs_with(
@@ -328,39 +320,91 @@ def map_pairs_with(
     `ended` is as in `map_pairs`, but a method that maps sets is not stopped.
     """
     check_count(sequence)
-    maps: list[PairMap] = []
-    records: list[CallRecord] = []
     searched = search_range_of(sequence.rig, MappingConfig()).count
     with IsolatedMapper(how.method, sequence.rig, how.limits, disparities=searched, hidden=how.hidden) as mapper:
-        if mapper.maps_sets:
-            maps, fused, call = mapper.map_set(list(sequence.pairs()))
-            progress(len(maps))
-            cost = call.usage.cost(MappingState.MAPPED_SET)
-            records.append(
-                CallRecord(maps[-1].stamp_ns, *cost, fused.statistics, finding=call.finding, task=Task.MAPPING)
-            )
-            return MapRun(maps, fused, records, mapper.record)
-        for index, item in enumerate(sequence.pairs()):
-            done, call = mapper.map_pair(item.pair, item.T_lm_navsb, index)
-            maps.append(done)
-            cost = call.usage.cost(MappingState.MAPPED)
-            records.append(
-                CallRecord(item.pair.stamp_ns, *cost, done.statistics, finding=call.finding, task=Task.MAPPING)
-            )
-            progress(index + 1)
-            if ended():
-                break
-        last_pair = item.pair
-        fused, fusion = mapper.fuse(maps, last_pair)
-        if fusion is not None:
-            cost = fusion.usage.cost(MappingState.FUSED)
-            records.append(
-                CallRecord(last_pair.stamp_ns, *cost, fused.statistics, finding=fusion.finding, task=Task.MAPPING)
-            )
-        records.append(
-            CallRecord(last_pair.stamp_ns, *call_of_stages(records).cost(MappingState.MAPPED_SET), task=Task.MAPPING)
-        )
-        return MapRun(maps, fused, records, mapper.record)
+        if not mapper.maps_sets:
+            return _map_and_fuse(_MapperUnderTest(mapper), sequence.pairs(), progress, ended)
+        maps, fused, call = mapper.map_set(list(sequence.pairs()))
+        progress(len(maps))
+        whole = mapping_call(maps[-1].stamp_ns, call.usage, MappingState.MAPPED_SET, fused.statistics, call.finding)
+        return MapRun(maps, fused, [whole], mapper.record)
+
+
+class _MeasuredMapper(Protocol[Map]):
+    """A mapper of single pairs whose calls are measured."""
+
+    @property
+    def record(self) -> MethodRecord:
+        """Method that maps."""
+
+    def map_pair(self, item: PosedStereoPair, index: int) -> tuple[Map, CallRecord]:
+        """Map a pair, which has an index among the pairs of the map."""
+
+    def fuse(self, maps: Sequence[Map], last: StereoPair) -> tuple[FusedMap, CallRecord | None]:
+        """Fuse maps, of which the last is that of a pair; the call is None if the method does not fuse."""
+
+
+class _OwnMapper:
+    """Our mapper, in this process."""
+
+    def __init__(self, rig: StereoRig, config: MappingConfig) -> None:
+        self.record = record_of_ours(Task.MAPPING, changed(config))
+        self._mapper = Mapper(rig, config)
+        load_kernels("mapping")
+        self._meter = CallMeter()
+
+    def map_pair(self, item: PosedStereoPair, index: int) -> tuple[MappedPair, CallRecord]:
+        with self._meter.measure() as usage:
+            done = self._mapper.process(item.pair, item.T_lm_navsb, index)
+        return done, mapping_call(item.pair.stamp_ns, usage, MappingState.MAPPED, done.statistics)
+
+    def fuse(self, maps: Sequence[MappedPair], last: StereoPair) -> tuple[FusedMap, CallRecord]:
+        with self._meter.measure() as usage:
+            fused = self._mapper.fuse(maps)
+        return fused, call_of_fusion(fused, [item.stamp_ns for item in maps], usage, MappingState.FUSED)
+
+
+class _MapperUnderTest:
+    """A method under test, in its own process."""
+
+    def __init__(self, mapper: IsolatedMapper) -> None:
+        self._mapper = mapper
+
+    @property
+    def record(self) -> MethodRecord:
+        return self._mapper.record
+
+    def map_pair(self, item: PosedStereoPair, index: int) -> tuple[PairMap, CallRecord]:
+        done, call = self._mapper.map_pair(item.pair, item.T_lm_navsb, index)
+        record = mapping_call(item.pair.stamp_ns, call.usage, MappingState.MAPPED, done.statistics, call.finding)
+        return done, record
+
+    def fuse(self, maps: Sequence[PairMap], last: StereoPair) -> tuple[FusedMap, CallRecord | None]:
+        fused, call = self._mapper.fuse(maps, last)
+        if call is None:
+            return fused, None
+        return fused, mapping_call(last.stamp_ns, call.usage, MappingState.FUSED, fused.statistics, call.finding)
+
+
+def _map_and_fuse(
+    mapper: _MeasuredMapper[Map], pairs: Iterable[PosedStereoPair], progress: Progress, ended: Callable[[], bool]
+) -> MapRun:
+    """Map pairs one by one and fuse the maps; once `ended` returns true, only the mapped pairs."""
+    maps: list[Map] = []
+    stages: list[CallRecord] = []
+    for index, item in enumerate(pairs):
+        done, record = mapper.map_pair(item, index)
+        maps.append(done)
+        stages.append(record)
+        last = item.pair
+        progress(index + 1)
+        if ended():
+            break
+    fused, fusion = mapper.fuse(maps, last)
+    if fusion is not None:
+        stages.append(fusion)
+    whole = mapping_call(last.stamp_ns, call_of_stages(stages), MappingState.MAPPED_SET)
+    return MapRun(maps, fused, [*stages, whole], mapper.record)
 
 
 def check_count(sequence: NavSequence) -> None:

@@ -2,15 +2,16 @@
 
 The way from an estimate and a ground truth to a verdict:
 
-    ScoreInputs ── load.load_run ──► Run ── conversion.converted_run ──► Run with poses of RB in DS
-    Run ── score_run: one function of score_parts for trajectory, map and calls ──► ScoreParts
+    ScoreInputs, InMemory ── load.load_run ──► Run ── conversion.converted_run ──► ConvertedRun (poses of RB in DS)
+    ConvertedRun ── score_run: one function of score_parts for trajectory, map and calls ──► ScoreParts
     ScoreParts ── assembly.score_of_parts: figures, then verdicts by metrics.judging ──► Score
 
 Each step takes values and returns values. The modules in the order of their use:
 
-- inputs: `inputs` defines the files of a score (`ScoreInputs`) and the run to be scored (`Run`), and `settings` the
-  settings by name. `judgement` finds the limits and conditions. `load` builds a run from files or from data in memory;
-  `call_checks` refuses calls of another run, and `bag_estimates` reads the estimates of a bag.
+- inputs: `inputs` defines what is given (`ScoreInputs`, `InMemory`) and the run to be scored (`Run`), and `settings`
+  the settings by name. `judgement` finds the limits and conditions. `load` builds a run from files or from data in
+  memory; `call_checks` refuses calls of another run, and `bag_estimates` reads the estimates of a bag. `input_files`
+  notes the state of each file before it is read, so that a changed file is refused when it is hashed.
 - conventions: `conversion` converts the estimate to poses of RB in DS and diagnoses convention mismatches.
 - score: `score_parts` scores the trajectory, the map and the calls of a run. `assembly` combines these parts to a score
   with verdicts and warnings. `provenance` collects the hashes of the files, the settings and facts of the host.

@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND
 from sfr_loc_map.metrics.table.details import CallPlots, Details, MapDetails, TrajectoryDetails
 from sfr_loc_map.metrics.table.records import ConventionRecord, MethodKind, MethodRecord, Provenance
-from sfr_loc_map.scoring.inputs import Run
+from sfr_loc_map.scoring.inputs import ConvertedRun, Run
 from sfr_loc_map.scoring.score_parts import ScoreParts
 from sfr_loc_map.suite_names import Task
 
@@ -42,9 +42,14 @@ def figures_with_all_errors(
 
 
 def score_of_parts(
-    run: Run, parts: ScoreParts, provenance: Provenance | None, config: ScoreConfig, limits: Limits | None
+    converted: ConvertedRun,
+    parts: ScoreParts,
+    provenance: Provenance | None,
+    config: ScoreConfig,
+    limits: Limits | None,
 ) -> Score:
     """Return the score of the parts of a run, with its verdicts and warnings."""
+    run, convention = converted
     trajectory, surface, calls = parts
     score = Score(
         figures=(*trajectory.figures, *surface.figures, *calls.figures),
@@ -59,7 +64,7 @@ def score_of_parts(
         findings=(*run.findings, *(finding for item in run.all_calls for finding in item.findings)),
         processes=next((item.processes for item in run.stats if item.processes is not None), None),
         external=run.external,
-        convention=run.convention,
+        convention=convention,
         contradiction=trajectory.contradiction,
         errors=trajectory.errors,
         details=_details(trajectory.details, surface.details, calls.plots),
@@ -73,7 +78,7 @@ def score_of_parts(
 
 def _warnings(judged: Score, run: Run, parts: ScoreParts, caveats: Sequence[str]) -> Iterator[str]:
     """Yield the warnings of a judged score: of its conversion, its parts, its method and its verdicts."""
-    yield from _convention_warnings(run.convention)
+    yield from _convention_warnings(judged.convention)
     for part in parts:
         yield from part.warnings
     yield from caveats
@@ -119,7 +124,7 @@ def _unbound_calls(run: Run) -> Iterator[str]:
     unbound = [item for item in run.given_stats if item.positions is None and len(item.localised_ns)]
     if run.drive is not None and unbound:
         yield "the calls (--stats) have no positions: it is not verified that they belong to the run of the estimate"
-    if run.drive is not None and run.target is not None and run.target.positions is None:
+    if run.drive is not None and run.target is not None and run.target.calls.positions is None:
         yield "the calls on the target have no positions: it is not verified that they belong to this estimate"
     if run.cloud is not None and any(item.has_task(Task.MAPPING) for item in run.given_stats):
         yield "the calls of a mapper (--stats) do not identify a cloud: it is not verified that they gave this cloud"
@@ -127,8 +132,8 @@ def _unbound_calls(run: Run) -> Iterator[str]:
 
 def _readable_files(method: MethodRecord | None) -> Iterator[str]:
     """Yield a caveat if the user permitted the method to read further files."""
-    _, _, readable = ("" if method is None else method.isolation or "").partition("; readable by ")
-    if method is not None and readable:
+    if method is not None and method.readable_files is not None:
+        readable = f"SFR_METHOD_FILES: {method.readable_files}"
         yield f"it is not verified that the files that {method.name} could read ({readable}) contain no ground truth"
 
 
@@ -136,7 +141,7 @@ def _process_warnings(method: MethodRecord | None, run: Run) -> Iterator[str]:
     """Yield warnings about the isolation of the method, and about its work between the calls."""
     if method is None:
         return
-    if "not " in (method.isolation or "").partition(";")[0]:
+    if method.can_read_all_files:
         yield f"method {method.name} was not isolated and may have read any file: {method.isolation}"
     for usage in (item.processes for item in run.stats if item.processes is not None):
         outside_s = usage.cpu_outside_s or 0.0

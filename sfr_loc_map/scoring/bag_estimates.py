@@ -27,6 +27,11 @@ class BagEstimate(NamedTuple):
     covariance: FloatArray  #: Upper triangles `(N, 21)` of the published covariances.
     calls: CallStats | None  #: Calls, whose times the node stated; None if the bag has no calls.
 
+    @property
+    def all_calls(self) -> list[CallStats]:
+        """The calls as a list, which is empty without calls."""
+        return [] if self.calls is None else [self.calls]
+
 
 def read_bag_estimate(path: Path) -> BagEstimate:
     """Read the estimated poses of a bag; raise InputError if the bag has none."""

@@ -1,4 +1,4 @@
-"""Inputs of a score: files, their content, and the conversion of the estimate."""
+"""The inputs of a score: what the user gives (`ScoreInputs`, `InMemory`, `Correction`), and the run that is scored."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 from sfr_loc_map.calls.call_files import stats_beside
 from sfr_loc_map.calls.call_stats import CallStats
-from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.hashes import hash_arrays
 from sfr_loc_map.io.clouds import cloud_file
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.source_config import SourceConfig
@@ -20,6 +21,7 @@ from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention, conv
 from sfr_loc_map.metrics.errors.cloud_error import PairTruth
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.table.records import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, TargetRecord
+from sfr_loc_map.scoring.input_files import ReadFile
 
 TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
 """Files in a folder of target results: description of the target, and possible estimates."""
@@ -28,7 +30,7 @@ IN_MEMORY = "(in memory)"  #: Path of an input that is not a file.
 
 @dataclass(frozen=True, slots=True)
 class ScoreInputs:
-    """Input files of a score. A field is None if its file is not given."""
+    """Files from which a score is computed, and how they are read. A field is None if its file is not given."""
 
     estimate: Path | None = None  #: Estimated trajectory (TUM, csv or bag).
     truth: Path | None = None  #: True trajectory (TUM, csv, bag or data set folder).
@@ -39,14 +41,10 @@ class ScoreInputs:
     target_name: str = ""  #: Name of the target.
     target_run: str | None = None  #: Run of the calls on the target, if it is not the run of the estimate.
     target_about: Path | None = None  #: Description of the target (`target.json`).
+    limits: Path | None = None  #: File of the limits.
     #: Configuration of the source of the truth; None: the configuration beside the source.
     config: SourceConfig | None = None
-    limits: Path | None = None  #: File of the limits, for provenance.
-    configuration: Path | None = None  #: File of `config`, for provenance.
-    truth_file: Path | None = None  #: File of the truth that the configuration names, for provenance.
-    calibration: Path | None = None  #: Calibration that the configuration names, for provenance.
     columns: str = ""  #: Columns of the estimate, if its file does not name them (`io.tables.column_names`).
-    command: str | None = None  #: Command that computes the score, for provenance.
 
     @classmethod
     def of(cls, estimate: Path, truth: Path, stats: Sequence[Path] | None = None) -> ScoreInputs:
@@ -73,40 +71,34 @@ class ScoreInputs:
         return cls(estimate=estimate, truth=truth, stats=tuple(stats))
 
 
-class FileState(NamedTuple):
-    """What changes if a file is replaced or written."""
+@dataclass(frozen=True, slots=True, eq=False)
+class InMemory:
+    """Data of a run that are not files. A field is None if its data are not given."""
 
-    device: int
-    inode: int
-    size: int
-    modified_ns: int
+    estimate: Trajectory | None = None
+    truth: Trajectory | None = None
+    cloud: PointCloud | None = None
+    calls: Sequence[CallStats] = ()
 
-    @classmethod
-    def of(cls, path: Path) -> FileState:
-        """Return the state of the file to which a path leads."""
-        found = path.stat()
-        return cls(found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
-
-
-def states_of(inputs: ScoreInputs) -> dict[Path, FileState]:
-    """Return the states of the existing input files, before they are read."""
-    files = (inputs.estimate, inputs.truth, inputs.cloud, inputs.map_truth, inputs.target, inputs.target_about)
-    return {path: FileState.of(path) for path in (*files, *inputs.stats) if path is not None and path.exists()}
-
-
-def check_unchanged(states: Mapping[Path, FileState]) -> None:
-    """Raise InputError if a file is no longer the file that was read."""
-    for path, state in states.items():
-        if not path.exists() or FileState.of(path) != state:
-            raise InputError(f"'{path}' was changed or replaced while it was scored: score it again")
+    def hashes(self) -> dict[str, str]:
+        """Return the hashes of the estimate, the truth and the cloud by role."""
+        trajectories = {"estimate": self.estimate, "truth": self.truth}
+        found = {
+            role: hash_arrays((poses.stamps_ns, poses.positions, poses.quats_xyzw))
+            for role, poses in trajectories.items()
+            if poses is not None
+        }
+        if self.cloud is not None:
+            found["cloud"] = hash_arrays([self.cloud.to_structured()])
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveToScore:
-    """Estimated and true poses of RB in DS."""
+    """Estimated and true poses."""
 
-    estimates: Estimates  #: Estimated poses.
-    truth: Trajectory  #: True poses.
+    estimates: Estimates  #: Estimated poses, as delivered or converted to poses of RB in DS.
+    truth: Trajectory  #: True poses of RB in DS.
     rig: StereoRig | None = None  #: Rig of the localisation cameras; None if it is unknown.
     image_stamps_ns: IntArray | None = None  #: Stamps of the images; None if they are unknown.
     notes: tuple[str, ...] = ()  #: Detected format of each file, one line each.
@@ -139,32 +131,52 @@ class Correction:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Run:
-    """The available data of a run; absent data is None or empty."""
+class TargetCalls:
+    """Calls that were measured on a target."""
 
-    inputs: ScoreInputs  #: Input files, for provenance.
+    calls: CallStats
+    name: str  #: Name of the target.
+    about: TargetRecord | None = None  #: Description of the target.
+    other_run: str | None = None  #: Run of the calls, if it is not the run of the estimate.
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where the data of a run are from, for provenance."""
+
+    files: Mapping[str, ReadFile] = field(default_factory=dict)  #: Input files by role.
+    in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hashes of inputs that are not files, by role.
+    #: Settings of localiser and mapper that differ from the defaults.
+    settings: Mapping[str, object] = field(default_factory=dict)
+    command: str | None = None  #: Command that computes the score.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """The available data of a run, its poses as delivered; absent data is None or empty."""
+
+    origin: Origin = field(default_factory=Origin)
     stats: Sequence[CallStats] = ()  #: Calls on this host.
     #: Those of `stats` that the user gave as files, which may belong to another run.
     given_stats: Sequence[CallStats] = ()
-    target: CallStats | None = None  #: Calls on the target of `inputs`.
-    about: TargetRecord | None = None  #: Description of the target.
+    target: TargetCalls | None = None  #: Calls on a target.
     drive: DriveToScore | None = None  #: Trajectory.
     cloud: CloudToScore | None = None  #: Map.
     method: MethodRecord | None = None  #: Method of the run; None: the method in the statistics.
     external: ExternalScore | None = None  #: Figures of an external node; None if there was none.
     findings: tuple[FindingRecord, ...] = ()  #: Findings on the answers of the method.
-    #: Conversion of the poses of `drive`; None if they were not converted.
-    convention: ConventionRecord | None = None
     unposed_images: int = 0  #: Images of a drive without any estimate.
     nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source; None if they are unknown.
     unmapped_pairs: int = 0  #: Mapping pairs of the source if no cloud can be scored.
-    in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hashes of inputs that are not files, by role.
-    #: Settings of localiser and mapper that differ from the defaults, for provenance.
-    settings: Mapping[str, object] = field(default_factory=dict)
-    #: States of the input files before they were read.
-    states: Mapping[Path, FileState] = field(default_factory=dict)
 
     @property
     def all_calls(self) -> list[CallStats]:
         """The calls of the run: first those on this host, then those on a target."""
-        return [*self.stats, *([] if self.target is None else [self.target])]
+        return [*self.stats, *([] if self.target is None else [self.target.calls])]
+
+
+class ConvertedRun(NamedTuple):
+    """A run whose poses are those of RB in DS, which `conversion.converted_run` returns. Only such runs are scored."""
+
+    run: Run
+    convention: ConventionRecord | None = None  #: Conversion of the poses; None if they were delivered so.

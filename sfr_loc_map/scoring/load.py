@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -17,6 +17,7 @@ from sfr_loc_map.calls.call_files import load_call_stats
 from sfr_loc_map.calls.call_stats import CallStats, estimates_of, united, with_stamps_of_poses
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import read_text, refusing
@@ -34,7 +35,17 @@ from sfr_loc_map.metrics.frames.association import UPPER, Estimates
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord, TargetRecord
 from sfr_loc_map.scoring.bag_estimates import BagEstimate, read_bag_estimate
 from sfr_loc_map.scoring.call_checks import check_one_estimate, check_one_method
-from sfr_loc_map.scoring.inputs import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs, states_of
+from sfr_loc_map.scoring.input_files import ReadFile, configuration_files, read_files
+from sfr_loc_map.scoring.inputs import (
+    IN_MEMORY,
+    CloudToScore,
+    DriveToScore,
+    InMemory,
+    Origin,
+    Run,
+    ScoreInputs,
+    TargetCalls,
+)
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE
 
@@ -42,52 +53,81 @@ _log = logging.getLogger(__name__)
 TARGET_SCHEMA = "sfr-target/1"
 
 
+class _Calls(NamedTuple):
+    """The calls of a run."""
+
+    given: list[CallStats]  #: Calls of files.
+    here: list[CallStats]  #: Calls on this host: those of files and in memory.
+    target: TargetCalls | None  #: Calls on a target.
+
+
 def load_run(
-    inputs: ScoreInputs,
-    fused: bool | None = None,
-    *,
-    estimate: Trajectory | None = None,
-    truth: Trajectory | None = None,
-    calls: Sequence[CallStats] = (),
+    inputs: ScoreInputs, fused: bool | None = None, in_memory: InMemory | None = None, *, command: str | None = None
 ) -> Run:
     """Read the files of a run. Poses without stamps get the stamps of the other trajectory, pose by pose.
 
     The calls of the run are those of the bag of the estimate, of the files and in memory. Lost flags and covariances of
-    an estimate come from its calls and its bag. Poses may be in memory. `fused` applies to cloud files that do not
-    declare whether they are fused.
+    an estimate come from its calls and its bag. Poses and cloud may be in memory. `fused` applies to clouds that do not
+    declare whether they are fused. `command` is for provenance.
     """
-    states = states_of(inputs)
-    given_stats = [load_call_stats(path) for path in inputs.stats]
-    stats = [*given_stats, *calls]
-    target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
-    check_one_method(stats, target)
-    about = None if inputs.target_about is None else load_target(inputs.target_about)
-    cloud, nav_stamps_ns = _read_cloud(inputs, fused)
+    given = in_memory or InMemory()
     how = _how_to_read(inputs)
-    drive = None
-    if (inputs.truth or truth) is not None and (inputs.estimate or estimate) is not None:
-        true, source = _read_truth(inputs.truth, truth, how)
-        bag = _read_bag(inputs.estimate, stats)
+    origin = Origin(_read_files(inputs, how), given.hashes(), command=command)  # states of the files before reading
+    calls = _read_calls(inputs, given)
+    cloud, nav_stamps_ns = _read_cloud(inputs, given.cloud, fused)
+    drive, source = None, None
+    stats = calls.here
+    if (inputs.truth or given.truth) is not None and (inputs.estimate or given.estimate) is not None:
+        true, source = _read_truth(inputs.truth, given.truth, how)
+        bag = _read_bag(inputs.estimate, calls.here)
         if bag is None:
-            found, estimates = _read_estimate(inputs, estimate, true, stats, target)
+            found, estimates = _read_estimate(inputs, given.estimate, true, calls)
         else:
-            found, estimates = _estimate_of_bag(bag, inputs, stats, target)
-            stats = stats if bag.calls is None else [*stats, bag.calls]
+            found, estimates = _estimate_of_bag(bag, inputs, calls)
+            stats = [*calls.here, *bag.all_calls]
         drive = _drive_of(found, estimates, true, source, inputs.truth, how)
-        if nav_stamps_ns is None:
-            nav_stamps_ns = _nav_stamps_of(source, stats if target is None else [*stats, target])
-    return Run(
-        inputs=with_read_files(inputs, how),
-        states=states,
-        stats=stats,
-        given_stats=given_stats,
-        target=target,
-        about=about,
+    run = Run(
+        origin,
+        stats,
+        given_stats=calls.given,
+        target=calls.target,
         drive=drive,
         cloud=cloud,
-        method=None if about is None else _method_of(about),
+        method=None if calls.target is None or calls.target.about is None else _method_of(calls.target.about),
         nav_stamps_ns=nav_stamps_ns,
     )
+    return run if nav_stamps_ns is not None else replace(run, nav_stamps_ns=_nav_stamps_of(source, run.all_calls))
+
+
+def _read_files(inputs: ScoreInputs, how: SourceConfig) -> dict[str, ReadFile]:
+    """Note the states of all files of a score by role, before they are read. Only `how` was read before."""
+    stats = {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
+    return read_files(
+        {
+            "estimate": inputs.estimate,
+            "truth": inputs.truth,
+            "cloud": inputs.cloud,
+            "map_truth": inputs.map_truth,
+            "target": inputs.target,
+            "target_about": inputs.target_about,
+            "limits": inputs.limits,
+            **configuration_files(how),
+            **stats,
+        }
+    )
+
+
+def _read_calls(inputs: ScoreInputs, given: InMemory) -> _Calls:
+    """Read the calls of files, which must come from the method of the calls in memory."""
+    of_files = [load_call_stats(path) for path in inputs.stats]
+    here = [*of_files, *given.calls]
+    on_target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
+    check_one_method(here, on_target)
+    if on_target is None:
+        return _Calls(of_files, here, None)
+    about = None if inputs.target_about is None else load_target(inputs.target_about)
+    name = (inputs.target_name or "target") if about is None else (about.board or "an unnamed board")
+    return _Calls(of_files, here, TargetCalls(on_target, name, about, inputs.target_run))
 
 
 def _method_of(about: TargetRecord) -> MethodRecord:
@@ -95,15 +135,22 @@ def _method_of(about: TargetRecord) -> MethodRecord:
     return MethodRecord(name="candidate", version=about.candidate, kind=MethodKind.LIBRARY)
 
 
-def _read_cloud(inputs: ScoreInputs, fused: bool | None) -> tuple[CloudToScore | None, IntArray | None]:
-    """Read a cloud, the truth of its pairs, and the stamps of all pairs of the source."""
-    if inputs.cloud is None or inputs.map_truth is None:
+def _read_cloud(
+    inputs: ScoreInputs, given: PointCloud | None, fused: bool | None
+) -> tuple[CloudToScore | None, IntArray | None]:
+    """Read a cloud, or use that in memory; also the truth of its pairs, and the stamps of all pairs of the source."""
+    if inputs.map_truth is None or (inputs.cloud or given) is None:
         return None, None
-    loaded = with_fusion_flag(load_cloud(inputs.cloud), fused, f"cloud '{inputs.cloud}'")
+    if inputs.cloud is not None:
+        loaded, name = load_cloud(inputs.cloud), f"cloud '{inputs.cloud}'"
+    else:
+        assert given is not None  # as checked above
+        loaded, name = LoadedCloud(given.xyz.astype(np.float64), given), "the cloud"
+    loaded = with_fusion_flag(loaded, fused, name)
     stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
     truths, nav_stamps_ns = load_map_truth(inputs.map_truth, stamps_ns, inputs.config)
     if truths:
-        loaded = loaded.of_images(truths[0].rig.width, truths[0].rig.height, f"cloud '{inputs.cloud}'")
+        loaded = loaded.of_images(truths[0].rig.width, truths[0].rig.height, name)
     return CloudToScore(loaded, truths), nav_stamps_ns
 
 
@@ -154,40 +201,37 @@ def _read_bag(path: Path | None, stats: Sequence[CallStats]) -> BagEstimate | No
     return bag
 
 
-def _estimate_of_bag(
-    bag: BagEstimate, inputs: ScoreInputs, stats: Sequence[CallStats], target: CallStats | None
-) -> tuple[LoadedTrajectory, Estimates]:
+def _estimate_of_bag(bag: BagEstimate, inputs: ScoreInputs, calls: _Calls) -> tuple[LoadedTrajectory, Estimates]:
     """Return the estimated poses of a bag with the states of its calls, or of the given calls."""
     assert inputs.estimate is not None  # the path of the bag
-    check_one_estimate(bag.trajectory, _calls_to_check(inputs, stats, target))
-    of_run = stats if bag.calls is None else [*stats, bag.calls]
-    calls = calls_of_poses(bag.trajectory, of_run, target)
-    return LoadedTrajectory(inputs.estimate, bag.trajectory), estimates_of(bag.trajectory, calls, bag.covariance)
+    check_one_estimate(bag.trajectory, _calls_to_check(calls))
+    found = calls_of_poses(bag.trajectory, [*calls.here, *bag.all_calls], _on_target(calls))
+    return LoadedTrajectory(inputs.estimate, bag.trajectory), estimates_of(bag.trajectory, found, bag.covariance)
 
 
-def _calls_to_check(inputs: ScoreInputs, stats: Sequence[CallStats], target: CallStats | None) -> list[CallStats]:
+def _on_target(calls: _Calls) -> CallStats | None:
+    return None if calls.target is None else calls.target.calls
+
+
+def _calls_to_check(calls: _Calls) -> list[CallStats]:
     """Return the calls that must belong to the estimate: those of this host, and of a target of the same run."""
-    is_same_run = target is not None and inputs.target_run is None
-    return [*stats, target] if is_same_run and target is not None else [*stats]
+    is_same_run = calls.target is not None and calls.target.other_run is None
+    return [*calls.here, calls.target.calls] if calls.target is not None and is_same_run else calls.here
 
 
 def _read_estimate(
-    inputs: ScoreInputs,
-    estimate: Trajectory | None,
-    true: LoadedTrajectory,
-    stats: Sequence[CallStats],
-    target: CallStats | None,
+    inputs: ScoreInputs, given: Trajectory | None, true: LoadedTrajectory, calls: _Calls
 ) -> tuple[LoadedTrajectory, Estimates]:
     """Read the estimated poses of a file, or use those in memory; missing stamps are those of the truth."""
     if inputs.estimate is not None:
         found = read_trajectory_file(inputs.estimate, inputs.columns, ESTIMATE_OPTION)
     else:
-        assert estimate is not None  # by the caller
-        found = LoadedTrajectory(Path(IN_MEMORY), estimate)
+        assert given is not None  # by the caller
+        found = LoadedTrajectory(Path(IN_MEMORY), given)
     if found.by_index:
         found = found.with_stamps_of(true)
-    check_one_estimate(found.trajectory, _calls_to_check(inputs, stats, target))
-    estimates = estimates_of_calls(found.trajectory, stats, target)
+    check_one_estimate(found.trajectory, _calls_to_check(calls))
+    estimates = estimates_of_calls(found.trajectory, calls.here, _on_target(calls))
     if found.covariance is not None and estimates.covariance is None:
         estimates = replace(estimates, covariance=found.covariance[:, *UPPER])
     return found, estimates
@@ -335,13 +379,6 @@ def with_fusion_flag(loaded: LoadedCloud, fused: bool | None, name: str) -> Load
         option, word = ("--fused", "not fused") if fused else ("--not-fused", "fused")
         raise ConfigError(f"'{option}': {name} declares that it is {word}; omit the option")
     return replace(loaded, cloud=replace(loaded.cloud, fused=fused if said is None else said))
-
-
-def with_read_files(inputs: ScoreInputs, how: SourceConfig) -> ScoreInputs:
-    """Return inputs with the configuration files of the source, for provenance."""
-    named = Path(how.calibration.file)
-    calibration = named if how.calibration.file and named.exists() else None
-    return replace(inputs, configuration=how.path, truth_file=how.truth.file, calibration=calibration)
 
 
 def load_trajectories(paths: list[Path], truth: Path | None) -> tuple[dict[str, Trajectory], Trajectory | None]:

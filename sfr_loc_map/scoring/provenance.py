@@ -17,60 +17,49 @@ from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.hashes import hash_arrays, hash_path
-from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.frames.truth_error import as_truth
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.records import InputFile, Provenance
 from sfr_loc_map.package_commit import package_commit
-from sfr_loc_map.scoring.inputs import IN_MEMORY, Run, check_unchanged
+from sfr_loc_map.scoring.input_files import ReadFile
+from sfr_loc_map.scoring.inputs import IN_MEMORY, Run
 
 
 def provenance_of(run: Run, config: ScoreConfig) -> Provenance:
-    """Return the provenance of a score; a ground truth also has the hash of its values (`data_sha256`)."""
-    inputs = run.inputs
+    """Return the provenance of a score; a ground truth also has the hash of its values (`data_sha256`).
+
+    InputError if a file was changed or replaced since it was read.
+    """
+    origin = run.origin
     data: dict[str, str] = {}
     if run.drive is not None:
         data["truth"] = hash_of_truth(run.drive.truth)
     if run.cloud is not None:
         data["map_truth"] = hash_arrays(truth.points for truth in run.cloud.truths)
-    paths: dict[str, Path | None] = {
-        "estimate": inputs.estimate,
-        "truth": inputs.truth,
-        "cloud": inputs.cloud,
-        "map_truth": inputs.map_truth,
-        "target": inputs.target,
-        "target_about": inputs.target_about,
-        "limits": inputs.limits,
-        "configuration": inputs.configuration,
-        "truth_file": inputs.truth_file,
-        "calibration": inputs.calibration,
-    }
-    paths |= {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
-    files: dict[str, InputFile] = {}
-    for name, path in paths.items():
-        if path is not None:
-            hashed = _trajectory_in(path) if name == "truth" else path
-            files[name] = InputFile(
-                path=str(hashed), resolved=str(hashed.resolve()), sha256=hash_path(hashed), data_sha256=data.get(name)
-            )
-    check_unchanged(run.states)
-    if run.drive is not None and isinstance(run.drive.truth, Truth) and "truth" in files:
-        files["truth"] = struct_replace(files["truth"], read_from=run.drive.truth.read_from or None)
+    found = {role: _input_file(file, data.get(role)) for role, file in origin.files.items()}
+    if run.drive is not None and isinstance(run.drive.truth, Truth) and "truth" in found:
+        found["truth"] = struct_replace(found["truth"], read_from=run.drive.truth.read_from or None)
     if (sha256 := _images_sha256(run)) is not None:
-        files["images"] = InputFile(path=IN_MEMORY if inputs.truth is None else str(inputs.truth), sha256=sha256)
-    for name, sha256 in run.in_memory.items():
-        files[name] = InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(name))
+        truth = origin.files.get("truth")
+        found["images"] = InputFile(path=IN_MEMORY if truth is None else str(truth.named), sha256=sha256)
+    for role, sha256 in origin.in_memory.items():
+        found[role] = InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(role))
     return Provenance(
         version=__version__,
         commit=package_commit().commit,
-        command=inputs.command,
-        inputs=files,
-        configuration={**flatten(config), **run.settings},
+        command=origin.command,
+        inputs=found,
+        configuration={**flatten(config), **origin.settings},
         host=host_facts(),
         time=datetime.now(UTC).isoformat(timespec="seconds"),
     )
+
+
+def _input_file(file: ReadFile, data_sha256: str | None) -> InputFile:
+    path = file.path
+    return InputFile(path=str(path), resolved=str(path.resolve()), sha256=file.sha256(), data_sha256=data_sha256)
 
 
 def hash_of_truth(truth: Trajectory) -> str:
@@ -131,11 +120,3 @@ def _images_sha256(run: Run) -> str | None:
         if rig.T_rb_sb is not None:
             values += [rig.T_rb_sb.rotation, rig.T_rb_sb.translation]
     return hash_arrays(values)
-
-
-def _trajectory_in(path: Path) -> Path:
-    """Return the file of true poses of a data set folder, or the path of another source."""
-    if not path.is_dir() or is_bag(path):
-        return path
-    places = [path / "groundtruth.csv", path / "loc" / "groundtruth.csv"]
-    return next((place for place in places if place.is_file()), path)

@@ -44,9 +44,8 @@ from sfr_loc_map.metrics.score.caveats import truth_caveats
 from sfr_loc_map.metrics.table.records import Association, MethodKind, TargetRun
 from sfr_loc_map.metrics.table.results import CallsResult, MapResult, TrajectoryResult
 from sfr_loc_map.metrics.table.row_part import Place
-from sfr_loc_map.metrics.table.rows import Figure
 from sfr_loc_map.scoring.conversion import ConventionFinding
-from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
+from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, TargetCalls
 from sfr_loc_map.suite_names import Task
 
 FEW_TRUE_POSES = 1.0 / SPARSER  #: A truth is reported as sparse up to this ratio of true poses to images.
@@ -215,14 +214,19 @@ def kinds_of_external_nodes(stats: Sequence[CallStats]) -> frozenset[CallKind]:
 
 
 def with_target(
-    of_host: CallsResult, run: Run, calls: CallStats, expected_ns: Mapping[Task, IntArray | None]
+    of_host: CallsResult, run: Run, target: TargetCalls, expected_ns: Mapping[Task, IntArray | None]
 ) -> CallsResult:
     """Return the result of the calls on this host and on a target."""
-    rows, target = _scored_target(run, calls)
+    calls = target.calls
+    stamps_ns = None if run.drive is None else run.drive.estimates.trajectory.stamps_ns
+    rows, record = score_target(
+        calls.calls, target.name, stamps_ns, has_stamps=calls.has_stamps, other_run=target.other_run
+    )
+    record = struct_replace(record, about=target.about)
     expected_ns = expected_ns if calls.has_stamps else {}  # calls without stamps cannot be assigned to pairs
     expected = completeness_rows([calls.calls], expected_ns, Place.TARGET)
     figures = (*of_host.figures, *rows, *expected)
-    return replace(of_host, figures=figures, target=target, caveats=tuple(_target_caveats(target)))
+    return replace(of_host, figures=figures, target=record, caveats=tuple(_target_caveats(record)))
 
 
 def expected_calls(run: Run) -> dict[Task, IntArray | None]:
@@ -231,16 +235,6 @@ def expected_calls(run: Run) -> dict[Task, IntArray | None]:
     if images is None and run.drive is not None:
         images = run.drive.truth.stamps_ns
     return {Task.LOCALISATION: images, Task.MAPPING: run.nav_stamps_ns}
-
-
-def _scored_target(run: Run, calls: CallStats) -> tuple[tuple[Figure, ...], TargetRun]:
-    name = run.inputs.target_name or "target"
-    if run.about is not None:
-        name = run.about.board or "an unnamed board"
-    stamps = None if run.drive is None else run.drive.estimates.trajectory.stamps_ns
-    other_run = run.inputs.target_run
-    figures, target = score_target(calls.calls, name, stamps, has_stamps=calls.has_stamps, other_run=other_run)
-    return figures, struct_replace(target, about=run.about)
 
 
 def _target_caveats(target: TargetRun) -> Iterator[str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sfr_loc_map.methods.isolation import PACKAGE, exception_of, rules_of
+from sfr_loc_map.methods.isolation import PACKAGE, isolation_of, rules_of
 from sfr_loc_map.methods.registry import Method
 from sfr_loc_map.metrics.table.records import MethodKind
 from sfr_loc_map.suite_names import Task
@@ -37,7 +37,8 @@ def readable(found: dict[str, list[str]], path: Path) -> bool:
 
 
 def test_without_hidden_paths_the_complete_folder_is_readable(tmp_path: Path, data: Path) -> None:
-    assert exception_of() == f"; readable by SFR_METHOD_FILES: {data}"
+    text = f"files; readable by SFR_METHOD_FILES: {data}"
+    assert isolation_of("files", can_read_all_files=False) == (text, False, str(data))
     found = rules(tmp_path)
     assert str(data) in found["read"]
     assert readable(found, data / "truth" / "poses.csv")

@@ -34,7 +34,7 @@ from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.test_report import render_test_report
-from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.inputs import CloudToScore, ConvertedRun, DriveToScore, Run
 from sfr_loc_map.scoring.live.live_score import LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_run import score_run
@@ -154,8 +154,8 @@ def scored(made: Made) -> Score:
     cloud = CloudToScore(LoadedCloud(made.cloud.xyz.astype(np.float64), made.cloud), truths)
     of_drive = DriveToScore(Estimates.of(made.estimate), made.truth, LOC_RIG, STAMPS)
     stamps = np.array(NAV_STAMPS, np.int64)
-    run = Run(ScoreInputs(), [stats_of(made.records)], drive=of_drive, cloud=cloud, nav_stamps_ns=stamps)
-    return score_run(run, CONFIG, LIMITS)
+    run = Run(stats=[stats_of(made.records)], drive=of_drive, cloud=cloud, nav_stamps_ns=stamps)
+    return score_run(ConvertedRun(run), CONFIG, LIMITS)
 
 
 def replayed(made: Made) -> Score:

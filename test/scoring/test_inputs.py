@@ -1,16 +1,27 @@
 """The inputs of a score: the calls beside an estimate belong to it, whoever scores it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from helpers.made_scene import write_folder
 from helpers.scored_drives import straight
+from sfr_loc_map import api, api_types
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.hashes import hash_path
+from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.scoring.inputs import ScoreInputs
+from sfr_loc_map.replay.result import ReplayResult
+from sfr_loc_map.replay.score import files_of_source, score_replay
+from sfr_loc_map.runs.offline import map_pairs
+from sfr_loc_map.scoring import input_files
+from sfr_loc_map.scoring.inputs import ConvertedRun, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
-from sfr_loc_map.scoring.score_run import score_run
+from sfr_loc_map.scoring.score_run import score_files, score_run
 
 
 def test_calls_beside_an_estimate_are_read_unless_others_are_named(tmp_path: Path) -> None:
@@ -22,7 +33,7 @@ def test_calls_beside_an_estimate_are_read_unless_others_are_named(tmp_path: Pat
     assert ScoreInputs.of(estimate, truth, [other]).stats == (other,)
 
 
-def test_an_estimate_that_is_replaced_while_it_is_scored_is_refused(tmp_path: Path) -> None:
+def test_a_link_to_another_estimate_while_it_is_scored_is_refused(tmp_path: Path) -> None:
     """The provenance would otherwise have the hash of a file that nobody scored."""
     estimate, other, truth = (tmp_path / name for name in ("estimate.csv", "other.csv", "truth.csv"))
     link = tmp_path / "link.csv"
@@ -30,8 +41,51 @@ def test_an_estimate_that_is_replaced_while_it_is_scored_is_refused(tmp_path: Pa
         save_trajectory(path, straight(scale=scale))
     link.symlink_to(estimate)
     run = load_run(ScoreInputs.of(link, truth))
-    assert score_run(run, ScoreConfig()).provenance is not None
+    assert score_files(ScoreInputs.of(link, truth), ScoreConfig()).provenance is not None
     link.unlink()
     link.symlink_to(other)
     with pytest.raises(InputError, match="changed or replaced while it was scored"):
-        score_run(run, ScoreConfig())
+        score_run(ConvertedRun(run), ScoreConfig())
+
+
+@pytest.mark.parametrize("name", ["limits.yaml", "source/sfr.yaml", "other_truth.csv", "source/loc/groundtruth.csv"])
+def test_no_file_of_a_score_may_change_while_it_is_scored(tmp_path: Path, name: str) -> None:
+    """A file of a data set folder that is written in place leaves the state of the folder."""
+    source, limits = write_folder(tmp_path / "source", 3, 1), tmp_path / "limits.yaml"
+    estimate, other = tmp_path / "estimate.csv", tmp_path / "other_truth.csv"
+    for copy in (estimate, other):
+        copy.write_bytes((source / "loc" / "groundtruth.csv").read_bytes())
+    limits.write_text("timing: []\n")
+    about = "truth: {source: ../other_truth.csv}" if name == "other_truth.csv" else "truth: {sigma_m: 0.01}"
+    (source / "sfr.yaml").write_text(f"{about}\n")
+    run = load_run(replace(ScoreInputs.of(estimate, source), limits=limits))
+    with (tmp_path / name).open("a") as stream:
+        stream.write("\n")
+    with pytest.raises(InputError, match=f"{name}' was changed or replaced while it was scored"):
+        score_run(ConvertedRun(run), ScoreConfig())
+
+
+@pytest.mark.parametrize("view", ["python", "replay"])
+def test_the_truth_of_a_map_may_not_change_while_a_cloud_in_memory_is_scored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, view: str
+) -> None:
+    source = open_source(write_folder(tmp_path / "source", 0, 1))
+    assert source.nav is not None
+    mapped = map_pairs(source.nav, MappingConfig())
+    (truth,) = source.path.rglob("*.npy")
+
+    def change(path: Path) -> str:
+        with truth.open("ab") as stream:
+            stream.write(b"\0")
+        return hash_path(path)
+
+    read = files_of_source(source)
+    monkeypatch.setattr(input_files, "hash_path", change)
+    result = ReplayResult(Trajectory.empty(), mapped.fused.cloud, mapped.records, (mapped.maps[0].stamp_ns,))
+    cloud = api_types.PointCloud.of(mapped.fused.cloud, records=(), method=mapped.method)
+    views = {
+        "python": lambda: api.score(cloud, source),
+        "replay": lambda: score_replay(source, result, ScoreConfig(), None, read=read),
+    }
+    with pytest.raises(InputError, match="changed or replaced while it was scored"):
+        views[view]()

@@ -29,7 +29,7 @@ from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.message_types import STRING
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.scoring.inputs import ScoreInputs
+from sfr_loc_map.scoring.inputs import ConvertedRun, InMemory, ScoreInputs
 from sfr_loc_map.scoring.load import estimates_of_calls, load_estimates, load_run
 from sfr_loc_map.scoring.provenance import hash_of_truth
 from sfr_loc_map.scoring.score_run import score_run
@@ -170,11 +170,11 @@ def test_a_bag_without_calls_has_the_states_of_the_given_calls_which_must_be_its
     truth = replace(truth, stamps_ns=np.array([1, 2, 3]))
     records = [CallRecord(stamp, 0.1, state) for stamp, state in ((1, "tracking"), (2, "lost"), (3, "tracking"))]
     calls = replace(stats_of(records), positions=np.zeros((3, 3)))
-    run = load_run(inputs, truth=truth, calls=[calls])
+    run = load_run(inputs, in_memory=InMemory(truth=truth, calls=[calls]))
     assert run.drive is not None
     assert run.drive.estimates.lost.tolist() == [False, True, False]
     with pytest.raises(InputError, match="belong to another estimate"):
-        load_run(inputs, truth=truth, calls=[replace(calls, positions=np.ones((3, 3)))])
+        load_run(inputs, in_memory=InMemory(truth=truth, calls=[replace(calls, positions=np.ones((3, 3)))]))
 
 
 @pytest.mark.parametrize("is_rounded", [False, True])
@@ -204,18 +204,19 @@ def test_the_calls_of_a_bag_are_those_of_the_run(tmp_path: Path) -> None:
     records = [CallRecord(stamp, 0.1, "tracking", finding="crashed: dead" if stamp == 3 else "") for stamp in (1, 2, 3)]
     path = recorded(tmp_path / "bag", {"/rover/localisation_node/call": [encode_call(each) for each in records]})
     truth = replace(straight(3), stamps_ns=np.array([1, 2, 3]))
-    run = load_run(ScoreInputs(estimate=path), truth=truth)
+    inputs = ScoreInputs(estimate=path)
+    run = load_run(inputs, in_memory=InMemory(truth=truth))
     limits = parse_limits({"timing": {"localisation_max_s": 1.0}}, "limits")
-    score = score_run(run, ScoreConfig(), limits)
+    score = score_run(ConvertedRun(run), ScoreConfig(), limits)
     assert [item.kind for item in score.findings] == ["crashed"]
     assert score.verdict == "fail"
     assert [item.state for item in score.on_limits if item.name == "localisation_max_s"] != ["not enough data"]
     assert score.calls is not None
     assert set(score.calls.clocks.values()) == {"stated by the node"}
     mapped = stats_of([CallRecord(1, 0.1, "mapped", task=Task.MAPPING)])
-    assert len(load_run(ScoreInputs(estimate=path), truth=truth, calls=[mapped]).stats) == 2
+    assert len(load_run(inputs, in_memory=InMemory(truth=truth, calls=[mapped])).stats) == 2
     with pytest.raises(InputError, match="give the calls once"):
-        load_run(ScoreInputs(estimate=path), truth=truth, calls=[stats_of(records)])
+        load_run(inputs, in_memory=InMemory(truth=truth, calls=[stats_of(records)]))
 
 
 def test_a_method_does_not_tell_its_own_cost(tmp_path: Path) -> None:

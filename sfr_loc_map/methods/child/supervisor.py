@@ -3,7 +3,8 @@
 RULES are JSON: folders that may be listed (`names`), paths that may be read (`read`), and paths that may be read and
 written (`write`). Missing paths are ignored. The command runs in a child process in a Landlock domain (Linux 5.13) and
 under a filter of system calls (x86-64 and AArch64). Neither requires privileges. The first line on standard output is
-JSON: the process id of the command, and the restrictions in force. This program requires only Linux.
+JSON: the process id of the command, the restrictions in force, and whether the command can read all files. This program
+requires only Linux.
 
 This process remains as the supervisor, and adopts orphaned descendants of the command. When the command has ended, the
 supervisor kills all descendants and exits with the status of the command. See docs/decisions/0010-isolation.md.
@@ -134,12 +135,15 @@ def main() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
     text, *words = sys.argv[1:]
     rules = json.loads(text)
+    can_read_all_files = False
     try:
         restrictions = restrict(rules["names"], rules["read"], rules["write"])
     except OSError as error:
+        can_read_all_files = True
         restrictions = [f"not files ({error})"]
     isolation = ", ".join([*restrictions, *refuse_calls()])
-    print(json.dumps({"process": os.getpid(), "isolation": isolation}), flush=True)
+    facts = {"process": os.getpid(), "isolation": isolation, "can_read_all_files": can_read_all_files}
+    print(json.dumps(facts), flush=True)
     os.execv(words[0], words)
 
 

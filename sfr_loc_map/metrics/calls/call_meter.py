@@ -28,10 +28,6 @@ class CallUsage:
     peak_rss_bytes: int | None = None
     above_idle_bytes: int | None = None
 
-    def cost(self, state: str) -> tuple[float, str, int | None, int | None]:
-        """Return time, state after the call and memory in the order of a `CallRecord`."""
-        return self.processing_time_s, str(state), self.peak_rss_bytes, self.above_idle_bytes
-
 
 class CallMeter:
     """Measures calls one at a time. `clock` names the clock, `method` the method of measuring memory."""

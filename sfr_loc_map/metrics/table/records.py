@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -162,6 +162,23 @@ class FindingKind(StrEnum):
         return self not in (FindingKind.MISSING, FindingKind.LATE, FindingKind.DOUBLED, FindingKind.OTHER_FRAME)
 
 
+class CallFinding(NamedTuple):
+    """The fault of a method in one call. The record of the call and its row in a file have the text `KIND: TEXT`."""
+
+    kind: FindingKind
+    text: str
+
+    def __str__(self) -> str:
+        """Return the finding as in the record of a call."""
+        return f"{self.kind}: {self.text}"
+
+    @classmethod
+    def parse(cls, text: str) -> CallFinding | None:
+        """Return the finding of the record of a call; None if the text names no fault."""
+        word, _, rest = text.partition(": ")
+        return cls(FindingKind(word), rest) if word in set(FindingKind) else None
+
+
 class MethodRecord(Record, frozen=True, kw_only=True):
     """The software that made the estimate or the cloud."""
 
@@ -173,6 +190,8 @@ class MethodRecord(Record, frozen=True, kw_only=True):
     #: null without a configuration, or if it is unknown.
     config_sha256: str | None = None
     isolation: str | None = None  #: Isolation of the process of the method; null if unknown or not required.
+    can_read_all_files: bool = False  #: Whether the system could not isolate the process from the files of its user.
+    readable_files: str | None = None  #: Further paths that the user permitted to read, separated as in PATH.
 
 
 class FindingRecord(Record, frozen=True, kw_only=True):

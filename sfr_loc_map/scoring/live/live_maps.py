@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
@@ -15,6 +14,7 @@ from sfr_loc_map.geometry.arrays import PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.latest import Latest
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.config import MappingState, VerdictState
 from sfr_loc_map.metrics.errors.cloud_error import PairTruth
@@ -26,18 +26,8 @@ from sfr_loc_map.metrics.table.results import MapResult
 from sfr_loc_map.metrics.table.row_part import Scope
 from sfr_loc_map.metrics.table.rows import figure_row
 
-T = TypeVar("T")
 MAX_KEPT = 2 * MAX_PAIRS  #: Maximum number of true points, poses and clouds that wait for their counterparts.
 OF_CLOUD = (LimitSection.MAP, LimitSection.COMPLETENESS)  #: Sections with the limits on a single map.
-
-
-class _Latest(OrderedDict[int, T]):
-    """The most recently set values; the keys are stamps."""
-
-    def __setitem__(self, stamp_ns: int, value: T) -> None:
-        super().__setitem__(stamp_ns, value)
-        while len(self) > MAX_KEPT:
-            self.popitem(last=False)
 
 
 class MapInputs:
@@ -45,9 +35,9 @@ class MapInputs:
 
     def __init__(self) -> None:
         self.rig: StereoRig | None = None  #: Rig of the navigation cameras; None before their camera_info.
-        self._true_points = _Latest[PointImage]()  # `(H, W, 3)` of each pair, metres, LM
-        self._poses = _Latest[Transform]()  # `T_lm_navsb` of each pair
-        self._clouds = _Latest[PointCloud]()  # clouds as published, with the stamp of the last pair
+        self._true_points = Latest[int, PointImage](MAX_KEPT)  # `(H, W, 3)` of each pair, metres, LM
+        self._poses = Latest[int, Transform](MAX_KEPT)  # `T_lm_navsb` of each pair
+        self._clouds = Latest[int, PointCloud](MAX_KEPT)  # clouds as published, with the stamp of the last pair
         self.begin_run()
 
     def begin_run(self) -> None:
@@ -55,7 +45,7 @@ class MapInputs:
 
         Clouds and truth are kept, because those of the new run may arrive before the new run is detected.
         """
-        self._fusions = _Latest[CallRecord]()  # fusions by the stamp of their cloud
+        self._fusions = Latest[int, CallRecord](MAX_KEPT)  # fusions by the stamp of their cloud
         self.pair_stamps_ns = set[int]()  # stamps of received mapping pairs, which the maps of the run must contain
         self._mapped_until_ns = -1  # stamp of the last pair of the last map
 

@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.errors.cloud_error import score_map
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.scoring.conversion import ConventionFinding, convention_mismatch
-from sfr_loc_map.scoring.inputs import DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.inputs import DriveToScore, Run
 from sfr_loc_map.scoring.live.live_maps import LiveMaps, MapInputs
 from sfr_loc_map.scoring.live.live_score import ENDED, LiveRun, Received, score_so_far
 from sfr_loc_map.scoring.live.received_rows import ReceivedRows
@@ -93,6 +93,7 @@ class MonitorScore:
         During a run, results of the last seconds (`LiveRun.in_flight_s`) do not count as missing, and the first pose
         and the next map are awaited. After the run, images without poses and the pairs after the last map are missing.
         """
+        self.score_maps()
         is_under_way = live.in_flight_s > 0.0
         stats = self.rows.calls.stats()
         drive = self._drive(stats, is_under_way=is_under_way)
@@ -101,30 +102,27 @@ class MonitorScore:
         if surface is not None and unmapped:
             surface = replace(surface, figures=with_unmapped_pairs(surface.figures, unmapped))
         run = Run(
-            ScoreInputs(),
-            [] if stats is None else [stats],
+            stats=[] if stats is None else [stats],
             drive=drive,
             unposed_images=0 if is_under_way or self.rows.has_estimates else len(set(self._images_ns)),
             nav_stamps_ns=np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64),
             unmapped_pairs=unmapped if surface is None else 0,
         )
-        received = Received(
-            run=run, messages=self.rows.messages, map=surface, convention_finding=self._diagnosis.finding
-        )
+        finding = self._convention_finding(drive)
+        received = Received(run=run, messages=self.rows.messages, map=surface, convention_finding=finding)
         return score_so_far(received, live, self._config, self._limits)
 
-    def diagnose(self) -> None:
-        """Search for a convention mismatch of estimate and truth, which takes 0.1 s or more.
+    def _convention_finding(self, drive: DriveToScore | None) -> ConventionFinding | None:
+        """Return the convention mismatch of estimate and truth that the last diagnosis has found.
 
-        The last result is kept until the number of poses has grown by the factor `DIAGNOSED_GROWTH`.
+        A diagnosis takes 0.1 s or more. It is repeated once the number of poses has grown by `DIAGNOSED_GROWTH`.
         """
-        poses = self.rows.poses
-        if self._diagnosis.poses <= poses < DIAGNOSED_GROWTH * self._diagnosis.poses:
-            return
-        self._diagnosis = LastDiagnosis(poses)
-        drive = self._drive(None)
-        if drive is not None:
-            self._diagnosis = LastDiagnosis(poses, convention_mismatch(drive, self._config))
+        poses, last = self.rows.poses, self._diagnosis
+        if not last.poses <= poses < DIAGNOSED_GROWTH * last.poses:
+            self._diagnosis = LastDiagnosis(poses)  # not repeated for these poses if the diagnosis fails
+            finding = None if drive is None else convention_mismatch(drive, self._config)
+            self._diagnosis = LastDiagnosis(poses, finding)
+        return self._diagnosis.finding
 
     def _drive(self, stats: CallStats | None, *, is_under_way: bool = False) -> DriveToScore | None:
         """Return the received drive with the states and covariances of its calls; None without estimate or truth."""

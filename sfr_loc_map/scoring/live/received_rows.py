@@ -67,9 +67,8 @@ class CallRows(_Rows):
         super().__init__(CALL)
         self._findings = FindingCounts()
         self._stage_numbers = dict[str, int]()
-        self._stages = _Rows(
-            STAGE
-        )  # times of the stages of calls, with the row of the call and the number of the stage
+        # Times of the stages of calls, with the row of the call and the number of the stage
+        self._stages = _Rows(STAGE)
         self._steps = _Rows(STEP)  # steps of the calls that report one, with the row of the call
         self._covariances = _Rows(COVARIANCE)  # likewise
         self._usages = _Rows(USAGE)  # likewise

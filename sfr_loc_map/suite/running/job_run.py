@@ -36,7 +36,8 @@ from sfr_loc_map.metrics.stored.score_json import from_json, to_plain
 from sfr_loc_map.metrics.table.catalogue import KINDS
 from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.runs.offline import UnderTest, run_localiser, run_mapper, start_pose
-from sfr_loc_map.scoring.inputs import CloudToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.input_files import read_files
+from sfr_loc_map.scoring.inputs import CloudToScore, ConvertedRun, Origin, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.running.configurations import MASK_HASHES, METHOD_KEYS, chosen_method
@@ -105,8 +106,8 @@ def _map(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
     save_cloud(cloud, run.fused.cloud)
     save_stats(stats, run.records, run.method)
     scored = CloudToScore(load_cloud(cloud), truths_of(list(source.nav.pairs()), source.nav.rig))
-    inputs = ScoreInputs(cloud=cloud, map_truth=path, stats=(stats,))
-    return _scored(job, Run(inputs, [load_call_stats(stats)], cloud=scored, nav_stamps_ns=source.expected_nav_ns()))
+    origin = Origin(read_files({"cloud": cloud, "map_truth": path, "stats_0": stats}))
+    return _scored(job, Run(origin, [load_call_stats(stats)], cloud=scored, nav_stamps_ns=source.expected_nav_ns()))
 
 
 def _score(job: Job, path: Path, scratch: Path, cache: Path) -> Score:
@@ -186,7 +187,7 @@ def _hidden(source: Source, cache: Path) -> tuple[Path, ...]:
 
 
 def _scored(job: Job, run: Run) -> Score:
-    return score_run(run, ScoreConfig(trajectory=job.scoring), kept_errors=job.kept_errors)
+    return score_run(ConvertedRun(run), ScoreConfig(trajectory=job.scoring), kept_errors=job.kept_errors)
 
 
 def _section(job: Job, section: str) -> dict[str, object]:

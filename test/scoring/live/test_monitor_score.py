@@ -334,7 +334,6 @@ def test_a_new_run_forgets_the_contradiction_of_the_run_before() -> None:
         ):
             monitor.add_truth(stamp, position, true)
             monitor.add_estimate(stamp, position, given, None)
-        monitor.diagnose()
         contradictions.append(monitor.result().contradiction)
     assert "conjugated" in contradictions[0]
     assert contradictions[1] is None

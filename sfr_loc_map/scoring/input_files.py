@@ -1,0 +1,78 @@
+"""The input files of a score, each with its state before it was read, so that its hash is that of the content read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.hashes import hash_path, visible_files
+from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.source_config import SourceConfig
+
+
+class FileState(NamedTuple):
+    """What changes if a file is replaced or written."""
+
+    path: str
+    device: int
+    inode: int
+    size: int
+    modified_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReadFile:
+    """An input file or folder, whose state was noted before it was read."""
+
+    path: Path  #: Path of the file or folder that is hashed.
+    named: Path  #: Path that the user named, which may be the folder of the file.
+    states: tuple[FileState, ...]  #: State of the file, or of each file in the folder.
+
+    @classmethod
+    def of(cls, path: Path, named: Path | None = None) -> ReadFile:
+        """Note the state of a file or folder that will be read. A missing file is reported by its reader."""
+        return cls(path, named or path, _states_of(path))
+
+    def sha256(self) -> str:
+        """Return the hash of the content; raise an InputError if the content is no longer that which was read."""
+        sha256 = hash_path(self.path)
+        if _states_of(self.path) != self.states:
+            raise InputError(f"'{self.path}' was changed or replaced while it was scored: score it again")
+        return sha256
+
+
+def read_files(paths: Mapping[str, Path | None]) -> dict[str, ReadFile]:
+    """Note the states of the given files by role. The ground truth of a data set folder is one of its files."""
+    return {
+        role: ReadFile.of(_trajectory_in(path) if role == "truth" else path, path)
+        for role, path in paths.items()
+        if path is not None
+    }
+
+
+def configuration_files(how: SourceConfig) -> dict[str, Path | None]:
+    """Return the files by which a source is read, by role; None if there is no such file."""
+    calibration = Path(how.calibration.file)
+    is_file = bool(how.calibration.file) and calibration.exists()
+    return {"configuration": how.path, "truth_file": how.truth.file, "calibration": calibration if is_file else None}
+
+
+def _states_of(path: Path) -> tuple[FileState, ...]:
+    found: list[FileState] = []
+    with suppress(OSError):
+        for file in visible_files(path) if path.is_dir() else [path]:
+            state = file.stat()
+            found.append(FileState(str(file), state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns))
+    return tuple(found)
+
+
+def _trajectory_in(path: Path) -> Path:
+    """Return the file of true poses of a data set folder, or the path of another source."""
+    if not path.is_dir() or is_bag(path):
+        return path
+    places = [path / "groundtruth.csv", path / "loc" / "groundtruth.csv"]
+    return next((place for place in places if place.is_file()), path)
