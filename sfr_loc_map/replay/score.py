@@ -20,7 +20,7 @@ from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.replay.files import ReplayFiles
 from sfr_loc_map.replay.result import ReplayResult
-from sfr_loc_map.scoring.input_files import ReadFile, configuration_files, read_files
+from sfr_loc_map.scoring.input_files import CONFIGURATION_ROLES, ReadFile, configuration_files, read_files
 from sfr_loc_map.scoring.inputs import CloudToScore, ConvertedRun, DriveToScore, InMemory, Origin, Run
 from sfr_loc_map.scoring.load import estimates_of_calls
 from sfr_loc_map.scoring.score_run import score_run
@@ -81,13 +81,12 @@ def _origin(
     cloud: CloudToScore | None,
 ) -> Origin:
     """Return where the scored data are from: files of the source, and files of the replay or hashes without them."""
-    scored = {"truth": drive, "map_truth": cloud}
-    is_any_scored = drive is not None or cloud is not None
-    of_source = {
-        role: file
-        for role, file in read.items()
-        if role == "limits" or (scored[role] is not None if role in scored else is_any_scored)
-    }
+    roles = {"limits"}
+    if drive is not None:
+        roles |= {"truth", *CONFIGURATION_ROLES}
+    if cloud is not None:
+        roles |= {"map_truth", *CONFIGURATION_ROLES}
+    of_source = {role: file for role, file in read.items() if role in roles}
     if files is None:
         estimate = None if drive is None else result.estimate
         in_memory = InMemory(estimate=estimate).hashes()

@@ -58,7 +58,7 @@ class Participants(NamedTuple):
         """Return what was received; called while an external node runs, because its process is measured until then."""
         if self.external is None:
             return self.received.result(None)
-        version = last_version(self.received.of(self.external.task).records)
+        version = last_version(self.received.of(self.external.task).calls.values())
         return self.received.result(self.external.result(version))
 
 

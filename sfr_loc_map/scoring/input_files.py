@@ -13,6 +13,9 @@ from sfr_loc_map.hashes import hash_path, visible_files
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.source_config import SourceConfig
 
+CONFIGURATION_ROLES = ("configuration", "truth_file", "calibration")
+"""Roles of the files by which a source is read: `sfr.yaml`, and the truth and the calibration that it names."""
+
 
 class FileState(NamedTuple):
     """What changes if a file is replaced or written."""

@@ -54,11 +54,31 @@ TARGET_SCHEMA = "sfr-target/1"
 
 
 class _Calls(NamedTuple):
-    """The calls of a run."""
+    """The calls of a run, except those of a bag."""
 
     given: list[CallStats]  #: Calls of files.
     here: list[CallStats]  #: Calls on this host: those of files and in memory.
     target: TargetCalls | None  #: Calls on a target.
+
+    @property
+    def on_target(self) -> CallStats | None:
+        """The calls on a target."""
+        return None if self.target is None else self.target.calls
+
+    @property
+    def of_estimate(self) -> list[CallStats]:
+        """The calls that must belong to the estimate: those of this host, and of a target of the same run."""
+        if self.target is None or self.target.other_run is not None:
+            return self.here
+        return [*self.here, self.target.calls]
+
+
+class _ReadDrive(NamedTuple):
+    """What is read of a drive."""
+
+    drive: DriveToScore
+    of_bag: Sequence[CallStats]  #: Calls in the bag of the estimate.
+    source: Source | None  #: Source of the images and of the truth; None if the truth is only a trajectory.
 
 
 def load_run(
@@ -72,34 +92,28 @@ def load_run(
     """
     given = in_memory or InMemory()
     how = _how_to_read(inputs)
-    origin = Origin(_read_files(inputs, how), given.hashes(), command=command)  # states of the files before reading
+    origin = Origin(_noted_files(inputs, how), given.hashes(), command=command)  # before the files are read
     calls = _read_calls(inputs, given)
     cloud, nav_stamps_ns = _read_cloud(inputs, given.cloud, fused)
-    drive, source = None, None
-    stats = calls.here
-    if (inputs.truth or given.truth) is not None and (inputs.estimate or given.estimate) is not None:
-        true, source = _read_truth(inputs.truth, given.truth, how)
-        bag = _read_bag(inputs.estimate, calls.here)
-        if bag is None:
-            found, estimates = _read_estimate(inputs, given.estimate, true, calls)
-        else:
-            found, estimates = _estimate_of_bag(bag, inputs, calls)
-            stats = [*calls.here, *bag.all_calls]
-        drive = _drive_of(found, estimates, true, source, inputs.truth, how)
-    run = Run(
+    read = _read_drive(inputs, given, how, calls)
+    stats = [*calls.here, *(() if read is None else read.of_bag)]
+    if nav_stamps_ns is None and read is not None:
+        on_target = [] if calls.on_target is None else [calls.on_target]
+        nav_stamps_ns = _nav_stamps_of(read.source, [*stats, *on_target])
+    about = None if calls.target is None else calls.target.about
+    return Run(
         origin,
         stats,
         given_stats=calls.given,
         target=calls.target,
-        drive=drive,
+        drive=None if read is None else read.drive,
         cloud=cloud,
-        method=None if calls.target is None or calls.target.about is None else _method_of(calls.target.about),
+        method=None if about is None else _method_of(about),
         nav_stamps_ns=nav_stamps_ns,
     )
-    return run if nav_stamps_ns is not None else replace(run, nav_stamps_ns=_nav_stamps_of(source, run.all_calls))
 
 
-def _read_files(inputs: ScoreInputs, how: SourceConfig) -> dict[str, ReadFile]:
+def _noted_files(inputs: ScoreInputs, how: SourceConfig) -> dict[str, ReadFile]:
     """Note the states of all files of a score by role, before they are read. Only `how` was read before."""
     stats = {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
     return read_files(
@@ -201,22 +215,26 @@ def _read_bag(path: Path | None, stats: Sequence[CallStats]) -> BagEstimate | No
     return bag
 
 
+def _read_drive(inputs: ScoreInputs, given: InMemory, how: SourceConfig, calls: _Calls) -> _ReadDrive | None:
+    """Read estimate and truth, or use those in memory; None if one of both is not given."""
+    if (inputs.truth or given.truth) is None or (inputs.estimate or given.estimate) is None:
+        return None
+    true, source = _read_truth(inputs.truth, given.truth, how)
+    bag = _read_bag(inputs.estimate, calls.here)
+    if bag is None:
+        found, estimates = _read_estimate(inputs, given.estimate, true, calls)
+    else:
+        found, estimates = _estimate_of_bag(bag, inputs, calls)
+    drive = _drive_of(found, estimates, true, source, inputs.truth, how)
+    return _ReadDrive(drive, () if bag is None else bag.all_calls, source)
+
+
 def _estimate_of_bag(bag: BagEstimate, inputs: ScoreInputs, calls: _Calls) -> tuple[LoadedTrajectory, Estimates]:
     """Return the estimated poses of a bag with the states of its calls, or of the given calls."""
     assert inputs.estimate is not None  # the path of the bag
-    check_one_estimate(bag.trajectory, _calls_to_check(calls))
-    found = calls_of_poses(bag.trajectory, [*calls.here, *bag.all_calls], _on_target(calls))
+    check_one_estimate(bag.trajectory, calls.of_estimate)
+    found = calls_of_poses(bag.trajectory, [*calls.here, *bag.all_calls], calls.on_target)
     return LoadedTrajectory(inputs.estimate, bag.trajectory), estimates_of(bag.trajectory, found, bag.covariance)
-
-
-def _on_target(calls: _Calls) -> CallStats | None:
-    return None if calls.target is None else calls.target.calls
-
-
-def _calls_to_check(calls: _Calls) -> list[CallStats]:
-    """Return the calls that must belong to the estimate: those of this host, and of a target of the same run."""
-    is_same_run = calls.target is not None and calls.target.other_run is None
-    return [*calls.here, calls.target.calls] if calls.target is not None and is_same_run else calls.here
 
 
 def _read_estimate(
@@ -230,8 +248,8 @@ def _read_estimate(
         found = LoadedTrajectory(Path(IN_MEMORY), given)
     if found.by_index:
         found = found.with_stamps_of(true)
-    check_one_estimate(found.trajectory, _calls_to_check(calls))
-    estimates = estimates_of_calls(found.trajectory, calls.here, _on_target(calls))
+    check_one_estimate(found.trajectory, calls.of_estimate)
+    estimates = estimates_of_calls(found.trajectory, calls.here, calls.on_target)
     if found.covariance is not None and estimates.covariance is None:
         estimates = replace(estimates, covariance=found.covariance[:, *UPPER])
     return found, estimates
