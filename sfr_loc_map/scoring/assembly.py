@@ -10,9 +10,8 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.metrics.config import Condition, ScoreConfig
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.judge import judged_by
-from sfr_loc_map.metrics.judging.limit_scope import limits_of
 from sfr_loc_map.metrics.score.caveats import reading_caveats
-from sfr_loc_map.metrics.score.limits import Limits, Rules
+from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND
 from sfr_loc_map.metrics.table.details import CallPlots, Details, MapDetails, TrajectoryDetails
@@ -98,9 +97,9 @@ def _details(
 
 def _partial_warnings(score: Score) -> Iterator[str]:
     """Yield a warning about what is missing, if only partial judging (`--partial`) accepts it."""
-    if score.rules is None or not score.rules.partial:
+    if not score.active_rules.partial:
         return
-    complete_only = struct_replace(score, rules=Rules.of(limits_of(score), partial=False))
+    complete_only = struct_replace(score, rules=struct_replace(score.active_rules, partial=False))
     accepted = [item for item in incompleteness(complete_only) if item.kind.is_lifted_by_partial]
     if (text := text_of(accepted)) is not None:
         yield f"a part of the drive is judged: {text}"

@@ -11,7 +11,7 @@ from campaigns.tolerance_coverage import coverage
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.judging import judge, limit_scope, limits_file, reasons
+from sfr_loc_map.metrics.judging import judge, limits_file, reasons
 from sfr_loc_map.metrics.judging.proof import prove_sample
 from sfr_loc_map.metrics.score.limits import Population, Terms
 from sfr_loc_map.metrics.score.score import Score
@@ -126,7 +126,7 @@ def test_a_limit_with_a_share_passes_fails_or_says_how_many_drives_are_missing()
     assert row.value == verdict.value < 10.0
     assert score.figure("position").p95 < row.value <= score.figure("position").max
     assert row.unit == "m"
-    again = judge.judged_by(found, limit_scope.limits_of(found))
+    again = judge.judged_by(found, found.rules)
     assert again.rows("bound") == found.rows("bound"), "judged again, the table has the bound once"
     assert judged(score, limit=0.0, prob=0.95, confidence=0.95)[1].state == "fail"
     _, ensemble = judged(score, limit=10.0, prob=0.95, confidence=0.95, interpretation="ensemble")

@@ -54,6 +54,11 @@ class ShortfallKind(NamedTuple):
         """The name of the limit on the figure; None if the figure cannot be limited."""
         return f"{self.figure}_max_share" if self.is_limited else None
 
+    @property
+    def is_complete_without_items(self) -> bool:
+        """Whether the scope is complete if the figure is a fraction of 0 items."""
+        return not self.text_of_nothing
+
     def allowed_fraction(self, limit_name: str, limit: float, *, has_images: bool) -> float:
         """Return the fraction that a limit allows for the figure, 0 for a limit on another figure."""
         own = (self.limit_name,) if has_images else (self.limit_name, *self.accepted_without_images_by)
@@ -267,3 +272,5 @@ SHORTFALLS = (
     ShortfallKind("restarts", Scope.LIVE, "runs", 0.0, "the live score restarted {value} times", is_limited=False),
 )
 """The kinds of shortfalls, by subject."""
+OF_LIMIT = {kind.limit_name: kind for kind in SHORTFALLS if kind.limit_name is not None}
+"""The kind of shortfall of each limit on completeness, by the name of the limit."""

@@ -1,9 +1,9 @@
 """What makes a score incomplete: expected data that are missing or cannot be judged, and data that are wrong.
 
-For each scope of the score, `incompleteness` states whether the expected items are unknown (`unknown_items`) and goes
-through the table `SHORTFALLS` (`metrics.completeness.shortfall_kinds`). Unless the rules of the score accept a kind of
-shortfall, its finder compares the figure with the largest complete value. Most kinds have the finder `above_most`;
-`FINDERS` has the others.
+For each scope of the score, `shortfalls_of` states whether the expected items are unknown (`unknown_items`) and goes
+through the table `SHORTFALLS` (`metrics.completeness.shortfall_kinds`). `largest_complete` returns the largest value of
+a figure with which the scope is complete by the rules of the score. The finder of the kind compares the figure with
+this value: for most kinds `above_most`, for two kinds that of `FINDERS`.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from sfr_loc_map.metrics.completeness.shortfall_kinds import (
 from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.metrics.errors.other_frames import BEYOND
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.judging.limit_scope import judged_parts, limits_of, tasks_of
-from sfr_loc_map.metrics.score.limits import Limit, LimitSection, Rules, meets
+from sfr_loc_map.metrics.judging.limit_scope import judged_parts, tasks_of
+from sfr_loc_map.metrics.score.limits import Limit, LimitSection, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject, statistic_title, title_of
@@ -54,6 +54,7 @@ NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (o
 NO_STAMP = "the {part} calls have no stamps, so their pairs are unknown"
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
+STATES_OF_POSES = ("lost", "degraded")  #: Figures of the states of poses, which a limit requires to be known.
 STATES = RowPart("states")  #: Part of the shortfalls for unknown states of poses, which affect no other limit.
 
 
@@ -86,20 +87,27 @@ class Shortfall(NamedTuple):
 
 def incompleteness(score: Score) -> list[Shortfall]:
     """Return what makes a score incomplete by its rules."""
-    rules = score.rules or Rules()
+    rules = score.active_rules
     parts = judged_parts(rules, score) if rules.limits else [RowPart(task) for task in tasks_of(score)]
-    found: list[Shortfall] = []
-    for part in parts:
-        found += unknown_items(part, score, rules)
-        for kind in SHORTFALLS:
-            if kind.scope == part.what:
-                most = largest_complete(kind, rules, score)
-                found += FINDERS.get(kind.figure, above_most)(kind, part, score, most)
-    return found
+    return [item for part in parts for item in shortfalls_of(part, score)]
 
 
-def largest_complete(kind: ShortfallKind, rules: Rules, score: Score) -> float | None:
+def shortfalls_of(part: RowPart, score: Score) -> Iterator[Shortfall]:
+    """Yield what makes a scope of a score incomplete."""
+    yield from unknown_items(part, score)
+    for kind in SHORTFALLS:
+        if kind.scope != part.what:
+            continue
+        if kind.figure in STATES_OF_POSES:
+            yield from unknown_states(kind, score)
+        most = largest_complete(kind, score)
+        if most is not None:
+            yield from FINDERS.get(kind.figure, above_most)(kind, part, score, most)
+
+
+def largest_complete(kind: ShortfallKind, score: Score) -> float | None:
     """Return the largest value of a figure with which the scope is complete by the rules of a score; None for any."""
+    rules = score.active_rules
     most = kind.most if rules.limits else kind.most_without_limits
     if most is None or (rules.partial and kind.is_lifted_by_partial):
         return None
@@ -116,11 +124,15 @@ def text_of(missing: Iterable[Shortfall]) -> str | None:
 
 def is_lifted_by_partial(score: Score) -> bool:
     """Return whether partial judging (`--partial`) accepts an incomplete score."""
-    return not incompleteness(struct_replace(score, rules=Rules.of(limits_of(score), partial=True)))
+    return not incompleteness(struct_replace(score, rules=struct_replace(score.active_rules, partial=True)))
 
 
-def unknown_items(part: RowPart, score: Score, rules: Rules) -> Iterator[Shortfall]:
+# ---- unknown items and states
+
+
+def unknown_items(part: RowPart, score: Score) -> Iterator[Shortfall]:
     """Yield a shortfall if the expected items of a scope are unknown, and `--partial` does not accept it."""
+    rules = score.active_rules
     if not rules.limits or rules.partial:
         return
     row = score.figure(JUDGED, subject=Subject.COMPLETENESS, part=part)
@@ -128,14 +140,24 @@ def unknown_items(part: RowPart, score: Score, rules: Rules) -> Iterator[Shortfa
         yield Shortfall(UNKNOWN_ITEMS, part, 1.0, None, why_unknown(part, row), score.index_of(row))
 
 
-# ---- finders: each yields the shortfalls of one kind and scope; `most` is the largest complete value, None for any
+def unknown_states(kind: ShortfallKind, score: Score) -> Iterator[Shortfall]:
+    """Yield a shortfall for each limit on a state of poses, if the state of a pose is unknown."""
+    row = score.figure(kind.figure, part=None)
+    if row is None or not row.n or row.value is not None:
+        return
+    for limit in score.active_rules.limits:
+        if limit.limited.figure == kind.figure:
+            yield Shortfall(kind, STATES, limit.limit, None, NO_STATE.format(figure=kind.figure))
 
 
-def above_most(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
+# ---- finders: each yields the shortfalls of one kind and scope; `most` is the largest complete value
+
+
+def above_most(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
     """Yield a shortfall if the figure of a kind exceeds its largest complete value, or is unknown."""
     calls = part.of_calls.text if kind.of_node is None else kind.of_node.value
     row = score.figure(kind.figure, subject=Subject.COMPLETENESS, part=calls)
-    if most is None or row is None:
+    if row is None:
         return
     index = score.index_of(row)
     if row.value is None and row.n:
@@ -146,15 +168,15 @@ def above_most(kind: ShortfallKind, part: RowPart, score: Score, most: float | N
         yield Shortfall(kind, part, most, row.value, filled_text(kind, row.value, calls, score), index)
 
 
-def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
+def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
     """Yield a shortfall for each limit that the errors at the other frames miss.
 
     They must also be far larger, because the figure always depends somewhat on the choice of the starts: a fraction of
     the frames above `most` has an error far above the largest judged error, or a quantile of the other frames is far
     above its limit. A limit on a quantile allows a large judged error, with which no other error would be far larger.
     """
-    for limit in limits_in(score):
-        if most is None or limit.section is not LimitSection.TRAJECTORY:
+    for limit in score.active_rules.limits:
+        if limit.section is not LimitSection.TRAJECTORY:
             continue
         limited = limit.limited
         share = score.figure(ERRORS_BEYOND, condition=limit.condition, part=limited.figure)
@@ -172,16 +194,16 @@ def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: fl
             yield Shortfall(kind, part, most, share.value, text, score.index_of(share))
 
 
-def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
+def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
     """Yield a shortfall for each limit that is met because the rover is stationary in most sub-trajectories.
 
     The errors of the other sub-trajectories miss the limit, or are too few for a verdict. A drive in which the rover is
     stationary throughout is judged like any other.
     """
-    for limit in limits_in(score):
+    for limit in score.active_rules.limits:
         figure = limit.limited.figure
         condition = limit.condition
-        if most is None or condition is None:
+        if condition is None:
             continue
         share = score.figure(STANDING, condition=condition, part=SUB_TRAJECTORIES)
         moving = score.figure(figure, condition=condition, part=MOVING)
@@ -189,36 +211,16 @@ def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: floa
             continue
         value = moving.statistic(statistic_of(limit))
         independent = moving.independent or 0.0
-        least = (score.rules or Rules()).minimum_independent
+        least = score.active_rules.minimum_independent
         if value is None or independent < least or not meets(limit, value):
             text = standing_text(limit, share, moving, value)
             yield Shortfall(kind, part, most, share.value, text, score.index_of(share))
 
 
-def unknown_state(kind: ShortfallKind, part: RowPart, score: Score, most: float | None) -> Iterator[Shortfall]:
-    """Yield a shortfall for each limit on a state of poses, if the state of a pose is unknown."""
-    row = score.figure(kind.figure, part=None)
-    if row is None or not row.n or row.value is not None:
-        return
-    for limit in limits_in(score):
-        if limit.limited.figure == kind.figure:
-            yield Shortfall(kind, STATES, limit.limit, None, NO_STATE.format(figure=kind.figure))
-
-
-Finder = Callable[[ShortfallKind, RowPart, Score, float | None], Iterator[Shortfall]]
-FINDERS: dict[str, Finder] = {
-    "lost": unknown_state,
-    "degraded": unknown_state,
-    ERRORS_BEYOND: beyond_the_judged,
-    STANDING: met_by_standing,
-}
-"""Finders of the kinds of shortfalls that depend on more than the row of their figure. They depend on the limits of the
-score, each of which can have a shortfall. All other kinds have the finder `above_most`."""
-
-
-def limits_in(score: Score) -> tuple[Limit, ...]:
-    """Return the limits of a score."""
-    return () if score.rules is None else score.rules.limits
+Finder = Callable[[ShortfallKind, RowPart, Score, float], Iterator[Shortfall]]
+FINDERS: dict[str, Finder] = {ERRORS_BEYOND: beyond_the_judged, STANDING: met_by_standing}
+"""Finders of the kinds of shortfalls that depend on more than the row of their figure, by figure. They depend on the
+limits of the score, each of which can have a shortfall. All other kinds have the finder `above_most`."""
 
 
 # ---- texts

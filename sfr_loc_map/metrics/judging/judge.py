@@ -1,11 +1,17 @@
 """The verdicts of a score, as a pure function of the score.
 
-The function reads the figures, the rules, the findings, the errors of tolerance bounds, the association, and whether
-estimate and truth contradict each other. `metrics.stored.score_json` derives the verdicts of a file again when the file
-is read, and refuses a file whose verdicts do not follow from its figures.
+`with_verdicts` reads the figures, the rules, the findings, the errors of tolerance bounds, the association, and whether
+estimate and truth contradict each other:
 
-Views show the stored verdicts. A report of several scores judges each score by the limits that apply to it, and names
-the other limits (`several_scores.each_by_its_limits`). See docs/metrics.md, "Verdicts".
+1. `with_bounds` adds the tolerance bounds of limits with a fraction and a confidence to the table of figures.
+2. `incomplete.incompleteness` states what makes the score incomplete.
+3. `verdicts_on_limits` judges each limit: `state_of` by the limited number alone, then by what is incomplete.
+4. `overall_verdict` combines these verdicts with those on findings and on missing data.
+
+`metrics.stored.score_json` derives the verdicts of a file again when the file is read, and refuses a file whose
+verdicts do not follow from its figures. Views show the stored verdicts. A report of several scores judges each score by
+the limits that apply to it, and names the other limits (`several_scores.each_by_its_limits`). See docs/metrics.md,
+"Verdicts".
 """
 
 from __future__ import annotations
@@ -15,10 +21,10 @@ from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS
+from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, OF_LIMIT
 from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
-from sfr_loc_map.metrics.judging.limit_scope import limits_of, needed_part
+from sfr_loc_map.metrics.judging.limit_scope import needed_part
 from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL, Proof, bound_row, prove, sample_of
 from sfr_loc_map.metrics.score.limits import BOUND, Limit, LimitedNumber, Limits, LimitSection, Rules, margin_of, meets
@@ -31,10 +37,11 @@ from sfr_loc_map.metrics.table.rows import Figure
 
 
 class ProvedBound(NamedTuple):
-    """The proof of a limit with a fraction and a confidence, and its tolerance bound as a row of the table."""
+    """The proof of a limit with a fraction and a confidence, whose tolerance bound is a row of the table."""
 
     proof: Proof
-    row: Figure
+    row_index: int
+    truth_error: float
 
 
 def judged_by(score: Score, limits: Limits | None, *, partial: bool = False) -> Score:
@@ -44,16 +51,34 @@ def judged_by(score: Score, limits: Limits | None, *, partial: bool = False) -> 
 
 def with_verdicts(score: Score) -> Score:
     """Return a score with its tolerance bounds as rows, and the verdicts that follow from its figures and rules."""
-    proofs = proofs_of(score)
-    others = tuple(row for row in score.figures if row.figure != BOUND)
-    table = struct_replace(score, figures=(*others, *(bound.row for bound in proofs.values())))
+    table, bounds = with_bounds(score)
     missing = incompleteness(table)
     incomplete = text_of(missing)
-    stated = missing if limits_of(table) is not None else []
-    found = [*finding_verdicts(table), *(item.verdict for item in stated)]
-    found += verdicts_on_limits(table, proofs, {item.part for item in missing})
-    verdict = overall_verdict(table, [item.state for item in found], incomplete)
-    return struct_replace(table, incomplete=incomplete, verdicts=tuple(found), verdict=verdict)
+    verdicts = list(finding_verdicts(table))
+    if table.active_rules.limits:
+        verdicts += [item.verdict for item in missing]
+        verdicts += verdicts_on_limits(table, bounds, {item.part for item in missing})
+    verdict = overall_verdict(table, [item.state for item in verdicts], incomplete)
+    return struct_replace(table, incomplete=incomplete, verdicts=tuple(verdicts), verdict=verdict)
+
+
+def with_bounds(score: Score) -> tuple[Score, dict[Limit, ProvedBound]]:
+    """Return a score with the tolerance bound of each limit with a fraction and a confidence as a row, and the proofs.
+
+    Bounds that the score already has are replaced.
+    """
+    rows = [row for row in score.figures if row.figure != BOUND]
+    proved: dict[Limit, ProvedBound] = {}
+    for limit in score.active_rules.limits:
+        if limit.terms is None or limit in proved:
+            continue
+        figure = limit.limited.figure
+        sample = sample_of(score, figure, limit.condition)
+        truth_error = truth_error_of(limit, score, score.reading)
+        proof = prove(limit.terms, limit.limit, {"": [sample]} if sample else {}, truth_error)
+        proved[limit] = ProvedBound(proof, len(rows), truth_error)
+        rows.append(bound_row(figure, KINDS[figure].unit, limit.condition, proof))
+    return struct_replace(score, figures=tuple(rows)), proved
 
 
 def overall_verdict(score: Score, states: Sequence[VerdictState], incomplete: str | None) -> VerdictState | None:
@@ -69,36 +94,32 @@ def overall_verdict(score: Score, states: Sequence[VerdictState], incomplete: st
     return worst_of(states if incomplete is None else [*states, VerdictState.INCOMPLETE])
 
 
+def finding_verdicts(score: Score) -> Iterator[Verdict]:
+    """Yield a failed verdict for each kind of finding that prevents a pass."""
+    for item in score.fatal_findings:
+        yield plain_verdict(f"{item.kind.replace(' ', '_')}_calls", 0.0, float(item.count), VerdictState.FAIL)
+
+
 def verdicts_on_limits(
-    score: Score, proofs: Mapping[Limit, ProvedBound], incomplete: Collection[RowPart]
+    score: Score, bounds: Mapping[Limit, ProvedBound], incomplete: Collection[RowPart]
 ) -> Iterator[Verdict]:
     """Yield the verdict on each limit of a score: pass, fail, incomplete, not enough data or not judged.
 
-    A figure that equals its limit passes. A pass requires that the part of the score that the figure describes is
-    complete. A signed mean (heading) is compared by its absolute value. If estimate and truth contradict each other,
-    all verdicts on limits are `not judged`. `certain` states whether the 95 % interval is on one side of the limit, and
-    is None without an interval. The rows of the proofs are rows of the score.
+    A pass requires that the part of the score that the figure describes is complete. If estimate and truth contradict
+    each other, all verdicts on limits are `not judged`.
     """
-    limits = limits_of(score) or Limits()
-    for limit in limits.limits:
-        if limit in proofs:
-            truth_error = truth_error_of(limit, score, score.reading)
-            bound = proofs[limit]
-            verdict = proof_verdict(limit, bound.proof, score.index_of(bound.row), truth_error)
+    rules = score.active_rules
+    for limit in rules.limits:
+        if limit in bounds:
+            verdict = proof_verdict(limit, *bounds[limit])
         else:
-            verdict = verdict_on(limit, value_of(limit, score), limits)
-            verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, limits))
+            verdict = verdict_on(limit, value_of(limit, score), rules)
+            verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, rules))
         if score.contradiction is not None:
             verdict = struct_replace(verdict, state=VerdictState.NOT_JUDGED, by_reading={})
         elif RowPart(Scope.LIVE) in incomplete or needed_part(limit) in incomplete:
             verdict = of_incomplete(verdict)
         yield verdict
-
-
-def finding_verdicts(score: Score) -> Iterator[Verdict]:
-    """Yield a failed verdict for each kind of finding that prevents a pass."""
-    for item in score.fatal_findings:
-        yield plain_verdict(f"{item.kind.replace(' ', '_')}_calls", 0.0, float(item.count), VerdictState.FAIL)
 
 
 def of_incomplete(verdict: Verdict) -> Verdict:
@@ -118,37 +139,52 @@ def plain_verdict(name: str, limit: float, value: float | None, state: VerdictSt
     return Verdict(name=name, limit=limit, value=value, margin=margin, state=state)
 
 
+# ---- the verdict on a limited number
+
+
+def verdict_on(limit: Limit, figure: LimitedValue, limits: Limits) -> Verdict:
+    """Return the verdict on the limited number.
+
+    `certain` states whether the 95 % interval is on one side of the limit, and is None without an interval.
+    """
+    verdict = open_verdict(limit, figure)
+    if figure.value is not None and is_enough(limit, figure, limits):
+        verdict = struct_replace(verdict, certain=is_certain(limit, figure.value, figure.interval))
+    return struct_replace(verdict, state=state_of(verdict, limit, figure, limits))
+
+
+def state_of(verdict: Verdict, limit: Limit, figure: LimitedValue, limits: Limits) -> VerdictState:
+    """Return the state of the verdict on the limited number, by the first rule that applies.
+
+    A figure that equals its limit passes. A signed mean (heading) is compared by its absolute value (`meets`).
+    """
+    if is_of_nothing(limit, figure.row):
+        return VerdictState.PASS
+    if figure.value is None or not is_enough(limit, figure, limits):
+        return VerdictState.NOT_ENOUGH_DATA
+    if verdict.is_within_truth_error:
+        return VerdictState.NOT_ENOUGH_DATA
+    if not meets(limit, figure.value):
+        return VerdictState.FAIL
+    is_counted = limit.section is LimitSection.COMPLETENESS  # a count has no uncertainty
+    if limit.certain and not verdict.certain and not is_counted:
+        return VerdictState.NOT_ENOUGH_DATA
+    return VerdictState.PASS
+
+
+def is_of_nothing(limit: Limit, row: Figure | None) -> bool:
+    """Return whether a limit on completeness is on a fraction of 0 items, of which none can be missing or wrong."""
+    if limit.section is not LimitSection.COMPLETENESS or row is None or row.n != 0:
+        return False
+    return OF_LIMIT[limit.name].is_complete_without_items
+
+
 def is_enough(limit: Limit, figure: LimitedValue, limits: Limits) -> bool:
     """Return whether the limited number has enough values and enough independent values."""
     if figure.n is not None and figure.n < limits.minimum_count:
         return False
     is_of_many = limit.section is LimitSection.TRAJECTORY and figure.independent is not None
     return not is_of_many or (figure.independent or 0.0) >= limits.minimum_independent
-
-
-def verdict_on(limit: Limit, figure: LimitedValue, limits: Limits) -> Verdict:
-    """Return the verdict on the limited number. A fraction of 0 items passes, because no item can be wrong."""
-    verdict = open_verdict(limit, figure)
-    if is_of_nothing(limit, figure.row):
-        return struct_replace(verdict, state=VerdictState.PASS)
-    if figure.value is None or not is_enough(limit, figure, limits):
-        return verdict
-    certain = is_certain(limit, figure.value, figure.interval)
-    verdict = struct_replace(verdict, certain=certain)
-    is_counted = limit.section is LimitSection.COMPLETENESS  # a count has no uncertainty
-    if verdict.is_within_truth_error:
-        return verdict
-    if not meets(limit, figure.value):
-        return struct_replace(verdict, state=VerdictState.FAIL)
-    is_pass = certain or is_counted or not limit.certain
-    return struct_replace(verdict, state=VerdictState.PASS) if is_pass else verdict
-
-
-def is_of_nothing(limit: Limit, row: Figure | None) -> bool:
-    """Return whether a limit on completeness is on a fraction of 0 items, which is complete as in `above_most`."""
-    if limit.section is not LimitSection.COMPLETENESS or row is None or row.n != 0:
-        return False
-    return not any(kind.figure == row.figure and kind.text_of_nothing for kind in SHORTFALLS)
 
 
 def is_certain(limit: Limit, value: float, interval: Interval | None) -> bool | None:
@@ -206,20 +242,6 @@ def part_of(limited: LimitedNumber, row: Figure | None) -> str | None:
     if row is not None:
         return row.part
     return None if limited.part is None else limited.part.text
-
-
-def proofs_of(score: Score) -> dict[Limit, ProvedBound]:
-    """Return what the errors of a score prove about each limit with a fraction and a confidence."""
-    found = {}
-    limits = limits_of(score)
-    for limit in () if limits is None else limits.limits:
-        if limit.terms is not None:
-            figure = limit.limited.figure
-            sample = sample_of(score, figure, limit.condition)
-            truth_error = truth_error_of(limit, score, score.reading)
-            proof = prove(limit.terms, limit.limit, {"": [sample]} if sample else {}, truth_error)
-            found[limit] = ProvedBound(proof, bound_row(figure, KINDS[figure].unit, limit.condition, proof))
-    return found
 
 
 def _by_reading(limit: Limit, score: Score, limits: Limits) -> dict[str, VerdictState]:

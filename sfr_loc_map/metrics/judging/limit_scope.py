@@ -8,15 +8,10 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.judging.limited_value import value_of
-from sfr_loc_map.metrics.score.limits import OF_MAP, Limit, Limits, LimitSection, Rules
+from sfr_loc_map.metrics.score.limits import OF_MAP, Limit, Limits, LimitSection
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import Subject
 from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
-
-
-def limits_of(score: Score) -> Rules | None:
-    """Return the rules of a score that has limits, None without limits."""
-    return score.rules if score.rules is not None and score.rules.limits else None
 
 
 def task_of(limit: Limit) -> Scope:

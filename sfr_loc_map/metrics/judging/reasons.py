@@ -12,7 +12,6 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import Condition, ConditionKind, VerdictState, label_of
 from sfr_loc_map.metrics.judging.incomplete import incompleteness
 from sfr_loc_map.metrics.judging.proof import words_of
-from sfr_loc_map.metrics.score.limits import Rules
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.row_part import Scope
@@ -63,7 +62,7 @@ def why_open(item: Verdict, score: Score) -> str:
         return f"its margin of {item.margin:.3g} is within the error of the truth, {item.truth_error:.3g}"
     if item.proof is not None:
         return words_of(item.proof, item.state)
-    rules = score.rules or Rules()
+    rules = score.active_rules
     row = score.row_of(item)
     if item.n and item.n < rules.minimum_count:
         return f"only {item.n} values"

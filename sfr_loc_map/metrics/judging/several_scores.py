@@ -10,8 +10,9 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judging.judge import judged_by
-from sfr_loc_map.metrics.judging.limit_scope import limits_of, task_of, tasks_of
+from sfr_loc_map.metrics.judging.limit_scope import task_of, tasks_of
 from sfr_loc_map.metrics.judging.limited_value import value_of
+from sfr_loc_map.metrics.score.limits import Limit
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.records import InputFile, MethodRecord, Provenance
@@ -166,21 +167,23 @@ def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
     limit and the score of the drive has no value for the limit. If there are only drives, the limit applies to every
     score. A caveat of the score names omitted limits.
     """
-    every = [(tasks_of(score), limits_of(score)) for score in scores]
-    found = []
-    for score, (own, limits) in zip(scores, every, strict=True):
-        elsewhere = [
-            item for parts, given in every if given is not None for item in given.limits if task_of(item) in parts
-        ]
-        kept = [
-            item
-            for item in (limits.limits if limits else ())
-            if task_of(item) in own or item not in elsewhere or value_of(item, score).value is not None
-        ]
-        if limits is not None and len(kept) < len(limits.limits):
-            is_partial = score.rules is not None and score.rules.partial
-            score = judged_by(score, struct_replace(limits, limits=tuple(kept)) if kept else None, partial=is_partial)
-            names = ", ".join(item.shown_name for item in limits.limits if item not in kept)
-            score = score.with_caveat(f"the limits {names} are judged in another of the scores")
-        found.append(score)
-    return found
+    of_own_task = [
+        limit for score in scores for limit in score.active_rules.limits if task_of(limit) in tasks_of(score)
+    ]
+    return [_by_its_limits(score, of_own_task) for score in scores]
+
+
+def _by_its_limits(score: Score, of_own_task: Collection[Limit]) -> Score:
+    """Return a score without the limits of another task, if they are in `of_own_task`, and have no value here."""
+    rules = score.active_rules
+    own = tasks_of(score)
+    kept = tuple(
+        item
+        for item in rules.limits
+        if task_of(item) in own or item not in of_own_task or value_of(item, score).value is not None
+    )
+    if len(kept) == len(rules.limits):
+        return score
+    names = ", ".join(item.shown_name for item in rules.limits if item not in kept)
+    judged = judged_by(score, struct_replace(rules, limits=kept) if kept else None, partial=rules.partial)
+    return judged.with_caveat(f"the limits {names} are judged in another of the scores")

@@ -141,7 +141,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
 
     def index_of(self, row: Figure | None) -> int | None:
         """Return the index of a row in the table of figures of this score, None for no row."""
-        return next((index for index, each in enumerate(self.figures) if each is row), None)
+        return None if row is None else self.figures.index(row)
 
     def row_of(self, verdict: Verdict) -> Figure | None:
         """Return the row that a verdict of this score judges, None if the verdict has no row."""
@@ -175,6 +175,11 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return None if self.association is None else str(self.association.rebase)
 
     @property
+    def active_rules(self) -> Rules:
+        """The rules of the score, without limits and with defaults if it has none."""
+        return Rules() if self.rules is None else self.rules
+
+    @property
     def fatal_findings(self) -> tuple[FindingRecord, ...]:
         """The findings that prevent a pass."""
         return tuple(item for item in self.findings if item.kind.fails)
@@ -182,7 +187,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     @property
     def on_limits(self) -> tuple[Verdict, ...]:
         """The verdicts on limits, which follow those on findings and on missing data."""
-        count = 0 if self.rules is None else len(self.rules.limits)
+        count = len(self.active_rules.limits)
         return self.verdicts[len(self.verdicts) - count :]
 
     @property

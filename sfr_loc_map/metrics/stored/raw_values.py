@@ -61,7 +61,7 @@ def _required(score: Score) -> Iterator[str]:
     """Yield which details, errors, or rows of other frames and of motion are absent for a limited figure."""
     yield from _required_details(score)
     drive = score.association
-    for limit in () if score.rules is None or drive is None else score.rules.limits:
+    for limit in () if drive is None else score.active_rules.limits:
         figure, condition = limit.limited.figure, limit.condition
         if condition is None:
             continue
@@ -92,11 +92,11 @@ def _required_details(score: Score) -> Iterator[str]:
     The report of a run in progress names no inputs and has no details. Details are also absent for the times of a
     target, the answers of an external node, and points without pixels.
     """
-    if score.rules is None or score.provenance is None or not score.provenance.inputs:
+    if score.provenance is None or not score.provenance.inputs:
         return
     details = Details() if score.details is None else score.details
     node = None if score.external is None else score.external.task
-    for limit in score.rules.limits:
+    for limit in score.active_rules.limits:
         has_pixels = score.cloud is not None and not score.cloud.nearest_only
         if limit.section is LimitSection.MAP and has_pixels and details.map is None:
             yield f"{limit.name} is limited, but the details of the map are absent"
