@@ -17,6 +17,7 @@ from sfr_loc_map.cli.options import (
     RemapOption,
     SourceArgument,
     SpacingOption,
+    files_read,
     open_as,
     refuse_given,
 )
@@ -78,7 +79,7 @@ def localise(
     if peer_python is None:
         refuse_given(context, ("vocabulary",), "is the vocabulary of ORB-SLAM3: give --peer-python PYTHON, too")
     scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
-    check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
+    check_outputs(json_path, inputs=(*files_read(source, config), vocabulary), overwrite=overwrite)
     opened, config = open_as(source, remap, config)
     parameters, sequence = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
     check_conditions(sequence.ground_truth, scoring.conditions, lenient=lenient)
@@ -113,7 +114,7 @@ def map_(
     from sfr_loc_map.io.sequence import panorama_of
 
     propose("sfr map SRC -o C.ply --stats S.csv --method NAME", why="runs one method, with files to score")
-    check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
+    check_outputs(json_path, inputs=files_read(source, config), overwrite=overwrite)
     opened, config = open_as(source, remap, config)
     parameters, sequence = read_config(MappingConfig, config, "mapping"), panorama_of(opened)
     methods, missing = methods_to_compare(Task.MAPPING, parameters, peer_python, added=method or ())
@@ -153,7 +154,7 @@ def faults(
     from sfr_loc_map.io.sequence import drive_of
 
     propose("sfr simulate DST --from SRC --fault KIND:amount=A", why="writes the data with a single fault")
-    check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
+    check_outputs(json_path, inputs=files_read(source, config), overwrite=overwrite)
     wanted = tuple(fault or FAULTS)
     opened, config = open_as(source, remap, config)
     localiser, drive = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)

@@ -15,6 +15,7 @@ from sfr_loc_map.cli.options import (
     OverwriteOption,
     RemapOption,
     SourceArgument,
+    files_read,
     open_as,
     refuse_given,
 )
@@ -61,7 +62,7 @@ def check(
     from sfr_loc_map.evidence.recording import calls_of_check, check_recording, has_drive_to_check, read_estimates
     from sfr_loc_map.report.check_tables import check_tables
 
-    check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
+    check_outputs(json_path, inputs=(*files_read(source, config), *(estimate or ())), overwrite=overwrite)
     if len(estimate or ()) > MAX_ESTIMATES:
         raise ConfigError(
             f"'--estimate': at most {MAX_ESTIMATES} estimates are allowed, because the suite's own run is the third"

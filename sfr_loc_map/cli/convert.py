@@ -16,6 +16,7 @@ from sfr_loc_map.cli.options import (
     SourceArgument,
     announced_config,
     columns_of,
+    files_read,
     open_as,
     parse_remaps,
     refuse_given,
@@ -137,7 +138,7 @@ def _convert_pairs(
     from sfr_loc_map.io.layouts.board_file import write_pairs
     from sfr_loc_map.runs.offline import true_start
 
-    check_outputs(destination, inputs=(source, config), overwrite=overwrite)
+    check_outputs(destination, inputs=files_read(source, config), overwrite=overwrite)
     opened, _ = open_as(source, remap, config)
     start = None if opened.loc is None else true_start(opened.loc).T_ds_rb
     with naming(source), progress_bar("pairs") as bar:
@@ -167,7 +168,7 @@ def _convert_trajectory(
 
     to_file = format_of_name(destination) is not None
     if to_file:
-        check_outputs(*files_written(destination), inputs=(source, config), overwrite=overwrite)
+        check_outputs(*files_written(destination), inputs=files_read(source, config), overwrite=overwrite)
     if is_poses:
         read = read_trajectory_file(source, columns)
         poses = read.stamped

@@ -17,6 +17,7 @@ from sfr_loc_map.cli.options import (
     RemapOption,
     SectionsOption,
     SourceArgument,
+    files_read,
     given_words,
     sections_of,
 )
@@ -66,7 +67,7 @@ def info(
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.source_setup.facts import facts_of, facts_tables
 
-    check_outputs(json_path, inputs=(source, config, calibration), overwrite=overwrite)
+    check_outputs(json_path, inputs=(*files_read(source, config), calibration), overwrite=overwrite)
     path = config or config_beside(source)
     can_write = path is None or not is_ros_parameter_file(path)
     if write and not can_write:

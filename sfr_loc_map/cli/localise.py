@@ -18,6 +18,7 @@ from sfr_loc_map.cli.options import (
     RemapOption,
     SourceArgument,
     StartOption,
+    files_read,
     given_words,
     method_under_test,
     open_as,
@@ -73,7 +74,7 @@ def localise(
 
     check_suffix(output, FILE_SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
-    check_outputs(*files_written(output), stats, video, inputs=(source, config), overwrite=overwrite)
+    check_outputs(*files_written(output), stats, video, inputs=files_read(source, config), overwrite=overwrite)
     opened, read_from = open_as(source, remap, config if method == OURS else None)
     theirs = method_under_test(context, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
     parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)

@@ -17,6 +17,7 @@ from sfr_loc_map.cli.options import (
     OverwriteOption,
     RemapOption,
     SourceArgument,
+    files_read,
     given_words,
     method_under_test,
     open_as,
@@ -82,7 +83,7 @@ def map_cloud(
     parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
     check_dems(dem or ())
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)
-    check_outputs(output, stats, *outputs.more, inputs=(source, config), overwrite=overwrite)
+    check_outputs(output, stats, *outputs.more, inputs=files_read(source, config), overwrite=overwrite)
     sequence = panorama_of(opened)
     with naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("mapping", total=len(sequence))

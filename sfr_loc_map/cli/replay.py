@@ -210,7 +210,7 @@ def replay(
             external=external_node,
         )
         files = None if out is None else ReplayFiles(out)
-        with _room_for(files, (source, limits, config), overwrite=overwrite):
+        with _room_for(files, (source, limits, read_from), overwrite=overwrite):
             outcome = _replayed(opened, options, correction, files)
             if page is not None:
                 page.show_score(to_json(outcome.score))

@@ -100,6 +100,10 @@ def report(
     check_suffix(output, FORMATS)
     check_suffix(test_report, HTML_SUFFIXES)
     check_suffix(control, (".csv",))
+    has_scores = all(path.suffix == ".json" for path in results)
+    is_signed = any(context.params[name] is not None for name in OF_TEST)
+    if output is None and has_scores and len(results) == 1 and not is_signed:
+        output = results[0].with_name("report.html")
     read = (*results, *(evidence or ()), truth)
     check_outputs(json_path, output, test_report, junit, control, inputs=read, overwrite=overwrite)
     if test_report is None:
@@ -108,21 +112,18 @@ def report(
     if test_report is None and control is None:
         heading = ("number", "issue")
         refuse_given(context, heading, "is shown in the test report: give --test-report T.html or --control F.csv, too")
-    if all(path.suffix == ".json" for path in results):
+    if has_scores:
         refuse_given(context, OF_TRAJECTORIES, "applies only to trajectories, but scores were given: omit it")
-        is_signed = any(context.params[name] is not None for name in OF_TEST)
         if is_signed:
             pages = ("output", "json_path")
             refuse_given(context, pages, "is not written with --test-report, --junit or --control: omit it")
         scores = _read_scores(results)
         if is_signed:
             _sign(results, scores, (title, number, issue), evidence or (), test_report, junit, control)
-        elif len(scores) > 1:
-            _compare_scores(results, scores, output, json_path)
+        elif len(scores) == 1 and output is not None:
+            _write_score(scores[0], output, json_path)
         else:
-            page = results[0].with_name("report.html") if output is None else output
-            check_outputs(page, inputs=results, overwrite=overwrite)
-            _write_score(scores[0], page, json_path)
+            _compare_scores(results, scores, output, json_path)
         conclude_all(scores, requires_common_verdict=is_signed, lenient=lenient)
         return
     other = next(path for path in results if path.suffix != ".json")
@@ -193,15 +194,17 @@ def _sign(
 ) -> None:
     """Write the test report, the JUnit file and the control document, each if requested.
 
-    `heading` has the title, the number and the issue of the test report.
+    `heading` has the title, the number and the issue of the test report. The evidence is read before a file is written,
+    because it may be refused.
     """
+    from sfr_loc_map.report.test_report import render_test_report
+    from sfr_loc_map.suite.pages.evidence_files import read_evidence
+
+    found = read_evidence(evidence)
     if junit is not None:
         write_junit(scores, junit)
     if test_report is not None:
-        from sfr_loc_map.report.test_report import render_test_report
-        from sfr_loc_map.suite.pages.evidence_files import read_evidence
-
-        write_text(render_test_report(scores, *heading, read_evidence(evidence)), test_report)
+        write_text(render_test_report(scores, *heading, found), test_report)
         say(f"test report: {test_report}")
         propose(f"open {test_report} in a browser, print it for the signatures")
     if control is not None:

@@ -31,6 +31,7 @@ from sfr_loc_map.cli.options import (
     announced_config,
     columns_of,
     correction_of,
+    files_read,
     given_words,
     parse_settings,
     refuse_given,
@@ -213,7 +214,7 @@ def score(
     from sfr_loc_map.scoring.settings import score_settings
 
     found = ScoreInputs.of(estimate, truth, stats)
-    read = (estimate, truth, limits, *found.stats, target_timing, config_file)
+    read = (estimate, *files_read(truth, config_file), limits, *found.stats, target_timing)
     check_suffix(html, HTML_SUFFIXES)
     for table in (points, pieces):
         check_suffix(table, TABLE_SUFFIXES)

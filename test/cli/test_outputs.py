@@ -23,6 +23,8 @@ TWICE = {
     "map beside": ("map", "{source}", "-o", "{out}/z.ply", "--covariance", "--stats", "{out}/z.covariance.npz"),
     "score": ("score", "{tum}", "{tum}", "--json", "{out}/z.html", "--html", "{out}/z.html"),
     "input": ("score", "{tum}", "{tum}", "--json", "{tum}", "--overwrite"),
+    "estimate": ("check", "{source}", "--estimate", "{tum}", "--json", "{tum}", "--overwrite"),
+    "default page": ("report", "{out}/score.json", "--json", "{out}/report.html"),
 }
 EXISTS = {
     "localise": ("localise", "{source}", "-o", "{file}.csv"),
@@ -56,6 +58,15 @@ def test_two_outputs_on_one_path_are_refused(sfr: Sfr, made_once: MadeOnce, out:
     assert "; choose another name" in result.err
     assert list(out.iterdir()) == []
     assert tum.read_text() == TUM
+
+
+def test_the_configuration_beside_a_source_is_not_replaced(sfr: Sfr, tum: Path) -> None:
+    """The command reads the configuration, although no option names it."""
+    config = tum.with_name("sfr.yaml")
+    config.write_text("truth:\n  sigma_m: 0.01\n")
+    result = sfr("score", str(tum), str(tum), "--json", str(config), "--overwrite")
+    assert result.code == 2
+    assert config.read_text() == "truth:\n  sigma_m: 0.01\n"
 
 
 @pytest.mark.parametrize("case", EXISTS)

@@ -66,3 +66,13 @@ def test_a_score_that_is_given_twice_is_refused(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["report", str(score), str(score), "--test-report", str(report)])
     assert isinstance(result.exception, ConfigError)
     assert not report.exists()
+
+
+def test_refused_evidence_leaves_no_other_output(tmp_path: Path) -> None:
+    score, evidence = tmp_path / "score.json", tmp_path / "evidence.json"
+    score.write_text(to_json(whole_score()))
+    evidence.write_text("{}")
+    outputs = [str(tmp_path / name) for name in ("report.html", "verdicts.xml")]
+    words = ["report", str(score), "--test-report", outputs[0], "--junit", outputs[1], "--evidence", str(evidence)]
+    assert isinstance(CliRunner().invoke(app, words).exception, InputError)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["evidence.json", "score.json"]
