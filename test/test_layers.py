@@ -21,7 +21,7 @@ LAYERS = {
     "faults": ("geometry io", "Faults that are injected into the stereo pairs of a source"),
     "simulation": ("geometry io", "Stereo pairs of a Mars-like scene with exact truth"),
     "tables": ("metrics", "The model of a table, and its formats: terminal, HTML, Markdown and CSV"),
-    "report": ("geometry mapping metrics tables", "Views of scores and other results; a view computes no verdict"),
+    "report": ("geometry metrics tables", "Views of scores and other results; a view computes no verdict"),
     "ros": ("geometry io localisation mapping", "What every program with a ROS node requires"),
     "calls": (
         "geometry io localisation mapping metrics",
@@ -36,7 +36,7 @@ LAYERS = {
     "scoring": ("calls geometry io mapping metrics", "A score with its provenance from files, memory or topics"),
     "doctor": ("geometry io source_setup", "The issues of a recording or graph from an observation"),
     "evidence": (
-        "calls faults geometry io kernels localisation mapping metrics runs",
+        "calls faults geometry io kernels localisation mapping metrics runs tables",
         "The consistency of runs that should agree, without a ground truth",
     ),
     "nodes": (

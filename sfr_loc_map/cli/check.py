@@ -59,8 +59,8 @@ def check(
     The check detects errors or gives a lower bound of the error. It never proves an accuracy, because errors that all
     runs share, such as those of the calibration, stay hidden.
     """
+    from sfr_loc_map.evidence.check_tables import check_tables
     from sfr_loc_map.evidence.recording import calls_of_check, check_recording, has_drive_to_check, read_estimates
-    from sfr_loc_map.report.check_tables import check_tables
 
     check_outputs(json_path, inputs=(*files_read(source, config), *(estimate or ())), overwrite=overwrite)
     if len(estimate or ()) > MAX_ESTIMATES:

@@ -2,7 +2,7 @@
 
 `recording.check_recording` checks the drive and the maps of a source:
 
-    source ─┬─ drive ── check.check_drive ──┬── RecordingCheck ── cli.check, report.check_tables
+    source ─┬─ drive ── check.check_drive ──┬── RecordingCheck ── cli.check, check_tables
             └─ maps ─── overlap.check_maps ─┘
 
 `check_drive` runs the localiser several times over the drive and compares the runs:
@@ -13,6 +13,7 @@
   accumulated motion with a direct run between two visits of a place.
 - further figures: `predicted` (error by source), `other_estimates` (wheel odometry) and `calibration` (right camera).
 
-Each of these modules returns its figures as rows of the table of figures. `check_result` defines the results
-(`CheckResult`) and how they are combined.
+Each of these modules returns its figures as rows of the table of figures. `kinds` lists the kinds of evidence, with the
+statistic of each, what it shows and what it hides. `check_result` defines the results (`CheckResult`) and how they are
+combined.
 """

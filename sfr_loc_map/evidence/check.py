@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -11,6 +11,7 @@ from sfr_loc_map.evidence.agreement import Agreement, agreement_rows, compare, d
 from sfr_loc_map.evidence.calibration import (
     Advice,
     CameraOffset,
+    advice_by_angle,
     corrected_drive,
     cost_row,
     offset_rows,
@@ -25,6 +26,7 @@ from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, Variant, r
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.table.rows import Figure
 
 MIN_PAIRS = 20
 CORRECTED = "corrected"  #: Name of the run with the corrected calibration.
@@ -54,7 +56,7 @@ class DriveCheck(Check):
     @property
     def advice(self) -> dict[str, Advice]:
         """The recommended action for the calibration file, for each angle."""
-        return {offset.angle: offset.advice for offset in self.offsets}
+        return advice_by_angle(self.offsets)
 
 
 def check_drive(
@@ -78,27 +80,23 @@ def check_drive(
     others = [at_pairs_of(forward, other) for other in others]  # before the other runs, because it may be refused
     runs = {Variant.FORWARD: forward}
     runs |= {variant: run_variant(drive, config, variant, progress) for variant in Variant if variant not in runs}
-    compared = [(runs[first], runs[other]) for first, other in COMPARED]
-    agreements = [compare(first, other, condition) for condition in conditions for first, other in compared]
     closures = find_closures(drive, forward, config)
-    if closures:
-        agreements.append(agreement_at(closures))
+    agreements = [*_agreements_of(runs, conditions), *([agreement_at(closures)] if closures else [])]
     with_others = [compare(forward, other, condition) for condition in conditions for other in others]
     offsets = right_camera_offsets([runs[variant] for variant in CALIBRATED], sequence.rig)
-    wrong_offsets = wrong_among(offsets)
-    figures = [row for agreement in (*agreements, *with_others) for row in agreement_rows(agreement)]
-    figures += [row for condition in conditions for row in predicted_rows(forward, condition)]
-    figures += [row for closure in closures for row in closure_rows(closure)]
-    figures += [scale_row(agreement) for agreement in with_others]
-    figures += [row for condition in conditions for row in hat_rows((forward, *others), condition)]
-    figures += [row for offset in offsets for row in offset_rows(offset)]
-    if wrong_offsets:
-        corrected = run_pairs(drive, config, CORRECTED, corrected_drive(drive, wrong_offsets).kept)
-        figures += [cost_row(wrong_offsets, compare(forward, corrected, condition)) for condition in conditions]
+    figures = (
+        *(row for agreement in (*agreements, *with_others) for row in agreement_rows(agreement)),
+        *(row for condition in conditions for row in predicted_rows(forward, condition)),
+        *(row for closure in closures for row in closure_rows(closure)),
+        *(scale_row(agreement) for agreement in with_others),
+        *(row for condition in conditions for row in hat_rows((forward, *others), condition)),
+        *(row for offset in offsets for row in offset_rows(offset)),
+        *_cost_rows(drive, forward, wrong_among(offsets), conditions, config),
+    )
     results = results_of(agreements)
     return DriveCheck(
         results=results,
-        figures=tuple(figures),
+        figures=figures,
         pairs=len(drive),
         pairs_of_source=len(sequence),
         disagreements=(disagreement_of(agreements),) if CheckResult.INCONSISTENT in results else (),
@@ -106,3 +104,25 @@ def check_drive(
         forward=forward,
         offsets=tuple(offsets),
     )
+
+
+def _agreements_of(runs: Mapping[Variant, ComparedRun], conditions: Sequence[Condition]) -> Iterator[Agreement]:
+    """Yield the comparison of each pair of runs in `COMPARED` over each condition."""
+    for condition in conditions:
+        for first, other in COMPARED:
+            yield compare(runs[first], runs[other], condition)
+
+
+def _cost_rows(
+    drive: PairsInMemory,
+    forward: ComparedRun,
+    wrong_offsets: Sequence[CameraOffset],
+    conditions: Sequence[Condition],
+    config: LocalisationConfig,
+) -> Iterator[Figure]:
+    """Yield how the correction of wrong offsets changes the positions, from an additional run."""
+    if not wrong_offsets:
+        return
+    corrected = run_pairs(drive, config, CORRECTED, corrected_drive(drive, wrong_offsets).kept)
+    for condition in conditions:
+        yield cost_row(wrong_offsets, compare(forward, corrected, condition))

@@ -54,11 +54,12 @@ def scale_row(agreement: Agreement) -> Figure:
     count = len(known)
     independent = float(min(agreement.differences.independent, count))
     if independent < MIN_SUB_TRAJECTORIES:
-        return figure_row("scale", *where, n=count)
+        return figure_row("scale", *where, n=count, independent=independent)
     scales = known[:, 0] / known[:, 1] - 1.0
     mean, sigma = float(np.mean(scales)), float(np.std(scales, ddof=1))
     half = student_quantile(0.975, independent - 1.0) * sigma / np.sqrt(independent)
-    return figure_row("scale", *where, n=count, value=mean, low95=mean - half, high95=mean + half)
+    bounds = {"low95": mean - half, "high95": mean + half}
+    return figure_row("scale", *where, n=count, independent=independent, value=mean, **bounds)
 
 
 def hat_rows(runs: Sequence[ComparedRun], condition: Condition) -> list[Figure]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.evidence.calibration import Advice
+from sfr_loc_map.evidence.calibration import Advice, CameraOffset, advice_by_angle, wrong_among
 from sfr_loc_map.evidence.check import CORRECTED, check_drive
 from sfr_loc_map.evidence.check_result import OF_SUBJECTS, SCHEMA, Check, CheckResult, combined
 from sfr_loc_map.evidence.overlap import check_maps
@@ -38,8 +38,17 @@ class RecordingCheck:
     """The checks of a recording."""
 
     checks: Mapping[str, Check]  #: By subject.
-    calibration: tuple[str, ...] = ()  #: Offsets of the right camera for which the calibration should be repeated.
-    advice: Mapping[str, Advice] = field(default_factory=dict)  #: Action for the calibration file, by angle.
+    offsets: tuple[CameraOffset, ...] = ()  #: Offsets of the right camera from its calibration.
+
+    @property
+    def calibration(self) -> tuple[str, ...]:
+        """Offsets of the right camera for which the calibration should be repeated, one phrase each."""
+        return tuple(offset.text for offset in wrong_among(self.offsets))
+
+    @property
+    def advice(self) -> dict[str, Advice]:
+        """The recommended action for the calibration file, by angle."""
+        return advice_by_angle(self.offsets)
 
     @property
     def results(self) -> dict[str, CheckResult]:
@@ -101,17 +110,15 @@ def check_recording(
     `progress` is called after each of the `calls_of_check` calls of the localiser.
     """
     checks: dict[str, Check] = {}
-    calibration: tuple[str, ...] = ()
-    advice: dict[str, Advice] = {}
+    offsets: tuple[CameraOffset, ...] = ()
     if has_drive_to_check(source):
         parameters = config.build(LocalisationConfig, "localisation")
         drive = check_drive(drive_of(source), parameters, conditions, most_pairs, others, progress)
         checks[DRIVE] = drive
-        calibration = tuple(offset.text for offset in drive.wrong_offsets)
-        advice = drive.advice
+        offsets = drive.offsets
     if source.nav is not None and has_maps(source):
         checks[MAPS] = check_maps(source.nav, config.build(MappingConfig, "mapping"))
-    return RecordingCheck(checks, calibration, advice)
+    return RecordingCheck(checks, offsets)
 
 
 def has_maps(source: Source) -> bool:

@@ -61,7 +61,7 @@ class Closure:
 
 
 def find_closures(drive: PairsInMemory, forward: ComparedRun, config: LocalisationConfig) -> list[Closure]:
-    """Return the misclosures of places that a drive revisits; their paths share no pair."""
+    """Return the misclosures of places that a drive revisits; two of their paths share at most a pair at an end."""
     worth = worth_of_visits(forward)
     found = []
     for _ in range(MOST_TRIES):

@@ -14,8 +14,8 @@ follows:
   `deviations` the deviations from the specification.
 
 `page` (`Page`) and `test_report` (`SignedReport`) compose these parts in the order of their templates. Several scores
-of the same data are shown by `comparison` and `methods_page`. `benchmark_tables`, `check_tables`, `diagnosis_table` and
-`path_plot` do not show a score.
+of the same data are shown by `comparison` and `methods_page`. `benchmark_tables`, `diagnosis_table` and `path_plot`
+do not show a score.
 """
 
 import lazy_loader

@@ -5,15 +5,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.stored.comparison import SIGNIFICANT, Comparison
+from sfr_loc_map.metrics.stored.comparison import SIGNIFICANT, Comparison, Outcome
 from sfr_loc_map.metrics.table.catalogue import title_of
 from sfr_loc_map.report.verdict_view import limited_name, unit_of_numbers
 from sfr_loc_map.tables.model import ABSENT, NONE, Cell, Column, Row, Table, Unit, fitting
 
 FIRST_TABLES = ("pairs", "methods")  #: Tables above the plots of a page.
+DIFFERENT = (Outcome.WORSE, Outcome.BETTER)
+UNDECIDED = frozenset((Outcome.NOT_ENOUGH_DATA, Outcome.INCOMPLETE))  #: Outcomes without a test of the difference.
 
 
 def comparison_tables(result: Comparison) -> list[Table]:
@@ -87,15 +89,23 @@ def optional_cell(value: float | int | None, unit: Unit = NONE, *, signed: bool 
 
 def summary_of(result: Comparison) -> tuple[str, str]:
     """Return a heading and a text that compare the other scores with the reference, worse scores first."""
-    outcomes: dict[str, dict[str, list[str]]] = {}  # figures by name of the score and outcome
+    outcomes: dict[str, dict[Outcome, list[str]]] = {}  # figures by name of the score and outcome
     for pair in result.pairs:
-        figures = outcomes.setdefault(pair.name, {}).setdefault(pair.outcome.value, [])
+        figures = outcomes.setdefault(pair.name, {}).setdefault(pair.outcome, [])
         figures.append(f"{pair.figure} over {label_of(pair.condition)}")
-    sentences = []
-    for name, found in sorted(outcomes.items(), key=lambda item: "worse" not in item[1]):
-        differences = [f"{word} in {', '.join(found[word])}" for word in ("worse", "better") if word in found]
-        sentences.append(f"{name}: {'; '.join(differences) or 'no difference is certain'}.")
-    counts = {word: sum(word in found for found in outcomes.values()) for word in ("worse", "better")}
-    heading = ", ".join(f"{count} of {len(outcomes)} {word}" for word, count in counts.items() if count)
+    ordered = sorted(outcomes.items(), key=lambda item: Outcome.WORSE not in item[1])
+    sentences = [f"{name}: {_outcome_text(figures)}." for name, figures in ordered]
     sentences.append(f"{len(result.names)} scores of the same data; the reference is {result.names[0]}.")
-    return heading or "no difference", " ".join(sentences)
+    counts = {word: sum(word in figures for figures in outcomes.values()) for word in DIFFERENT}
+    heading = ", ".join(f"{count} of {len(outcomes)} {word}" for word, count in counts.items() if count)
+    if not heading:
+        is_tested = any(outcome not in UNDECIDED for figures in outcomes.values() for outcome in figures)
+        heading = "no difference shown" if is_tested else "no paired comparison"
+    return heading, " ".join(sentences)
+
+
+def _outcome_text(figures: Mapping[Outcome, Sequence[str]]) -> str:
+    """Return in which figures a score differs, or why no difference is shown."""
+    differences = [f"{word} in {', '.join(figures[word])}" for word in DIFFERENT if word in figures]
+    undecided = [f"{word} in {', '.join(figures[word])}" for word in sorted(UNDECIDED.intersection(figures))]
+    return "; ".join([*differences, *undecided]) or "no difference is certain"

@@ -65,9 +65,9 @@ def path_plot(curves: Sequence[Curve]) -> Plot:
         max((float(each.error_m.max()) for each in curves if each.error_m is not None), default=0.0)
     )
     data: list[Trace] = []
-    for curve in curves:
+    for k, curve in enumerate(curves):
         width = 3 if curve.colour == "@truth" else 2
-        style: dict[str, Any] = {"color": curve.colour, "width": width, "legendgroup": curve.colour[1:]}
+        style: dict[str, Any] = {"color": curve.colour, "width": width, "legendgroup": str(k)}
         name = plain(curve.name)
         x, y, z = (scaled(column.tolist(), 1.0) for column in curve.positions.T)
         seconds = scaled(curve.seconds.tolist(), 1.0)

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import compare, results_of
-from sfr_loc_map.evidence.calibration import Advice, advice_of, offset_rows, right_camera_offsets
+from sfr_loc_map.evidence.calibration import Advice, CameraOffset, advice_of, offset_rows, right_camera_offsets
 from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
+from sfr_loc_map.evidence.check_tables import calibration_table
 from sfr_loc_map.evidence.other_estimates import at_pairs_of, hat_rows, scale_row, three_cornered_hat
 from sfr_loc_map.evidence.recording import RecordingCheck
 from sfr_loc_map.evidence.variants import ComparedRun
@@ -21,7 +22,6 @@ from sfr_loc_map.localisation.estimate import TrackingStatistics
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates
-from sfr_loc_map.report.check_tables import calibration_table
 
 STAMPS = 1_000_000_000 + np.arange(400) * 100_000_000
 SIGMA_M, SIGMA_RAD = 1e-3, 2e-4
@@ -241,5 +241,5 @@ def test_a_recording_is_consistent_only_if_each_of_its_subjects_is(drive: str, m
         for subject, result in (("drive", drive), ("maps", maps))
     }
     assert RecordingCheck(checks).to_dict()["result"] == overall
-    redo = RecordingCheck(checks, ("pitch",)).to_dict()
+    redo = RecordingCheck(checks, (CameraOffset("pitch", 4, 0.5, 0.4, 0.6, 0.1, None),)).to_dict()
     assert redo["result"] == redo["results"]["calibration"] == "inconsistent"

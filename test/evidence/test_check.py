@@ -15,6 +15,7 @@ from helpers.made_scene import LOC_RIG
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.evidence.calibration import CameraOffset, corrected_drive
 from sfr_loc_map.evidence.check import check_drive
+from sfr_loc_map.evidence.check_tables import agreement_table, calibration_table, items_with
 from sfr_loc_map.evidence.recording import names_of_estimates
 from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory
 from sfr_loc_map.faults.injector import FaultInjector
@@ -27,7 +28,6 @@ from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.rows import figure_row
-from sfr_loc_map.report.check_tables import agreement_table, calibration_table, items_with
 from sfr_loc_map.runs.offline import trajectory_of
 
 

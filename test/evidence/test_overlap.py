@@ -13,6 +13,7 @@ import pytest
 from helpers.cli_result import Sfr
 from helpers.made_scene import NAV_RIG, nav_pair
 from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
+from sfr_loc_map.evidence.check_tables import overlap_table
 from sfr_loc_map.evidence.overlap import find_overlaps, overlap_rows
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
@@ -20,7 +21,6 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.report.check_tables import overlap_table
 
 
 @dataclass(frozen=True)

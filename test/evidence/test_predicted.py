@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sfr_loc_map.evidence.check_tables import predicted_table
 from sfr_loc_map.evidence.predicted import ErrorSource, predicted_rows
 from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -13,7 +14,6 @@ from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE, relative_covariance, sums_of_steps
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.report.check_tables import predicted_table
 
 COUNT, STEP_M, OVER = 60, 0.1, 20
 STEP_SIGMA_M, NOISE_M, ALONG_M, TURN_RAD = 2e-3, 3e-3, 5e-4, 1e-4

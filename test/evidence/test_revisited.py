@@ -14,6 +14,7 @@ from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, stereo_
 from sfr_loc_map.evidence.agreement import results_of
 from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.check_result import CheckResult, combined
+from sfr_loc_map.evidence.check_tables import agreement_table, closure_table
 from sfr_loc_map.evidence.revisited import Closure, agreement_at, closure_between, find_closures, worth_of_visits
 from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, Variant, run_pairs, run_variant
 from sfr_loc_map.geometry.stereo import StereoPair
@@ -24,7 +25,6 @@ from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
 from sfr_loc_map.metrics.frames.association import UPPER, Estimates
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.report.check_tables import agreement_table, closure_table
 
 STEPS = 60  #: Steps around a made circle.
 OUT = 30  #: Pairs of the way out.

@@ -12,7 +12,7 @@ from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.comparison import Comparison, compare_scores
 from sfr_loc_map.metrics.table.rows import figure_row
-from sfr_loc_map.report.comparison import comparison_tables
+from sfr_loc_map.report.comparison import comparison_tables, summary_of
 
 
 def scores(seed: int, noises: tuple[float, ...], count: int = 800, over: str = "distance=5") -> list[Score]:
@@ -37,6 +37,15 @@ def test_twice_the_error_is_worse_and_half_is_better() -> None:
     assert pair.ci95 is not None
     assert pair.ci95[0] < pair.difference < pair.ci95[1]
     assert {item.outcome for item in compare_scores([both[0]] * 2, ["a", "b"]).pairs} == {"equal"}
+
+
+def test_a_summary_does_not_call_scores_equal_that_were_not_compared() -> None:
+    both = scores(1, (0.005, 0.010))
+    incomplete = [both[0], replace(both[1], incomplete="half of the drive is missing")]
+    heading, text = summary_of(compare_scores(incomplete, ["all", "half"]))
+    assert heading == "no paired comparison"
+    assert text.startswith("half: incomplete in position over 5 m")
+    assert summary_of(compare_scores([both[0]] * 2, ["a", "b"]))[0] == "no difference shown"
 
 
 @pytest.mark.slow

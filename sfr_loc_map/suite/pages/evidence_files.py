@@ -16,11 +16,11 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check_result import SCHEMA as CHECK_SCHEMA
 from sfr_loc_map.evidence.check_result import CheckResult
+from sfr_loc_map.evidence.check_tables import check_tables
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.table.rows import Figure
-from sfr_loc_map.report.check_tables import check_tables
 from sfr_loc_map.report.test_report import AdditionalEvidence
 from sfr_loc_map.suite.pages.search_page import case_table
 from sfr_loc_map.suite.pages.tables import budget_tables

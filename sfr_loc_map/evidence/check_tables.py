@@ -1,6 +1,7 @@
-"""Tables of a check without a ground truth (`sfr check`), from its figures.
+"""Tables of a check without a ground truth (`sfr check`), from its figures: one for each kind of evidence.
 
-Each line of a table shows the figures with the same condition and part. The cell of a number has its key in the JSON.
+`evidence.kinds` states what the numbers of each table show and what they hide. Each line of a table shows the figures
+with the same condition and part. The cell of a number has its key in the JSON.
 """
 
 from __future__ import annotations
@@ -9,12 +10,13 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.mapping.multiview.pose_agreement import MAX_GREY_RATIO, MAX_RANGE_RATIO
+from sfr_loc_map.evidence import kinds
+from sfr_loc_map.evidence.kinds import EvidenceKind
 from sfr_loc_map.mapping.multiview.projection import SHIFT_PX
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.table.catalogue import REVISITED_PLACES
 from sfr_loc_map.metrics.table.rows import Figure
-from sfr_loc_map.tables.model import ABSENT, METRE, NONE, PERCENT, Cell, Column, Table, Unit, fitting
+from sfr_loc_map.tables.model import ABSENT, METRE, NONE, PERCENT, Cell, Column, Row, Table, Unit, fitting
 
 CALIBRATION_NAMES = {
     "right_camera": "right camera, ",
@@ -37,6 +39,10 @@ def check_tables(figures: Sequence[Figure], advice: Mapping[str, str]) -> list[T
         overlap_table(figures),
     )
     return [table for table in tables if table.rows]
+
+
+def _table(kind: EvidenceKind, columns: Sequence[Column], rows: Sequence[Row]) -> Table:
+    return Table(kind.name, kind.title, tuple(columns), tuple(rows), kind.note)
 
 
 def agreement_table(figures: Sequence[Figure]) -> Table:
@@ -70,14 +76,7 @@ def agreement_table(figures: Sequence[Figure]) -> Table:
         Column("independent"),
         Column("p"),
     )
-    note = (
-        "One of the two runs has the minimum error or a larger error. NEES: squared difference normalised by the "
-        "covariances of both runs, over the independent sub-trajectories; 6 on average if the covariances are "
-        "correct. p: probability of a difference this large if the covariances are correct. Errors that both runs "
-        "share are not included: a wrong calibration is unobservable, and the noise of common images reduces the "
-        "difference."
-    )
-    return Table("check", "Runs that should agree", columns, tuple(rows), note)
+    return _table(kinds.AGREEMENT, columns, rows)
 
 
 def closure_table(figures: Sequence[Figure]) -> Table:
@@ -103,12 +102,7 @@ def closure_table(figures: Sequence[Figure]) -> Table:
         Column("of the path", PERCENT),
         Column("NEES"),
     )
-    note = (
-        "Misclosure: difference between the motion accumulated along the path from visit to visit and the motion that "
-        "a direct run measures from the landmarks of the first visit. NEES: 6 on average if the covariances are "
-        "consistent. A scale error is unobservable, because it cancels in a closed loop."
-    )
-    return Table("revisited", "Revisited places", columns, tuple(rows), note)
+    return _table(kinds.REVISITED, columns, rows)
 
 
 def predicted_table(figures: Sequence[Figure]) -> Table:
@@ -136,12 +130,7 @@ def predicted_table(figures: Sequence[Figure]) -> Table:
         Column("attitude, rms", Unit("deg")),
         Column("n"),
     )
-    note = (
-        "Error budget from the covariance of the forward run. Disparity: a constant error, such as from a yaw of the "
-        "right camera. Lens: an error that varies over the image. Sub-trajectories with a degraded or lost pose are "
-        "skipped. Sources that the localiser does not model are missing: baseline, focal length, mounting, stamps."
-    )
-    return Table("predicted", "Predicted error by its sources", columns, tuple(rows), note)
+    return _table(kinds.PREDICTED, columns, rows)
 
 
 def scale_table(figures: Sequence[Figure]) -> Table:
@@ -155,6 +144,7 @@ def scale_table(figures: Sequence[Figure]) -> Table:
                 Cell.number(row.value, f"figures.{index}.value", PERCENT),
                 Cell.interval(row.interval, f"figures.{index}", PERCENT),
                 Cell.number(row.n, f"figures.{index}.n"),
+                Cell.number(row.independent, f"figures.{index}.independent", undefined=ABSENT),
             )
             rows.append(cells)
     columns = (
@@ -163,13 +153,9 @@ def scale_table(figures: Sequence[Figure]) -> Table:
         Column("excess of length", PERCENT),
         Column("95 % interval", PERCENT),
         Column("n"),
+        Column("independent"),
     )
-    note = (
-        "Relative excess of the straight-line distances of the forward run over those of the other estimate. If the "
-        "other estimate is the odometry of wheels that do not slip, the excess is the error of the ratio of baseline "
-        "and focal length."
-    )
-    return Table("scale", "Length against other estimates", columns, tuple(rows), note)
+    return _table(kinds.SCALE, columns, rows)
 
 
 def hat_table(figures: Sequence[Figure]) -> Table:
@@ -182,11 +168,7 @@ def hat_table(figures: Sequence[Figure]) -> Table:
             count = Cell.number(row.n, f"figures.{index}.n")
             rows.append((Cell.head(row.part or ""), Cell(label_of(row.condition)), Cell(unit.symbol), sigma, count))
     columns = (Column("estimate", words=True), Column("over", words=True), Column("unit"), Column("sigma"), Column("n"))
-    note = (
-        "Three-cornered hat: assumes independent errors. Errors that the estimates share, such as those of the "
-        "calibration, are hidden."
-    )
-    return Table("hat", "Three estimates", columns, tuple(rows), note)
+    return _table(kinds.HAT, columns, rows)
 
 
 def calibration_table(figures: Sequence[Figure], advice: Mapping[str, str]) -> Table:
@@ -212,13 +194,7 @@ def calibration_table(figures: Sequence[Figure], advice: Mapping[str, str]) -> T
         Column("n"),
         Column("calibration file", words=True),
     )
-    note = (
-        "Offsets from the calibration file: mean over n runs, which share their images. Redo: the offsets of all "
-        "runs have one sign, and their mean is large. Keep: the offsets of all runs are small. Yaw "
-        "is reported as 0 until it is significant. Positions: root mean square over n sub-trajectories; the localiser "
-        "corrects the rest itself. A wrong baseline or focal length is unobservable without a truth or wheel odometry."
-    )
-    return Table("calibration", "Calibration of the right camera", columns, tuple(rows), note)
+    return _table(kinds.CALIBRATION, columns, rows)
 
 
 def overlap_table(figures: Sequence[Figure]) -> Table:
@@ -246,13 +222,7 @@ def overlap_table(figures: Sequence[Figure]) -> Table:
         Column(f"grey difference over that {SHIFT_PX} px away"),
         Column("points"),
     )
-    note = (
-        "Robust root mean square over the points that both pairs observe. The expected difference follows from the "
-        f"reported sigmas and correct poses. Maps disagree above a ratio of {MAX_RANGE_RATIO:g}, or if the grey level "
-        f"difference exceeds {MAX_GREY_RATIO:g} times that {SHIFT_PX} px away. Errors of the camera calibration are "
-        "hidden, because all pairs share them."
-    )
-    return Table("overlap", "Maps that should agree", columns, tuple(rows), note)
+    return _table(kinds.OVERLAP, columns, rows)
 
 
 class Item(NamedTuple):

@@ -1,0 +1,102 @@
+"""The kinds of evidence of a check without ground truth: the statistic of each, what it shows, and what it hides.
+
+Each kind is a table of a check (`check_tables`), whose note is `EvidenceKind.note`. The rows of its figures are
+made in the module of the same subject.
+
+| kind | rows are made by | decides the result |
+|---|---|---|
+| `AGREEMENT` | `agreement.agreement_rows` | yes |
+| `REVISITED` | `revisited.closure_rows`, `agreement.agreement_rows` | yes |
+| `PREDICTED` | `predicted.predicted_rows` | no |
+| `SCALE` | `other_estimates.scale_row` | no |
+| `HAT` | `other_estimates.hat_rows` | no |
+| `CALIBRATION` | `calibration.offset_rows`, `calibration.cost_row` | yes |
+| `OVERLAP` | `overlap.overlap_rows` | yes |
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from sfr_loc_map.mapping.multiview.pose_agreement import MAX_GREY_RATIO, MAX_RANGE_RATIO
+from sfr_loc_map.mapping.multiview.projection import SHIFT_PX
+
+
+class EvidenceKind(NamedTuple):
+    """One kind of evidence."""
+
+    name: str  #: Name of its table.
+    title: str
+    statistic: str  #: Definition of its numbers.
+    shows: str  #: What follows from the numbers.
+    hides: str  #: Errors that the numbers cannot show.
+
+    @property
+    def note(self) -> str:
+        """The note below the table."""
+        return f"{self.statistic} Shown: {self.shows} Hidden: {self.hides}"
+
+
+AGREEMENT = EvidenceKind(
+    "check",
+    "Runs that should agree",
+    statistic="Difference of two runs over sub-trajectories. NEES: squared difference normalised by the covariances of "
+    "both runs, over the independent sub-trajectories; 6 on average if the covariances are correct. p: probability of "
+    "a difference this large if the covariances are correct.",
+    shows="one of the two runs has the minimum error or a larger error.",
+    hides="errors that both runs share. A wrong calibration is unobservable, and the noise of common images reduces "
+    "the difference.",
+)
+REVISITED = EvidenceKind(
+    "revisited",
+    "Revisited places",
+    statistic="Misclosure: difference between the motion accumulated along the path from visit to visit and the motion "
+    "that a direct run measures from the landmarks of the first visit. NEES: 6 on average if the covariances are "
+    "consistent.",
+    shows="errors that accumulate along the path.",
+    hides="a scale error, because it cancels in a closed loop.",
+)
+PREDICTED = EvidenceKind(
+    "predicted",
+    "Predicted error by its sources",
+    statistic="Root mean square over n sub-trajectories, from the covariance of the forward run. Disparity: a constant "
+    "error, such as from a yaw of the right camera. Lens: an error that varies over the image. Sub-trajectories with a "
+    "degraded or lost pose are skipped.",
+    shows="the expected error and its largest source, if the covariance is correct.",
+    hides="sources that the localiser does not model: baseline, focal length, mounting, stamps.",
+)
+SCALE = EvidenceKind(
+    "scale",
+    "Length against other estimates",
+    statistic="Relative excess of the straight-line distances of the forward run over those of the other estimate, "
+    "with an interval over the independent sub-trajectories.",
+    shows="the error of the ratio of baseline and focal length, if the other estimate is the odometry of wheels that "
+    "do not slip.",
+    hides="scale errors that both estimates share.",
+)
+HAT = EvidenceKind(
+    "hat",
+    "Three estimates",
+    statistic="Three-cornered hat: the sigma of each of three estimates from their differences, without an interval.",
+    shows="which estimate is the least precise, if the errors are independent.",
+    hides="errors that the estimates share, such as those of the calibration.",
+)
+CALIBRATION = EvidenceKind(
+    "calibration",
+    "Calibration of the right camera",
+    statistic="Offsets from the calibration file: mean over n runs, which share their images, so that there is no "
+    "interval. Yaw is reported as 0 until it is significant. Positions: root mean square over n sub-trajectories; the "
+    "localiser corrects the rest itself.",
+    shows="redo if the offsets of all runs have one sign and their mean is large; keep if the offsets of all runs are "
+    "small.",
+    hides="a wrong baseline or focal length, which is unobservable without a truth or wheel odometry.",
+)
+OVERLAP = EvidenceKind(
+    "overlap",
+    "Maps that should agree",
+    statistic="Robust root mean square over the points that both pairs observe. The expected difference follows from "
+    "the reported sigmas and correct poses.",
+    shows=f"the maps disagree above a ratio of {MAX_RANGE_RATIO:g}, or if the grey level difference exceeds "
+    f"{MAX_GREY_RATIO:g} times that {SHIFT_PX} px away.",
+    hides="errors of the camera calibration, because all pairs share them.",
+)
