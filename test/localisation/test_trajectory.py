@@ -243,6 +243,12 @@ def test_the_step_to_a_kept_pose_is_the_motion_of_the_pose_by_an_adjustment() ->
     np.testing.assert_array_equal(again.motion, np.zeros(6))
 
 
+def test_a_caller_cannot_overwrite_the_zero_that_all_steps_and_poses_share() -> None:
+    step = step_to(begun(), 1, STEP)
+    with pytest.raises(ValueError, match="read-only"):
+        step.speed_change[0, 0] = 1.0
+
+
 @pytest.mark.parametrize("inflation", [Inflation.NONE, Inflation.UNOBSERVED, Inflation.AMBIGUITY])
 def test_a_step_from_the_first_pair_of_a_window_does_not_contain_the_motion_before_the_window(
     inflation: Inflation,

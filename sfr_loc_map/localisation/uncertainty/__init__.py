@@ -1,5 +1,16 @@
 """Uncertainty of poses and steps: error sources, their sums along the path, and the covariances.
 
+    tracks, map, calibration        findings
+          |                            |
+          |                            v
+          |                       AddedError ------------------------+
+          |                            |                             |
+          v                            v                             v
+    PathSums -------------------> PathErrors                   PublishedPose ----> StepEstimate
+                                       |                  (of the last and of this pose)
+                                       v
+                                   PoseTerms ----> covariance of the pose
+
 | module | content |
 |---|---|
 | `error_sources` | the parameters of the error sources, with units and values |
@@ -9,53 +20,30 @@
 | `inflation` | what an unobserved motion and the findings of the guards add |
 | `rover_model` | constants of a run: extrinsics, camera geometry, bounds of the motion, error sources |
 
-All functions are pure. `trajectory` calls them with each pair and holds the state: `PathErrors` of the pose, and
-`PublishedPose` of the next step.
+All functions are pure, and each states its formula. `trajectory` calls them with each pair and holds the state:
+`PathErrors` of the pose, and `PublishedPose` of the next step.
 
 Names in the formulas: f is the focal length, px, and b the baseline, m. Z is the median depth of the landmarks, m: of
 the map in a pose, of the tracked landmarks in a step. `given_keyframes` is the covariance of a pose given the
-keyframes, the inverse of `Tracks.information`. `yaw_sigma_px`, `target_px` and `remaining_px` are the standard
-deviation of the right camera's yaw, the yaw to be corrected, and its part that is not corrected yet
-(`online_calibration.YawEstimate`). Other names are fields of `ErrorSources`, or are explained beside the formula.
+keyframes, the inverse of `Tracks.information`. `yaw_sigma_px`, `target_px`, `corrected_px` and `remaining_px` are the
+standard deviation of the right camera's yaw, the yaw to be corrected, and its parts that are corrected and that are not
+corrected yet (`online_calibration.YawEstimate`). `lens_turn` is the rotation per metre by residual lens distortion
+(`RoverModel.lens_turn_per_m`). Other names are fields of `ErrorSources`, or are explained beside the formula.
 
 **The covariance of a pose** of the left camera in the world is the sum of seven terms (`PoseTerms`):
 
     pose = external + drift + alone + kept_motion + directed + disparity + attitude
 
-| term | error source | value |
-|---|---|---|
-| `external` | external pose | its covariance; for a past pair also `alone` of this pair |
-| `drift` | keyframes | adjustment_inflation (covariance of the newest keyframe from the bundle adjustment) |
-| | windows | `drift`, `alone` and `kept_motion` of the pose at which a window begins, and `blur` of its image |
-| `alone` | landmarks in the image | adjustment_inflation given_keyframes |
-| | blur and jitter of the image | blur: (blur_px / f)^2 about each axis, (Z blur_px / f)^2 in position |
-| | stale parts of the image | unobserved, if a finding requires this (`Inflation.UNOBSERVED`) |
-| `kept_motion` | motion while a pose is kept | unobserved |
-| `directed` | lens distortion | (sum of hypot(lens_px, lens_ratio RMS residual disparity) / (f b) length)^2, attitude |
-| | ambiguous motions | (sum of ambiguity)^2, if a finding requires this (`Inflation.AMBIGUITY`) |
-| `disparity` | error common to all disparities | common_px^2 bias bias' |
-| | path before the yaw was corrected | uncorrected uncorrected' |
-| `attitude` | yaw, which bends the path | (bent_attitude_ratio / f)^2 (yaw_sigma_px^2 + target_px^2) |
-| | drift of the right camera | (followed_attitude_ratio / f)^2 (sum of absolute corrections, px)^2 |
-
-    common_px^2 = disparity_px^2 + yaw_sigma_px^2 + (unsettled_yaw_ratio remaining_px)^2
-    bias        = sum of Z / (f b) displacement, m/px
-    uncorrected = sum of (target_px - yaw corrected at the step) Z / (f b) displacement, m
-
-An attitude error displaces later positions: the terms `external` and `drift` are propagated from the position where the
-error arose to the present position (`LocatedCovariance`), and `directed` from the mean position of its angles.
-The term `attitude` is not propagated: it is an error of the present rotation only.
-
-| term | estimated from | changes with | counted since |
-|---|---|---|---|
-| `external` | the operator, or the start pose | external pose | |
-| `drift` | bundle adjustment | keyframe, new window | external pose |
-| `alone` | tracks of the pair, findings | accepted pair | the pose itself |
-| `kept_motion` | last speed, time | kept pair | last accepted pose |
-| `directed` | residual disparities (`OnlineCalibration.lens`), findings | step | external pose |
-| `disparity` | yaw of the windows (`OnlineCalibration.yaw`) | step, keyframe | external pose |
-| `attitude` | yaw of the windows | keyframe | start of the run |
-| | drift corrections (`OnlineCalibration.drift`) | drift correction | external pose |
+| term | errors of | estimated from | changes with | counted since |
+|---|---|---|---|---|
+| `external` | the external pose, `alone` of its pair | the operator, or the start pose | external pose | |
+| `drift` | keyframes and earlier windows | bundle adjustment | keyframe, new window | external pose |
+| `alone` | the image of this pose alone | tracks of the pair, findings | accepted pair | the pose itself |
+| `kept_motion` | the motion while a pose is kept | last speed, time | kept pair | last accepted pose |
+| `directed` | lens distortion, ambiguous motions | residual disparities, findings | step | external pose |
+| `disparity` | errors common to all disparities | yaw of the windows | step, keyframe | external pose |
+| `attitude` | the yaw of the right camera | yaw of the windows | keyframe | start of the run |
+| | the drift of the right camera | drift corrections | drift correction | external pose |
 
 An external pose does not end the attitude error of an uncertain yaw, because the yaw also bends the path after it.
 
@@ -78,12 +66,12 @@ previous pose was kept. An added error of a pose has opposite signs in the steps
 steps contains its covariance, which is conservative (`PublishedPose.undone_by_next_step`). The parts of the previous
 pose are zero if its pair began a window, because the step is measured from its image.
 
-**What findings and events add**:
+**What findings and events add** (`inflation`):
 
 | finding or event | adds | until |
 |---|---|---|
 | finding with `Inflation.UNOBSERVED` | unobserved, over the time since the last known pose | next accepted pair |
-| finding with `Inflation.AMBIGUITY` | the largest of three sizes (below); sigmas add up | external pose |
+| finding with `Inflation.AMBIGUITY` | the largest of three sizes; sigmas add up | external pose |
 | kept pair | unobserved, over the time since the last known pose | next accepted pair |
 | a window begins | unobserved, over the time since the last known pose; `blur` of the image | external pose |
 | external pose for a past pair | `alone` of this pair | external pose |
@@ -93,14 +81,9 @@ pose are zero if its pair began a window, because the step is measured from its 
 
 The last known pose is that of an accepted pair, of a pair that begins a window, or an external pose
 (`LastPose.known_ns`). If a window begins before the next accepted pair, it contains what was added until then, and the
-term lasts until the next external pose. The three sizes of an ambiguity are the distance of two motions, the estimated
-motion, and the unobserved motion.
+term lasts until the next external pose.
 
-    unobserved = diag(metres, metres, climb_ratio metres, tilt_ratio radians, tilt_ratio radians, radians)^2
-    metres     = seconds min(max(last speed, motion.unseen_speed_m_s), motion.max_speed_m_s)
-    radians    = seconds min(max(last turn rate, motion.unseen_turn_rad_s), motion.max_turn_rad_s)
-
-**A new error source** requires a parameter in `ErrorSources`, a row in the first table, and:
+**A new error source** requires a parameter in `ErrorSources`, the formula in the function that uses it, and:
 
 | the error is | code |
 |---|---|

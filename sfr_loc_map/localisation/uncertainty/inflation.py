@@ -11,11 +11,14 @@ from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize, Speed
 from sfr_loc_map.localisation.uncertainty.error_sources import ErrorSources
-from sfr_loc_map.localisation.uncertainty.path_errors import ZERO, DirectedError
+from sfr_loc_map.localisation.uncertainty.path_errors import NO_DIRECTED_ERROR, ZERO, DirectedError
 
 
 def unobserved_size(speed: Speed, seconds: float, bounds: MotionBounds) -> MotionSize:
     """Return the standard deviations of length and heading of a motion that no image showed.
+
+        metres  = seconds min(max(unseen_speed_m_s, speed), max_speed_m_s)
+        radians = seconds min(max(unseen_turn_rad_s, turn rate), max_turn_rad_s)
 
     Speed and turn rate are those of the last motion, because the rover may have continued. They are at least the
     configured values of an unobserved motion, and at most the configured maximum values, because two pairs with nearly
@@ -65,9 +68,14 @@ def inflation_of(
 ) -> AddedError:
     """Return what findings add to covariances, by the kinds of inflation that they require (`findings.RULES`).
 
+        ambiguity = max(other_distance, moved, unobserved), for the length and for the angle
+
+    The true motion may be the other motion, a standstill, or a motion that was not found.
+
     Args:
         inflation: Kinds of inflation that the findings of the pair require.
-        unobserved: Size of the motion since the last pose if no image shows it.
+        unobserved: Size of the motion since the last pose if no image shows it. The angle enters the ambiguity with at
+            most `MAX_ANGLE_RAD`.
         moved: Length and angle of the estimated motion since the last pose.
         other_distance: Distance between the poses of two possible motions; zero if only one was found.
         sources: Error sources of an unobserved motion.
@@ -75,8 +83,8 @@ def inflation_of(
     unobserved_rb = ZERO
     if Inflation.UNOBSERVED in inflation:
         unobserved_rb = unobserved_motion(unobserved, sources)
-    ambiguity = DirectedError(0.0, 0.0)
-    if Inflation.AMBIGUITY in inflation:  # either motion, or a standstill, may be the true one
+    ambiguity = NO_DIRECTED_ERROR
+    if Inflation.AMBIGUITY in inflation:
         ambiguity = DirectedError(
             max(other_distance.metres, moved.metres, unobserved.metres),
             max(other_distance.radians, moved.radians, min(unobserved.radians, MAX_ANGLE_RAD)),

@@ -11,14 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, length
+from sfr_loc_map.geometry.arrays import FloatArray, length, read_only
 from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.motion_size import MAX_ANGLE_RAD, MotionSize
 from sfr_loc_map.localisation.symmetric_matrices import positive_part
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
-ZERO = np.zeros((6, 6))  #: No uncertainty; read only.
+ZERO = read_only(np.zeros((6, 6)))  #: No uncertainty.
+ORIGIN = read_only(np.zeros(3))  #: Origin of the world, m, and a sum without steps.
 
 
 class LocatedCovariance(NamedTuple):
@@ -32,11 +33,14 @@ class LocatedCovariance(NamedTuple):
         return propagated_covariance(self.covariance, position - self.position)
 
 
-NOTHING = LocatedCovariance(np.zeros(3), ZERO)  #: No error; read only.
+NOTHING = LocatedCovariance(ORIGIN, ZERO)  #: No error.
 
 
-class DirectedError(MotionSize):
+class DirectedError(NamedTuple):
     """Standard deviations of errors that have the same direction in all steps and therefore add up."""
+
+    metres: float  #: In position, along each axis.
+    radians: float  #: About each axis.
 
     @property
     def covariance(self) -> FloatArray:
@@ -52,17 +56,22 @@ class DirectedError(MotionSize):
         return DirectedError(self.metres - earlier.metres, self.radians - earlier.radians)
 
 
+NO_DIRECTED_ERROR = DirectedError(0.0, 0.0)
+
+
 class PathSums(NamedTuple):
     """Sums over all steps of a run. No event resets them: an error since a reference is the difference of two sums."""
 
-    bias: FloatArray = np.zeros(3)  #: Position error per pixel of a constant disparity error, m/px.
-    corrected: FloatArray = np.zeros(3)  #: Position error per pixel times the yaw correction at the step, m.
+    bias: FloatArray = ORIGIN  #: Position error per pixel of a constant disparity error, m/px.
+    corrected: FloatArray = ORIGIN  #: Position error per pixel times the yaw correction at the step, m.
     followed_px: float = 0.0  #: Absolute drift corrections of the right camera, px.
-    directed: DirectedError = DirectedError(0.0, 0.0)  #: Ambiguous motions, and bending of the path by the lens.
-    turned: FloatArray = np.zeros(3)  #: Angle of the directed errors times the position where it arose, rad m.
+    directed: DirectedError = NO_DIRECTED_ERROR  #: Ambiguous motions, and bending of the path by the lens.
+    turned: FloatArray = ORIGIN  #: Angle of the directed errors times the position where it arose, rad m.
 
     def directed_at(self, position: FloatArray) -> FloatArray:
-        """Return the covariance `(6, 6)` of the directed errors at a position.
+        """Return the covariance `(6, 6)` of the directed errors at a position: the term `directed` of a pose.
+
+            directed = diag(metres, metres, metres, radians, radians, radians)^2, propagated from `turned` / radians
 
         All angles have the same unknown axis. Together they are one rotation about the mean of the positions where they
         arose, weighted by the angles.
@@ -94,6 +103,14 @@ def sums_after_step(
     model: RoverModel,
 ) -> PathSums:
     """Return the sums after a step.
+
+        bias      += Z / (f b) displacement
+        corrected += corrected_px Z / (f b) displacement
+        directed  += (0, lens_turn length of the displacement) + ambiguity
+        turned    += (angle of the added directed error) position
+
+    A step backwards undoes the turn of a step forwards (`systematic_step`). The length in `directed` has no sign, so
+    that the sum is an upper bound on a path with both.
 
     Args:
         before: Sums before the step.
@@ -172,11 +189,18 @@ class PathErrors:
 
     @property
     def alone(self) -> FloatArray:
-        """Covariance `(6, 6)` of the errors of the present pose that no other pose shares."""
+        """Covariance `(6, 6)` of the errors of the present pose that no other pose shares: the term `alone` of a pose.
+
+            alone = adjustment_inflation given_keyframes + blur + unobserved_motion
+
+        The field `given_keyframes` is inflated. `blur` is (Z blur_px / f)^2 in position, (blur_px / f)^2 in rotation.
+        """
         return self.given_keyframes + self.blur + self.unobserved_motion
 
     def shared(self, position: FloatArray) -> LocatedCovariance:
         """Return the covariance that the map at a position has accumulated since it was placed.
+
+            shared = before_window + adjustment_inflation (covariance of the newest keyframe in its window)
 
         The present pose shares these errors with its keyframe. External poses for past pairs do not reset them, so that
         the difference between two poses is the covariance that arose between the two.
@@ -184,7 +208,12 @@ class PathErrors:
         return LocatedCovariance(position, self.before_window.at(position) + self.in_window)
 
     def drift(self, position: FloatArray) -> FloatArray:
-        """Return the covariance `(6, 6)` that the map at a position has accumulated since the origin."""
+        """Return the covariance `(6, 6)` of the map at a position since the origin: the term `drift` of a pose.
+
+            drift = positive part of (shared - shared of the origin)
+
+        Both are propagated to the position.
+        """
         return positive_part(self.shared(position).covariance - self.origin.shared.at(position))
 
     def with_pose(

@@ -1,4 +1,9 @@
-"""Covariance of a pose, composed of terms that are named by their error source (table in `uncertainty`)."""
+"""Covariance of a pose, composed of terms that are named by their error source (table in `uncertainty`).
+
+An attitude error displaces later positions. The terms `external` and `drift` are therefore propagated from the position
+where the error arose to the present position (`LocatedCovariance`), and `directed` from the mean position of its angles
+(`PathSums.directed_at`). The term `attitude` is not propagated: it is an error of the present rotation only.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +52,15 @@ def pose_terms(
 
 
 def _disparity_term(sums: PathSums, calibration: OnlineCalibration, sources: ErrorSources) -> FloatArray:
-    """Return the term `disparity`: a constant disparity error, and the path before the yaw was corrected."""
+    """Return the term `disparity`: a constant disparity error, and the path before the yaw was corrected.
+
+        disparity   = common_px^2 bias bias' + uncorrected uncorrected'   (position only)
+        common_px^2 = disparity_px^2 + yaw_sigma_px^2 + (unsettled_yaw_ratio remaining_px)^2
+        uncorrected = target_px bias - corrected
+
+    `bias` and `corrected` are sums over the steps (`PathSums`), so that `uncorrected` is the sum of the displacements
+    times the part of the yaw that was not corrected at the step.
+    """
     unsettled_px = sources.unsettled_yaw_ratio * calibration.yaw.remaining_px
     common_px2 = sources.disparity_px**2 + calibration.yaw.sigma_px**2 + unsettled_px**2
     uncorrected = calibration.yaw.target_px * sums.bias - sums.corrected
@@ -57,7 +70,13 @@ def _disparity_term(sums: PathSums, calibration: OnlineCalibration, sources: Err
 
 
 def _attitude_term(sums: PathSums, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
-    """Return the term `attitude`: a yaw of the right camera bends the path, and so does an error of its drift."""
+    """Return the term `attitude`: a yaw of the right camera bends the path, and so does an error of its drift.
+
+        attitude = ((bent_attitude_ratio / f)^2 (yaw_sigma_px^2 + target_px^2)
+                    + (followed_attitude_ratio / f)^2 followed_px^2) I   (rotation only)
+
+    `followed_px` is the sum of the absolute drift corrections.
+    """
     sources = model.sources
     bent_px = sources.bent_attitude_ratio * np.hypot(calibration.yaw.sigma_px, calibration.yaw.target_px)
     attitude_px = np.hypot(bent_px, sources.followed_attitude_ratio * sums.followed_px)

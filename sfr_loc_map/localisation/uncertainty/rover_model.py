@@ -44,12 +44,19 @@ class RoverModel:
         )
 
     def blur(self, depth_m: float) -> MotionSize:
-        """Return the standard deviations of a pose that an error of the whole image causes, for a median depth."""
+        """Return the standard deviations of a pose that an error of the whole image causes, for a median depth Z.
+
+            blur = (Z blur_px / f, blur_px / f)
+
+        An error of a whole image turns all landmarks, and displaces the pose by this angle at their depth.
+        """
         blur_rad = self.sources.blur_px / self.fx
         return MotionSize(blur_rad * depth_m, blur_rad)
 
     def lens_turn_per_m(self, calibration: OnlineCalibration) -> float:
         """Return the rotation per metre, rad/m, by which residual lens distortion bends the path.
+
+            lens_turn = hypot(lens_px, lens_ratio RMS of the residual disparities) / (f b)
 
         If landmarks are too near on one side and too far on the other by 1 px of disparity, each step is turned by its
         length divided by (fx baseline).

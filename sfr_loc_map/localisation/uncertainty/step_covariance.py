@@ -46,7 +46,12 @@ class StepMotion:
 
 
 def updated_variance_factor(before: float | None, chi_median: float, sources: ErrorSources) -> float | None:
-    """Return the variance factor after a pair. `chi_median` is per degree of freedom, and NaN without residuals."""
+    """Return the variance factor after a pair: the ratio of the squared residuals to their stated variance.
+
+        variance_factor += variance_gain (chi_median / EXPECTED_CHI_MEDIAN - variance_factor)
+
+    The first pair with residuals sets the factor. `chi_median` is per degree of freedom, and NaN without residuals.
+    """
     found = chi_median / EXPECTED_CHI_MEDIAN
     if not np.isfinite(found):
         return before
@@ -67,12 +72,13 @@ def step_covariance(
                (adjustment_inflation between_keyframes + common)
         common = (keyframe_px Z / f)^2 diag(1, 1, 1, 0, 0, 0)
         step_ratio = max(flow of the step / max(flow of the keyframes, min_interval_ratio usual flow), min_step_ratio)
+        flow = length / Z + angle, rad
 
     Errors from images are independent from step to step. `between_keyframes` is the covariance of the newest keyframe
     given the previous keyframe (`KeyframeMotion.covariance`), and the flow of the keyframes is that of the motion
     between the two. In a window of one keyframe, `given_keyframes` and the usual flow (`RoverModel.keyframe_rad`) are
-    used instead. Flow is optical flow, rad. Before the first residuals, the factor before `step_ratio` is 1.
-    `MIN_VARIANCE` is added to each variance.
+    used instead. Before the first residuals, the factor before `step_ratio` is 1. The covariance of the left camera is
+    then propagated to RB, and `MIN_VARIANCE` is added to each variance.
 
     Args:
         step: The motion.
@@ -83,24 +89,28 @@ def step_covariance(
         model: Extrinsics, camera geometry and error sources.
     """
     sources = model.sources
-    size = step.size.metres / depth_m + step.size.radians
     if keyframes is None:
-        covariance = given_keyframes
-        interval = model.keyframe_rad
+        between_keyframes = given_keyframes
+        keyframe_flow = model.keyframe_rad
     else:
-        covariance = keyframes.covariance
-        shortest = sources.min_interval_ratio * model.keyframe_rad
-        interval = max(keyframes.size.metres / depth_m + keyframes.size.radians, shortest)
+        between_keyframes = keyframes.covariance
+        min_flow = sources.min_interval_ratio * model.keyframe_rad
+        keyframe_flow = max(_flow(keyframes.size, depth_m), min_flow)
+    step_ratio = max(_flow(step.size, depth_m) / keyframe_flow, sources.min_step_ratio)
     common = np.zeros(6)
     common[:3] = (sources.keyframe_px * depth_m / model.fx) ** 2
-    ratio = max(size / interval, sources.min_step_ratio)
     factor = 1.0
     if variance_factor is not None:
         factor = sources.step_inflation * max(variance_factor, sources.min_variance_factor)
-    covariance = factor * np.asarray(ratio * (sources.adjustment_inflation * covariance + np.diag(common)))
+    of_left = factor * (step_ratio * (sources.adjustment_inflation * between_keyframes + np.diag(common)))
     lever = -step.of_rb.rotation @ model.T_rb_left.translation
-    covariance = propagated_covariance(covariance, lever, step.R_rb_world)
-    return symmetric(covariance) + MIN_VARIANCE * np.eye(6)
+    of_rb = propagated_covariance(of_left, lever, step.R_rb_world)
+    return symmetric(of_rb) + MIN_VARIANCE * np.eye(6)
+
+
+def _flow(size: MotionSize, depth_m: float) -> float:
+    """Return the optical flow of a motion, rad, for a median depth."""
+    return size.metres / depth_m + size.radians
 
 
 def pose_noise(
@@ -130,16 +140,17 @@ def pose_noise(
 def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
     """Return the signed one-sigma effects `systematic` `(6,)` on one step, in RB, of the errors that all steps share.
 
-        systematic = (position, attitude)
+        systematic = (position, attitude, attitude, attitude)
         position = hypot(disparity_px, yaw_sigma_px, remaining_px) Z / (f b) displacement
-        attitude = hypot(lens_px, lens_ratio RMS of the residual disparities) / (f b) length
+        attitude = lens_turn length sign(x of the motion of RB)
 
-    The remaining yaw enters a step in full. In the pose it is multiplied by `unsettled_yaw_ratio`, because `pose`
-    also contains `uncorrected`. The depth Z is the median depth of the landmarks, m.
+    The sign makes the effects of a step forwards and of a step backwards cancel. The terms of a pose for the same
+    errors differ in two points. `directed` sums the lengths without the sign, which is an upper bound. In `disparity`,
+    the remaining yaw is multiplied by `unsettled_yaw_ratio`, because that term also contains `uncorrected`.
     """
     disparity_px = np.sqrt(
         model.sources.disparity_px**2 + calibration.yaw.sigma_px**2 + calibration.yaw.remaining_px**2
     )
-    scaled = disparity_px * depth_m / model.focal_baseline * step.displacement
-    turned = model.lens_turn_per_m(calibration) * np.copysign(step.size.metres, step.vector[0])
-    return np.concatenate((step.R_rb_world @ scaled, np.full(3, turned)))
+    position = disparity_px * depth_m / model.focal_baseline * step.displacement
+    attitude = model.lens_turn_per_m(calibration) * np.copysign(step.size.metres, step.vector[0])
+    return np.concatenate((step.R_rb_world @ position, np.full(3, attitude)))
