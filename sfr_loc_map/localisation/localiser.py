@@ -266,7 +266,7 @@ class Localiser:
         findings |= ground.findings
         verdict = decide(findings | guards.check_tracks(frame, ground.tracks))
         if verdict.refuses:
-            state = replace(state, ground_memory=ground.memory_after(verdict))
+            state = replace(state, ground_memory=ground.memory.after(verdict))
             return self._refuse_or_restart(state, verdict, frame, count, ground.tracks)
         # 6 correct the right camera
         corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
@@ -274,7 +274,7 @@ class Localiser:
         # 7 judge
         verdict = self._judge(state, candidate, findings)
         if verdict.refuses:
-            state = replace(state, ground_memory=ground.memory_after(verdict))
+            state = replace(state, ground_memory=ground.memory.after(verdict))
             return self._refuse_or_restart(state, verdict, frame, count, candidate.tracks)
         # 8 complete, 9 accept
         final = self._complete(state, candidate, verdict, clock)
@@ -407,7 +407,7 @@ class Localiser:
             landmark_map=landmark_map,
             calibration=corrected.calibration,
             shear_mean=corrected.shear_mean,
-            ground_memory=ground.memory_after(verdict),
+            ground_memory=ground.memory.after(verdict),
             recovery=recovery,
             failed_recoveries=0,
             keyframes=state.keyframes + int(final.is_keyframe),

@@ -1,51 +1,26 @@
 """The ground among the rigid motions in an image: how it is identified by its motion, and what follows for a pose.
 
-The ground is identified by its motion, not by its position in the image. Two state machines persist between pairs
-(`identification`). The first one states which motion is the ground's:
+The ground is identified by its motion, not by its position in the image. The motion of the ground is the one that more
+landmarks follow and that continues the previous motion. Landmarks of another motion (own body, dirt on the lens, moving
+objects) are no longer tracked, and their image cells are excluded for several pairs. If the images do not distinguish
+two motions, the pose is ambiguous.
 
-| from | a pair | to |
-|---|---|---|
-| `LEARNING` | agrees, for the third time | `IDENTIFIED` |
-| `LEARNING` | agrees only partly | `LEARNING`, counted from the start |
-| `LEARNING`, `IDENTIFIED` | is lost, or begins a window | `LEARNING`, counted from the start |
-| `IDENTIFIED` | doubts | `IN_DOUBT` for 3 pairs |
-| `LEARNING` | doubts | `IN_DOUBT` for 10 pairs |
-| `IN_DOUBT` | doubts | `IN_DOUBT`, for 10 pairs if more than 3 were left, otherwise for 3 pairs |
-| `IN_DOUBT` | agrees: the last of these pairs | `LEARNING` |
+    left image ----> Change ----+
+    earlier image               |
+                                v
+    main tracks ------------> Motion ----> Evidence ----> Case ----> Selection ----> tracks, excluded landmarks
+                                ^             ^             |            |
+                                |             |             v            v
+    GroundMemory ---------------+-------------+---------> Effect ----> NextMemory, findings
 
-A pair *agrees* if one motion explains it, the image moved, few cells are excluded as dynamic, and landmarks follow the
-motion also in the cells that were unexplained earlier. A pair *doubts* if two motions compete, if the image contradicts
-the motion, or if about half of the landmarks are unexplained. An unusual pair that does not agree prolongs a doubt.
+`selection` lists the steps with their functions, and examples. `GroundMemory` is the only state. It is an immutable
+value, which the localiser keeps and replaces after its verdict on the pair (`NextMemory.after`).
 
-The second one states whether faults of earlier images have an effect (`ImageFaults`):
-
-| a pair | transfers in a row | moving pairs to recovery |
-|---|---|---|
-| is partially transferred | + 1 | at least 3, or the number of transfers if smaller |
-| has stale rows | at least 1 | at least 1, or 10 if most rows are stale |
-| shows a double exposure, an ambiguity or a doubt | 0 | at least 3 |
-| has no fault, and the image moved | 0 | - 1 |
-| begins a window | 0 | 0 |
-
-The phase determines what a pair does to its pose. `cases` contains the complete table of the cases, and
-`findings.RULES` the actions. U and A are the inflations of the covariance by an unobserved motion and by an ambiguity
-(`findings.Inflation`).
-
-| the pair shows | `LEARNING` | `IDENTIFIED` | `IN_DOUBT` |
-|---|---|---|---|
-| one motion, agreeing or partly agreeing | accepted | accepted | degraded (A) |
-| one motion, before the recovery is complete | degraded (U) | degraded (U) | degraded (A) |
-| one motion, and the image did not move | accepted | accepted | degraded |
-| more unexplained landmarks than usual | degraded (A) | degraded (U) | degraded (A) |
-| about half of the landmarks unexplained, in 10 pairs in a row | degraded (A) | degraded (U) | degraded (A) |
-| the same in further pairs | degraded (A) | degraded (A) | degraded (A) |
-| two motions, one of them a standstill, in 10 pairs in a row | degraded (A) | degraded (U) | degraded (A) |
-| stationary texture, and one motion outside it: a body | degraded (U) | accepted | degraded (U) |
-| the same after a standstill, if most landmarks are stationary | degraded (A) | accepted | degraded (A) |
-| two exposures that are blended | degraded (U) | degraded (U) | degraded (U) |
-| two motions, one of them with far more weight | degraded (A) | accepted | degraded (A) |
-| two motions of similar weight | degraded (A) | degraded (A) | degraded (A) |
-| changed cells that the pose leaves in place | kept from 5 % of all cells | kept from 40 % | kept from 5 % |
+A pair either *agrees* with the earlier pairs or *doubts* which motion is the ground's. The pair agrees if one motion
+explains the pair, the image moved, few cells are excluded as dynamic, and landmarks follow the motion also in the cells
+that were unexplained earlier. The pair doubts if two motions compete, if the image contradicts the motion, or if about
+half of the landmarks are unexplained. An unusual pair that does not agree prolongs a doubt. `identification` contains
+the transitions.
 
 While the ground is not identified, the motion that is not selected may be the ground's. Each pair with a second motion,
 or with an unexplained part of the image, is therefore degraded. Unexplained landmarks in the first tracked pair of a
@@ -70,9 +45,11 @@ object already moves in the first tracked pair of a window, beside a rover at re
 
 | module | content |
 |---|---|
-| `selection` | the order of the steps of a pair, with examples |
-| `evidence`, `cases` | what a pair shows, and the tables of the cases and their effects |
-| `identification`, `memory` | the two state machines, and the images and cells that persist between pairs |
+| `selection` | the order of the steps of a pair, with examples, and the tracks of each case |
+| `cases` | the cases of a pair with their conditions, and the table of their effects |
+| `evidence`, `two_motions` | the values by which a pair is classified |
+| `searches`, `motion_tools` | searches for motions in a pair, and the tools of these searches |
+| `identification`, `memory` | the two state machines, and the memory that contains them |
 | `excluded_cells` | cells that are excluded for several pairs |
-| `cell_change`, `cell_motion`, `double_exposure`, `motion_tools` | measurements in the images |
+| `cell_change`, `cell_motion`, `double_exposure` | measurements in the images |
 """

@@ -1,124 +1,235 @@
-"""Cases of the ground's motion, and their consequences.
+"""Cases of the motions in a pair: how a pair is classified, and the consequences of each case.
 
-`case_of` returns the case of a pair: the first row of `CASES` whose condition is true. `EFFECTS` lists for each case
-the reported finding and what the memory learns, and `UNIDENTIFIED_EFFECTS` the differences while the ground is not
-identified. A new case requires a member of `Case`, a row in `CASES`, a row in `EFFECTS`, and a branch of
-`GroundSelector._selection`.
+Each case is a class. Its fields are the motions that `case_of` found, if the selection of the tracks requires them.
+
+| case | fields | motion that is used | what is excluded |
+|---|---|---|---|
+| `OwnBody` | motion off the body | that off the body | landmarks in stationary cells, and the cells of the body |
+| `Ambiguous` | two motions | that with more weight | nothing, because the other motion may be the ground's |
+| `MainOfTwo` | two motions | the main motion | what follows the other motion, or is fixed to the camera |
+| `OtherOfTwo` | two motions | the other motion | landmarks that follow only the main motion, and their cells |
+| `Untrusted`, `PartialTransfer`, `DoubleExposure`, `Contradicted` | | the main motion | nothing |
+| all other cases | | the main motion | what is fixed to the camera |
+
+`case_of` contains the conditions, `EFFECTS` the consequences, and `selection.selection_of` the tracks. A new case
+requires a class here, a member of `Case`, a condition, a row in `EFFECTS`, and a branch in `selection_of`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from enum import Enum, auto
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 from sfr_loc_map.localisation.findings import Finding, Findings
+from sfr_loc_map.localisation.ground import searches
 from sfr_loc_map.localisation.ground.evidence import Evidence
-from sfr_loc_map.localisation.ground.identification import Fault, Phase, Sign
-from sfr_loc_map.localisation.ground.memory import Effect, GroundMemory
+from sfr_loc_map.localisation.ground.identification import Fault, ImageFaults
+from sfr_loc_map.localisation.ground.memory import Conclusion, Effect, GroundMemory
+from sfr_loc_map.localisation.ground.motion_tools import ComparedPair, Motion
+from sfr_loc_map.localisation.ground.two_motions import TwoMotions, weighed
 
 
-class Case(Enum):
-    """The motions in a pair, and the tracks that are used."""
+@dataclass(frozen=True, slots=True, eq=False)
+class OwnBody:
+    """Texture fixed to the camera carries the main motion. The motion of the other landmarks is the ground's."""
 
-    #: The main motion is that of texture fixed to the camera. The motion of the other landmarks is the ground's.
-    OWN_BODY = auto()
-    UNTRUSTED = auto()  #: No motion is trusted. The main tracks are used, and the pose is refused.
-    PARTIAL_TRANSFER = auto()  #: Parts of the images come from different exposures. The main motion is used.
-    DOUBLE_EXPOSURE = auto()  #: Two exposures are blended. The motion of the dominant exposure is used.
-    AMBIGUOUS = auto()  #: Either of two motions may be the ground's. The one with the larger weight is used.
-    TWO_MOTIONS = auto()  #: The one of two motions with the larger weight is clearly the ground's.
-    CONTRADICTED = auto()  #: The image changed where the only motion predicts no change. The pose is refused.
-    HALF_UNEXPLAINED = auto()  #: About half of the landmarks, or more, do not follow the only motion.
-    UNEXPLAINED = auto()  #: More landmarks than on earlier ground do not follow the only motion.
-    AT_REST_IN_DOUBT = auto()  #: Like `STILL_IN_DOUBT`, and the image did not move.
-    STILL_IN_DOUBT = auto()  #: There is one motion, but too few pairs have agreed since the ground was in doubt.
-    ONE_MOTION = auto()  #: There is one motion. Its tracks are used, without those fixed to the camera.
+    off_body: Motion  #: Motion of the landmarks outside stationary cells.
 
 
-CASES: Final[tuple[tuple[Case, Callable[[Evidence], bool]], ...]] = (
-    (Case.OWN_BODY, lambda e: e.shows_own_body),
-    (Case.UNTRUSTED, lambda e: not e.main.is_trusted),
-    # parts of the images are stale, as in the previous pair
-    (Case.PARTIAL_TRANSFER, lambda e: e.is_unusual and not e.is_contradicted and e.repeats_transfer),
-    # one exposure dominates, and its motion explains more than half of the landmarks
-    (Case.DOUBLE_EXPOSURE, lambda e: not e.is_contradicted and not e.is_half_unexplained and e.is_double_exposure),
-    # one of two motions is a standstill: part of the images is that of the previous pair
-    (Case.PARTIAL_TRANSFER, lambda e: e.has_other and e.may_be_transfer and e.has_standstill),
-    (Case.AMBIGUOUS, lambda e: e.has_other and not (e.is_identified and e.is_decided)),
-    (Case.TWO_MOTIONS, lambda e: e.has_other),
-    (Case.CONTRADICTED, lambda e: e.is_contradicted),
-    # half of the landmarks is unexplained, and the fault has not lasted too long for a partial transfer
-    (Case.PARTIAL_TRANSFER, lambda e: e.is_half_unexplained and e.may_be_transfer),
-    # after more pairs than a partial transfer lasts, many landmarks may be on an object
-    (Case.HALF_UNEXPLAINED, lambda e: e.is_half_unexplained),
-    (Case.UNEXPLAINED, lambda e: e.is_unusual and e.has_typical),
-    # an image without motion neither ends the doubt nor hides a motion
-    (Case.AT_REST_IN_DOUBT, lambda e: e.stays_in_doubt and not e.main_motion.moves_image),
-    (Case.STILL_IN_DOUBT, lambda e: e.stays_in_doubt),
-    (Case.ONE_MOTION, lambda e: True),
+@dataclass(frozen=True, slots=True)
+class Untrusted:
+    """No motion is trusted, and the pose is refused."""
+
+
+@dataclass(frozen=True, slots=True)
+class PartialTransfer:
+    """Parts of the images come from different exposures."""
+
+
+@dataclass(frozen=True, slots=True)
+class DoubleExposure:
+    """Two exposures are blended. The main motion is that of the dominant exposure."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ambiguous:
+    """Either of two motions may be the ground's."""
+
+    motions: TwoMotions
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MainOfTwo:
+    """The main one of two motions is clearly the ground's."""
+
+    motions: TwoMotions
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OtherOfTwo:
+    """The other one of two motions is clearly the ground's."""
+
+    motions: TwoMotions
+
+
+@dataclass(frozen=True, slots=True)
+class Contradicted:
+    """The image changed where the only motion predicts no change. The pose is refused."""
+
+
+@dataclass(frozen=True, slots=True)
+class HalfUnexplained:
+    """About half of the landmarks, or more, do not follow the only motion."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """More landmarks than on earlier ground do not follow the only motion."""
+
+
+@dataclass(frozen=True, slots=True)
+class AtRestInDoubt:
+    """Like `StillInDoubt`, and the image did not move."""
+
+
+@dataclass(frozen=True, slots=True)
+class StillInDoubt:
+    """There is one motion, but too few pairs have agreed since the ground was in doubt."""
+
+
+@dataclass(frozen=True, slots=True)
+class OneMotion:
+    """There is one motion, and the ground is not in doubt after the pair."""
+
+
+Case = (
+    OwnBody
+    | Untrusted
+    | PartialTransfer
+    | DoubleExposure
+    | Ambiguous
+    | MainOfTwo
+    | OtherOfTwo
+    | Contradicted
+    | HalfUnexplained
+    | Unexplained
+    | AtRestInDoubt
+    | StillInDoubt
+    | OneMotion
 )
-"""Cases and their conditions. The first condition that is true determines the case.
-
-A condition is evaluated only if all conditions above are false. The first condition that requires another
-motion triggers the search for it. The rows below `TWO_MOTIONS` apply to a single motion.
-"""
 
 
-def case_of(evidence: Evidence) -> Case:
-    """Return the case of a pair."""
-    return next(case for case, applies in CASES if applies(evidence))
+# ---- the case of a pair
 
 
-EFFECTS: Final = {
-    Case.OWN_BODY: Effect(),
-    Case.UNTRUSTED: Effect(),
-    Case.PARTIAL_TRANSFER: Effect(Finding.PARTIAL_TRANSFER, fault=Fault.TRANSFER),
+def case_of(pair: ComparedPair, main: Motion, evidence: Evidence, memory: GroundMemory) -> Case:
+    """Return the case of a pair: that of the first condition that is true. `memory` is that before the pair."""
+    if not evidence.is_credible:
+        off_body = searches.motion_off_body(pair, main, memory)
+        if off_body is not None:
+            return OwnBody(off_body)
+    if not evidence.is_trusted:
+        return Untrusted()
+    # parts of the images are stale, as in the previous pair
+    if evidence.is_unusual and evidence.repeats_transfer and not evidence.is_contradicted:
+        return PartialTransfer()
+    # one exposure dominates, and its motion explains more than half of the landmarks
+    may_dominate = not evidence.is_contradicted and not evidence.is_half_unexplained
+    if may_dominate and searches.is_double_exposure(pair, main, memory.previous):
+        return DoubleExposure()
+    if evidence.is_contradicted or evidence.is_unusual:
+        other = searches.other_motion(pair, main, is_contradicted=evidence.is_contradicted)
+        if other is not None:
+            return case_of_two(weighed(pair, main, other), evidence)
+    return case_of_one(evidence)
+
+
+def case_of_two(motions: TwoMotions, evidence: Evidence) -> Case:
+    """Return the case of a pair with two motions."""
+    # part of the images is that of the previous pair
+    if motions.has_standstill and evidence.may_be_transfer:
+        return PartialTransfer()
+    if not (evidence.is_identified and motions.is_decided):
+        return Ambiguous(motions)
+    return OtherOfTwo(motions) if motions.other_wins else MainOfTwo(motions)
+
+
+def case_of_one(evidence: Evidence) -> Case:
+    """Return the case of a pair with one motion, which is trusted."""
+    if evidence.is_contradicted:
+        return Contradicted()
+    if evidence.is_half_unexplained:
+        # after more pairs than a partial transfer lasts, many landmarks may be on an object
+        return PartialTransfer() if evidence.may_be_transfer else HalfUnexplained()
+    if evidence.is_unusual and evidence.has_typical:
+        return Unexplained()
+    if evidence.stays_in_doubt:
+        # an image without motion neither ends the doubt nor hides a motion
+        return StillInDoubt() if evidence.support.moves_image else AtRestInDoubt()
+    return OneMotion()
+
+
+# ---- the consequences of a case
+
+
+class Effects(NamedTuple):
+    """Consequences of a case."""
+
+    usual: Effect
+    #: Consequences while the ground is not identified; None if they are the same.
+    unidentified: Effect | None = None
+
+
+EFFECTS: Final[dict[type[Case], Effects]] = {
+    OwnBody: Effects(
+        Effect(),
+        # its cells are excluded from the next pairs, so that the covariance of this pose alone is larger
+        unidentified=Effect(Finding.BODY_OR_GROUND),
+    ),
+    Untrusted: Effects(Effect()),
+    PartialTransfer: Effects(
+        Effect(Finding.PARTIAL_TRANSFER, fault=Fault.TRANSFER),
+        unidentified=Effect(Finding.TRANSFER_OR_MOTION, fault=Fault.TRANSFER),
+    ),
     # a fault of the images, which does not put the ground's motion in doubt
-    Case.DOUBLE_EXPOSURE: Effect(Finding.DOUBLE_EXPOSURE, fault=Fault.SUSPECTED),
-    Case.AMBIGUOUS: Effect(Finding.AMBIGUOUS, Sign.DOUBTS, Fault.SUSPECTED),
-    Case.TWO_MOTIONS: Effect(),
-    Case.CONTRADICTED: Effect(Finding.CONTRADICTED, Sign.DOUBTS, Fault.SUSPECTED, outlasts_refusal=True),
-    Case.HALF_UNEXPLAINED: Effect(Finding.GROUND_IN_DOUBT, Sign.DOUBTS, Fault.SUSPECTED),
-    Case.UNEXPLAINED: Effect(Finding.UNEXPLAINED),
-    Case.AT_REST_IN_DOUBT: Effect(Finding.AT_REST_IN_DOUBT, fault=Fault.SUSPECTED),
+    DoubleExposure: Effects(Effect(Finding.DOUBLE_EXPOSURE, fault=Fault.SUSPECTED)),
+    Ambiguous: Effects(Effect(Finding.AMBIGUOUS, Conclusion.DOUBT, Fault.SUSPECTED)),
+    MainOfTwo: Effects(Effect()),
+    OtherOfTwo: Effects(Effect()),
+    Contradicted: Effects(Effect(Finding.CONTRADICTED, Conclusion.DOUBT, Fault.SUSPECTED, outlasts_refusal=True)),
+    HalfUnexplained: Effects(Effect(Finding.GROUND_IN_DOUBT, Conclusion.DOUBT, Fault.SUSPECTED)),
+    Unexplained: Effects(Effect(Finding.UNEXPLAINED), unidentified=Effect(Finding.GROUND_IN_DOUBT)),
+    AtRestInDoubt: Effects(Effect(Finding.AT_REST_IN_DOUBT, fault=Fault.SUSPECTED)),
     # earlier pairs caused the doubt, and this pair may end it
-    Case.STILL_IN_DOUBT: Effect(Finding.GROUND_IN_DOUBT, Sign.AGREES, Fault.SUSPECTED),
-    Case.ONE_MOTION: Effect(sign=Sign.AGREES),
+    StillInDoubt: Effects(Effect(Finding.GROUND_IN_DOUBT, Conclusion.ONE_MOTION, Fault.SUSPECTED)),
+    OneMotion: Effects(Effect(conclusion=Conclusion.ONE_MOTION)),
 }
-"""Consequences of each case. `GroundMemory.after` applies them to the memory."""
+"""Consequences of each case. `GroundMemory.after` applies them to the memory.
 
-UNIDENTIFIED_EFFECTS: Final = {
-    Case.OWN_BODY: Effect(Finding.BODY_OR_GROUND),
-    Case.PARTIAL_TRANSFER: Effect(Finding.TRANSFER_OR_MOTION, fault=Fault.TRANSFER),
-    Case.UNEXPLAINED: Effect(Finding.GROUND_IN_DOUBT),
-}
-"""Consequences of cases that differ while the ground is not identified.
-
-These cases have two motions, or part of the image does not follow the only motion. If no motion has been identified as
-the ground's, the motion that is not selected may be the ground's. The pose is then degraded, and its covariance
-includes the ambiguity. Beside a body, the covariance of this pose alone is larger, because its cells are excluded from
-the next pairs.
+Three cases differ while the ground is not identified. They have two motions, or part of the image does not follow the
+only motion. The motion that is not selected may then be the ground's, so that the pose is degraded, and its covariance
+includes the ambiguity.
 """
 
 
-def effect_of(case: Case, memory: GroundMemory) -> Effect:
-    """Return the consequences of a case, with the memory before the pair."""
-    if memory.identification.phase is not Phase.IDENTIFIED:
-        return UNIDENTIFIED_EFFECTS.get(case, EFFECTS[case])
-    return EFFECTS[case]
+def effect_of(case: Case, *, is_identified: bool) -> Effect:
+    """Return the consequences of a case. The ground was identified before the pair or was not."""
+    effects = EFFECTS[type(case)]
+    if effects.unidentified is None or is_identified:
+        return effects.usual
+    return effects.unidentified
 
 
-def findings_of(effect: Effect, memory: GroundMemory, *, is_trusted: bool, is_moving: bool) -> Findings:
-    """Return the findings of an effect; if there are none, `RECOVERING` if faults of earlier pairs degrade this pair.
+def findings_of(effect: Effect, faults: ImageFaults, *, is_trusted: bool) -> Findings:
+    """Return the finding of an effect; without one, `RECOVERING` if faults of earlier pairs degrade this pair.
 
     Args:
         effect: Effect of the pair's case.
-        memory: Memory before the pair.
+        faults: Faults of the images after the pair.
         is_trusted: Whether the pose of the selected tracks is trusted.
-        is_moving: Whether that pose is trusted and the image moved.
     """
-    findings = effect.findings
-    if not findings and is_trusted and memory.faults.after(Fault.NONE, is_moving=is_moving).recovery_pairs > 0:
+    if effect.finding is not None:
+        return frozenset({effect.finding})
+    if is_trusted and faults.recovery_pairs > 0:
         return frozenset({Finding.RECOVERING})
-    return findings
+    return frozenset()

@@ -6,6 +6,7 @@ predicts no motion contradict the pose. Outliers in view that are not fixed to t
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -38,7 +39,7 @@ MAX_MOTION_PX: Final = 10.0
 mean of a neighbourhood."""
 
 
-class Explained(NamedTuple):
+class Agreement(NamedTuple):
     """Agreement of a pose with a pair, for M landmarks and R x C cells."""
 
     motion_px: float  #: Quantile `MOTION_QUANTILE` of the image motion of the landmarks, px; 0 without landmarks.
@@ -53,6 +54,26 @@ class Explained(NamedTuple):
     unexplained_fraction: float  #: Fraction of `unexplained` among the landmarks in view.
     fixed_cells: Mask  #: `(R, C)` cells fixed to the camera: stationary although the pose predicts motion.
     contradicting_fraction: float  #: Fraction of all cells that changed although the pose predicts no motion.
+
+    @property
+    def moves_image(self) -> bool:
+        """Whether the pose moves the image relative to the earlier image."""
+        return self.motion_px > MOVED_PX
+
+    def cells(self, landmarks: Mask) -> Mask:
+        """Return the cells `(R, C)` that contain the projections of the landmarks in a mask `(M,)`."""
+        return _cells_of(self.cell_index[landmarks], self.fixed_cells.shape)
+
+    def host_cells(self, landmarks: Mask) -> Mask:
+        """Return the cells `(R, C)` that contain the host pixels of the landmarks in a mask `(M,)`."""
+        return _cells_of(self.host_cell_index[landmarks], self.fixed_cells.shape)
+
+
+def _cells_of(numbers: NDArray[np.intp], shape: tuple[int, ...]) -> Mask:
+    """Return the cells `(R, C)` with some numbers; the number R * C is outside all cells."""
+    count = math.prod(shape)
+    found = np.bincount(numbers, minlength=count + 1)
+    return found[:count].reshape(shape) > 0
 
 
 @jit_fast_inline
@@ -218,7 +239,7 @@ def image_motion(start: Pose, end: Pose, landmarks: LandmarkEstimates, camera: S
 
 
 @jit_fast
-def explain(
+def agreement_of(
     pose: Pose,
     reference: Pose,
     landmarks: LandmarkEstimates,
@@ -228,7 +249,7 @@ def explain(
     camera: StereoCamera,
     shape: tuple[int, int],
     far_px: float,
-) -> Explained:
+) -> Agreement:
     """Compare a pose with the landmarks and the cells of an image.
 
     Args:
@@ -268,7 +289,7 @@ def explain(
             unexplained[n] = in_view[n] and not (on_fixed[n] or _is_set(fixed_cells, cells[n]))
         unexplained_count += unexplained[n]
         in_view_count += in_view[n]
-    return Explained(
+    return Agreement(
         motion_px=_quantile(motion.px),
         cell_index=cells,
         host_cell_index=host_cells,

@@ -1,12 +1,14 @@
 """Cells of the left image that are excluded for several pairs because they do not move with the ground.
 
 A cell is excluded because it is fixed to the camera, or because it is dynamic (it moves differently from the ground).
+Lifetimes are counted in pairs that are compared with an earlier image and from which the memory learns. In other pairs,
+a body that still covers its cells cannot renew their lifetime.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -16,15 +18,33 @@ from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.ground.cell_change import CELL, cell_counts
 
 FIXED_LIFE: Final = 10
-"""Lifetime, pairs, of a cell that was detected as fixed to the camera. Each pair, including the pair of the detection,
-reduces the lifetime by one. If the cell is stationary, its lifetime starts again instead. Chosen by hand. If larger,
-ground that an arm has uncovered has no landmarks for longer. If smaller, landmarks are created on a body whose
-illumination changes."""
+"""Lifetime, in compared pairs, of a cell that was detected as fixed to the camera. Each such pair, including the pair
+of the detection, reduces the lifetime by one. If the cell is stationary, its lifetime starts again instead. Chosen by
+hand. If larger, ground that an arm has uncovered has no landmarks for longer. If smaller, landmarks are created on a
+body whose illumination changes."""
 DYNAMIC_LIFE: Final = 8
-"""Lifetime, pairs, of a cell that was detected as dynamic. Each pair, including the pair of the detection, reduces the
-lifetime by one, so that the cell is excluded in seven pairs. Chosen by hand: an object leaves its cells within a few
-pairs. If larger, the ground behind the object has no new landmarks for longer. If smaller, landmarks are created on the
-object."""
+"""Lifetime, in compared pairs, of a cell that was detected as dynamic. Each such pair, including the pair of the
+detection, reduces the lifetime by one, so that the cell is excluded in seven pairs. Chosen by hand: an object leaves
+its cells within a few pairs. If larger, the ground behind the object has no new landmarks for longer. If smaller,
+landmarks are created on the object."""
+
+
+class Exclusion(NamedTuple):
+    """What a pair shows to move differently from the ground."""
+
+    rows: NDArray[np.intp]  #: `(N,)` window rows of landmarks.
+    fixed: Mask  #: `(R, C)` cells that are fixed to the camera.
+    dynamic: Mask  #: `(R, C)` cells that move differently from the ground.
+
+    @classmethod
+    def of_fixed(cls, rows: NDArray[np.intp], cells: Mask) -> Exclusion:
+        """Return the exclusion of landmarks and cells that are fixed to the camera."""
+        return cls(rows, cells, np.zeros_like(cells))
+
+    @classmethod
+    def nothing(cls, shape: tuple[int, ...]) -> Exclusion:
+        """Return the exclusion of nothing, for a shape (R, C) of the cells."""
+        return cls.of_fixed(np.zeros(0, np.intp), np.zeros(shape, np.bool_))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,8 +53,8 @@ class ExcludedCells:
 
     life: NDArray[np.int64]  #: `(R, C)` number of pairs for which a cell remains excluded.
     is_fixed: Mask  #: `(R, C)` whether a cell was excluded because it is fixed to the camera.
-    #: `(H, W)`, 0 where landmarks are not created. None before a pair with excluded landmarks (`after_selection`), and
-    #: if no cell has lifetime left.
+    #: `(H, W)`, 0 where landmarks are not created. None before a pair that excludes landmarks (`after_pair`), and if no
+    #: cell has lifetime left.
     mask: NDArray[np.uint8] | None = None
     fraction: float = 0.0  #: Fraction of the image that is excluded.
     dynamic_fraction: float = 0.0  #: Fraction of the cells that are excluded because they are dynamic.
@@ -55,35 +75,26 @@ class ExcludedCells:
         life = np.where(cells, DYNAMIC_LIFE, self.life)
         return replace(self, life=life, is_fixed=self.is_fixed & ~cells)
 
-    def after_selection(
-        self, fixed: Mask | None, dynamic: Mask | None, stationary: Mask, shape: tuple[int, int], *, has_excluded: bool
-    ) -> ExcludedCells:
-        """Return the excluded cells after a pair, including the cells that the pair excludes.
+    def after_pair(self, exclusion: Exclusion, stationary: Mask, shape: tuple[int, int]) -> ExcludedCells:
+        """Return the excluded cells after a compared pair, including the cells that the pair excludes.
 
-        The returned mask also applies to a keyframe that this pair becomes.
+        The returned mask also applies to a keyframe that this pair becomes. Masking starts with a pair that excludes
+        landmarks, and continues while any cell has lifetime left. A cell without landmarks may look fixed by chance
+        (sky, horizon), and masks of such cells alone would change two of three drives without a fault.
 
         Args:
-            fixed: `(R, C)` cells that are fixed to the camera; None if unknown.
-            dynamic: `(R, C)` cells that move differently from the ground; None if unknown.
+            exclusion: What the pair excludes.
             stationary: `(R, C)` stationary cells.
             shape: Height and width of the image.
-            has_excluded: Whether landmarks of the pair were excluded. Masking starts with such a pair and continues
-                while any cell has lifetime left. A cell without landmarks may look fixed by chance (sky, horizon), and
-                masks of such cells alone would change two of three drives without a fault.
         """
-        is_masked = self.mask is not None or has_excluded
-        excluded = self
-        if fixed is not None and fixed.any():
-            excluded = excluded.with_fixed(fixed)
-        if dynamic is not None:
-            excluded = excluded.with_dynamic(dynamic)
-        excluded = excluded.aged(stationary)
+        is_masked = self.mask is not None or len(exclusion.rows) > 0
+        excluded = self.with_fixed(exclusion.fixed).with_dynamic(exclusion.dynamic).aged(stationary)
         return excluded.with_mask(shape) if is_masked else excluded
 
     def aged(self, stationary: Mask) -> ExcludedCells:
         """Return the cells after another pair, without a mask. `stationary` `(R, C)` marks stationary cells."""
         life = np.maximum(self.life - 1, 0)
-        life[self.is_fixed & stationary & (life > 0)] = FIXED_LIFE
+        life = np.where(self.is_fixed & stationary & (life > 0), FIXED_LIFE, life)
         dynamic_fraction = float(np.mean((life > 0) & ~self.is_fixed))
         return ExcludedCells(life, self.is_fixed, dynamic_fraction=dynamic_fraction)
 

@@ -1,7 +1,31 @@
 """Two state machines of the ground: which motion is the ground's, and whether faults of earlier images have an effect.
 
-The package docstring of `ground` contains the states, the transitions, and their consequences. Each machine has one
-class and one function for all transitions: `Identification.after` and `ImageFaults.after`.
+Each machine is one immutable value with one function for all transitions by a pair.
+
+`Identification.after`:
+
+| from | a pair | to |
+|---|---|---|
+| `LEARNING` | agrees, for the third time | `IDENTIFIED` |
+| `LEARNING` | agrees only partly | `LEARNING`, counted from the start |
+| `IDENTIFIED` | doubts | `IN_DOUBT` for 3 pairs |
+| `LEARNING` | doubts | `IN_DOUBT` for 10 pairs |
+| `IN_DOUBT` | doubts | `IN_DOUBT`, for 10 pairs if more than 3 were left, otherwise for 3 pairs |
+| `IN_DOUBT` | agrees: the last of these pairs | `LEARNING` |
+
+In addition, `Identification.restarted` leads from `LEARNING` and `IDENTIFIED` to `LEARNING`, counted from the start, if
+the pair is lost or begins a window.
+
+`ImageFaults.after`:
+
+| a pair | transfers in a row | moving pairs to recovery |
+|---|---|---|
+| is partially transferred | + 1 | at least 3, or the number of transfers if smaller |
+| shows a double exposure, an ambiguity or a doubt | 0 | at least 3 |
+| has no fault, and the image moved | 0 | - 1 |
+
+In addition, `ImageFaults.after_stale_rows` sets at least 1 transfer, and a recovery of at least 1 pair, or of 10 pairs
+if most rows are stale. A new window begins without faults.
 """
 
 from __future__ import annotations

@@ -1,21 +1,24 @@
-"""Memory of the ground between two pairs: its identification, faults of earlier images, and images to compare with."""
+"""Memory of the ground between two pairs: its identification, faults of earlier images, and images to compare with.
+
+The memory is one immutable value (`GroundMemory`), whose methods are its only changes.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum, auto
 from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose
-from sfr_loc_map.localisation.findings import Finding, Findings
+from sfr_loc_map.localisation.findings import Finding, Verdict
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.ground.cell_change import LEVEL
 from sfr_loc_map.localisation.ground.excluded_cells import ExcludedCells
 from sfr_loc_map.localisation.ground.identification import Fault, Identification, ImageFaults, Phase, Sign
 
-# The values here, in `identification`, in `evidence`, in `motion_tools` and in `selection` were chosen by hand on
-# rendered drives with injected faults, so that clean drives have no findings, and no error of a faulty drive exceeds
-# five times the stated 3 sigma without a finding.
+# The values of this package that were chosen by hand were chosen on rendered drives with injected faults, so that clean
+# drives have no findings, and no error of a faulty drive exceeds five times the stated 3 sigma without a finding.
 
 MIN_EXCESS = 0.12
 """Minimum excess of the fraction of unexplained landmarks over the typical fraction for an unusual motion. Chosen by
@@ -42,8 +45,8 @@ start has no effect after a few pairs. If the gain is larger, one clean pair mak
 is smaller, later faults are hidden for longer."""
 
 
-class MainMotion(NamedTuple):
-    """What the memory learns from the main motion of a pair."""
+class Support(NamedTuple):
+    """Which part of a pair supports the main motion: what the memory may learn from this motion."""
 
     moves_image: bool  #: Whether this motion moves the image.
     unexplained_fraction: float  #: Fraction of the landmarks that do not follow this motion.
@@ -51,20 +54,23 @@ class MainMotion(NamedTuple):
     inlier_cells: Mask  #: `(R, C)` cells of the landmarks that follow this motion.
 
 
+class Conclusion(Enum):
+    """What a case implies for the ground's motion."""
+
+    NONE = auto()
+    DOUBT = auto()  #: The ground's motion is in doubt.
+    #: The main motion is the only one. `GroundMemory.sign_of_one_motion` states how far the pair agrees with earlier
+    #: pairs, and the typical fraction of unexplained landmarks is updated.
+    ONE_MOTION = auto()
+
+
 class Effect(NamedTuple):
     """The finding of a case, and its effect on the memory of the ground."""
 
     finding: Finding | None = None
-    #: What the case shows about the ground's motion. With `AGREES`, the pair also updates the typical fraction, and the
-    #: memory determines whether the pair agrees completely (`GroundMemory.sign_of_one_motion`).
-    sign: Sign = Sign.NOTHING
+    conclusion: Conclusion = Conclusion.NONE  #: What the case implies for the ground's motion.
     fault: Fault = Fault.NONE  #: What the case shows about faults of the images.
     outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
-
-    @property
-    def findings(self) -> Findings:
-        """The finding as a set; empty without one."""
-        return frozenset() if self.finding is None else frozenset({self.finding})
 
 
 class EarlierImage(NamedTuple):
@@ -79,7 +85,29 @@ class EarlierImage(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundMemory:
-    """Memory of accepted pairs, of pairs that contradict their pose, and of stale rows."""
+    """Memory of accepted pairs, of pairs that contradict their pose, and of stale rows.
+
+    The table shows how each event changes each component. Other components stay as they are.
+
+    | component | `after` | `after_unselected` | `in_new_window` | `after_lost_pair` | `after_stale_rows` |
+    |---|---|---|---|---|---|
+    | `excluded` | = cells after the pair | | | | |
+    | `earlier` | one pair older, or a newer image | one pair older | = first image | | |
+    | `previous` | = image of the pair | = None | = None | | |
+    | `identification` | by the conclusion | | restarted | restarted | |
+    | `faults` | by the fault | | = none | | by the rows |
+    | `typical` | updated if there is one motion | | = None | | |
+
+    | event | is |
+    |---|---|
+    | `after` | a pair in which the ground's motion was selected |
+    | `after_unselected` | a pair with a frozen left image or with stale rows, in which no motion was selected |
+    | `in_new_window` | a pair that begins a window |
+    | `after_lost_pair` | a lost pair |
+    | `after_stale_rows` | the detection of stale rows in a pair, before its other changes |
+
+    After a refused pair, the changes of `after` and `after_unselected` are discarded (`NextMemory`).
+    """
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.
     earlier: EarlierImage | None = None  #: Image at an accepted pose; None before the first window.
@@ -96,74 +124,99 @@ class GroundMemory:
         """Return the memory before the first pair of images of a shape (height, width)."""
         return cls(ExcludedCells.none(shape))
 
+    # ---- what the memory shows
+
+    @property
+    def is_identified(self) -> bool:
+        """Whether earlier pairs have identified the ground's motion."""
+        return self.identification.phase is Phase.IDENTIFIED
+
     @property
     def is_clear(self) -> bool:
         """Whether earlier pairs have no more effect: the images have no fault, and the ground is not in doubt."""
         return self.faults == ImageFaults() and self.identification.phase is not Phase.IN_DOUBT
 
-    def after(
-        self,
-        effect: Effect,
-        main: MainMotion,
-        *,
-        excluded: ExcludedCells,
-        earlier: EarlierImage,
-        image: FloatImage,
-        is_moving: bool,
-    ) -> GroundMemory:
-        """Return the memory after a pair.
-
-        Args:
-            effect: Effect of the pair's case.
-            main: What the main motion explains.
-            excluded: Cells excluded from this pair on, also in a keyframe that the pair becomes.
-            earlier: Image that the pair was compared with.
-            image: Pyramid level `MIXTURE_LEVEL` of the pair's left image.
-            is_moving: Whether the pose of the selected tracks is trusted and the image moved.
-        """
-        is_one_motion = effect.sign is Sign.AGREES
-        sign = self.sign_of_one_motion(main) if is_one_motion else effect.sign
-        return GroundMemory(
-            excluded=excluded,
-            earlier=earlier,
-            previous=image,
-            identification=self.identification.after(sign, main.unexplained_cells),
-            faults=self.faults.after(effect.fault, is_moving=is_moving),
-            typical=self.typical_after(main.unexplained_fraction) if is_one_motion else self.typical,
-        )
-
-    def sign_of_one_motion(self, main: MainMotion) -> Sign:
-        """Return what a pair shows about the ground if the main motion is the only one.
-
-        A stationary image shows nothing. A moving pair agrees if few cells are excluded as dynamic, and if inliers
-        cover the cells that were unexplained earlier. An unusual pair that does not agree prolongs a doubt.
-        """
-        if not main.moves_image:
-            return Sign.NOTHING
-        is_covered = self.identification.is_covered_by(main.inlier_cells)
-        if self.excluded.dynamic_fraction < MAX_DYNAMIC and is_covered:
-            return Sign.AGREES
-        is_in_doubt = self.identification.phase is Phase.IN_DOUBT
-        if is_in_doubt and not self.is_usual(main.unexplained_fraction):
-            return Sign.DOUBTS
-        return Sign.AGREES_PARTLY
+    @property
+    def compared(self) -> EarlierImage:
+        """Earlier image that a pair is compared with, at the age that it has in this pair. A window has begun."""
+        assert self.earlier is not None, "pairs are compared only in a window"
+        return self.earlier._replace(age=self.earlier.age + 1)
 
     def is_usual(self, unexplained: float) -> bool:
         """Return whether a fraction of unexplained landmarks is usual for the ground."""
         margin = AFTER_TRANSFER * MIN_EXCESS if self.faults.transfers else MIN_EXCESS
         return unexplained < min(margin + TYPICAL_FACTOR * (self.typical or 0.0), NEARLY_HALF)
 
-    def typical_after(self, unexplained: float) -> float | None:
-        """Return the typical fraction of unexplained landmarks after a pair with one motion.
+    def sign_of_one_motion(self, support: Support) -> Sign:
+        """Return what a pair shows about the ground if the main motion is the only one.
 
-        The fraction does not change after an unusual pair if the ground is identified, or while the ground is in doubt.
+        A stationary image shows nothing. A moving pair agrees if few cells are excluded as dynamic, and if inliers
+        cover the cells that were unexplained earlier. An unusual pair that does not agree prolongs a doubt.
         """
-        phase = self.identification.phase
-        if phase is Phase.IN_DOUBT or (phase is Phase.IDENTIFIED and not self.is_usual(unexplained)):
+        if not support.moves_image:
+            return Sign.NOTHING
+        is_covered = self.identification.is_covered_by(support.inlier_cells)
+        if self.excluded.dynamic_fraction < MAX_DYNAMIC and is_covered:
+            return Sign.AGREES
+        is_in_doubt = self.identification.phase is Phase.IN_DOUBT
+        if is_in_doubt and not self.is_usual(support.unexplained_fraction):
+            return Sign.DOUBTS
+        return Sign.AGREES_PARTLY
+
+    # ---- changes
+
+    def after(
+        self, effect: Effect, support: Support, *, is_moving: bool, excluded: ExcludedCells, image: FloatImage
+    ) -> GroundMemory:
+        """Return the memory after a pair whose pose was estimated from a selected motion.
+
+        Args:
+            effect: Effect of the pair's case.
+            support: What the pair shows about the main motion.
+            is_moving: Whether the pose of the selected motion is trusted and the image moved.
+            excluded: Cells excluded from this pair on, also in a keyframe that the pair becomes.
+            image: Pyramid level `MIXTURE_LEVEL` of the pair's left image.
+        """
+        return GroundMemory(
+            excluded=excluded,
+            earlier=self.compared,
+            previous=image,
+            identification=self.identification_after(effect.conclusion, support),
+            faults=self.faults.after(effect.fault, is_moving=is_moving),
+            typical=self.typical_after(effect.conclusion, support.unexplained_fraction),
+        )
+
+    def identification_after(self, conclusion: Conclusion, support: Support) -> Identification:
+        """Return the identification after a pair."""
+        match conclusion:
+            case Conclusion.NONE:
+                return self.identification
+            case Conclusion.DOUBT:
+                return self.identification.after(Sign.DOUBTS, support.unexplained_cells)
+            case Conclusion.ONE_MOTION:
+                return self.identification.after(self.sign_of_one_motion(support), support.unexplained_cells)
+
+    def typical_after(self, conclusion: Conclusion, unexplained: float) -> float | None:
+        """Return the typical fraction of unexplained landmarks after a pair.
+
+        Only pairs with one motion change the fraction. The fraction does not change after an unusual pair if the ground
+        is identified, or while the ground is in doubt.
+        """
+        if conclusion is not Conclusion.ONE_MOTION or self.identification.phase is Phase.IN_DOUBT:
+            return self.typical
+        if self.is_identified and not self.is_usual(unexplained):
             return self.typical
         typical = unexplained if self.typical is None else self.typical
         gain = RISING_GAIN if unexplained > typical else FALLING_GAIN
         return typical + gain * (unexplained - typical)
+
+    def after_unselected(self) -> GroundMemory:
+        """Return the memory after a pair in which no motion was selected.
+
+        A doubt persists, and the recovery from earlier faults makes no progress. Excluded cells do not age, because
+        stationary cells, which renew the lifetime of cells fixed to the camera, are not detected in such a pair.
+        """
+        return replace(self, earlier=self.compared, previous=None)
 
     def in_new_window(self, frame: StereoFrame, pose: Pose) -> GroundMemory:
         """Return the memory in a new window. The ground must be learnt again, and doubt persists."""
@@ -181,5 +234,41 @@ class GroundMemory:
         return replace(self, identification=self.identification.restarted())
 
     def after_stale_rows(self, stale: Mask) -> GroundMemory:
-        """Return the memory after a pair whose rows `(H,)` are partly stale."""
+        """Return the memory after the detection of stale rows `(H,)` in a pair."""
         return replace(self, faults=self.faults.after_stale_rows(stale))
+
+
+class NextMemory(NamedTuple):
+    """The memory after a pair, which depends on the verdict on the pair."""
+
+    if_reference: GroundMemory  #: The pair is accepted, and later pairs may be compared with it.
+    if_accepted: GroundMemory  #: The pair is accepted, but later pairs may not be compared with it.
+    if_refused: GroundMemory
+
+    @classmethod
+    def of_selected(
+        cls, before: GroundMemory, learnt: GroundMemory, next_earlier: EarlierImage, *, outlasts_refusal: bool
+    ) -> NextMemory:
+        """Return the memory after a pair in which a motion was selected.
+
+        Args:
+            before: Memory before the pair.
+            learnt: Memory with what the pair shows.
+            next_earlier: Earlier image of the next pairs if they may be compared with this pair.
+            outlasts_refusal: Whether the memory learns from the pair although its pose is refused. The previous image
+                is then still that at the last accepted pose.
+        """
+        refused = replace(learnt, previous=before.previous) if outlasts_refusal else before
+        return cls(replace(learnt, earlier=next_earlier), learnt, refused)
+
+    @classmethod
+    def of_unselected(cls, before: GroundMemory) -> NextMemory:
+        """Return the memory after a pair in which no motion was selected."""
+        learnt = before.after_unselected()
+        return cls(learnt, learnt, before)
+
+    def after(self, verdict: Verdict) -> GroundMemory:
+        """Return the memory after the verdict."""
+        if verdict.refuses:
+            return self.if_refused
+        return self.if_reference if verdict.can_be_reference else self.if_accepted

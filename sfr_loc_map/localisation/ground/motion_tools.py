@@ -1,36 +1,29 @@
-"""Tools that search for rigid motions in a pair, and what they are given.
-
-The terms are defined in the package docstring. The conditions that use the results are in `evidence`.
-"""
+"""Rigid motions in a pair, and the tools that track and search for motions."""
 
 from __future__ import annotations
 
-from operator import attrgetter
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.geometry.arrays import FloatImage
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landmarks
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracker, Tracks
-from sfr_loc_map.localisation.ground.cell_change import Change, cell_counts
-from sfr_loc_map.localisation.ground.cell_motion import Explained, explain, image_motion
+from sfr_loc_map.localisation.ground.cell_change import Change
+from sfr_loc_map.localisation.ground.cell_motion import Agreement, agreement_of, image_motion
 from sfr_loc_map.localisation.ground.double_exposure import mixture_of
-from sfr_loc_map.localisation.motion_model import Prediction
+from sfr_loc_map.localisation.motion_model import Guesses, Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 
 MIN_AGREEMENT = 0.3
-"""Minimum fraction of the landmarks searched for that the other motion must explain. Chosen by hand. If larger, another
-motion among many outliers is missed. If smaller, chance agreement of outliers counts as a motion and degrades good
-pairs."""
+"""Minimum fraction of the landmarks searched for that a motion must explain to be found. Chosen by hand. If larger,
+another motion among many outliers is missed. If smaller, chance agreement of outliers counts as a motion and degrades
+good pairs."""
 CONVINCING = 0.6
-"""Minimum fraction of the landmarks searched for that the other motion must explain to be accepted without further
-tests. Chosen by hand above one half: the majority agrees. If smaller, slow motions near the main motion are accepted.
-If larger, fewer motions are accepted by this test alone; the others must also differ from the main motion in the
-image (`evidence.MIN_DIFFERENCE_PX`)."""
+"""Minimum fraction of the landmarks searched for that a motion must explain to be accepted without further tests.
+Chosen by hand above one half: the majority agrees. If smaller, slow motions near the main motion are accepted. If
+larger, fewer motions are accepted by this test alone; the others must also differ from the main motion in the image
+(`searches.MIN_DIFFERENCE_PX`)."""
 MIN_MIXTURE_WEIGHT = 0.1
 """An image shows a second exposure if the lower bound of the estimated weight of this exposure exceeds this value. In
 images of one exposure the estimate differs from 0 by a few hundredths at most."""
@@ -39,19 +32,8 @@ MIXTURE_SIGMAS = 3.0
 740 (normal errors). If larger, weak ghosts are missed."""
 
 
-class ComparedPair(NamedTuple):
-    """A pair and its comparison with an earlier image, cell by cell."""
-
-    frame: StereoFrame
-    prediction: Prediction
-    recovery: RecoveryImages
-    change: Change  #: Cells that changed, and cells that stayed, since the earlier image.
-    earlier_pose: Pose  #: Pose of the earlier image.
-    far_px: float  #: Image motion, px, from which an outlier does not count as unexplained (`selection.FAR_RATIO`).
-
-
 class MotionTools(NamedTuple):
-    """Tools that search for motions."""
+    """What tracks and searches for motions, without state between calls."""
 
     tracker: Tracker
     relocaliser: Relocaliser
@@ -59,56 +41,79 @@ class MotionTools(NamedTuple):
     shape: tuple[int, int]  #: Height and width of the images.
     min_tracked: int  #: Minimum number of landmarks that agree on a motion.
 
-    def explained(self, pair: ComparedPair, tracks: Tracks) -> Explained:
-        """Return what the motion from the earlier image to the pose of some tracks explains in a pair."""
+
+class Motion(NamedTuple):
+    """A rigid motion in a pair."""
+
+    tracks: Tracks  #: Tracks whose inliers follow the motion.
+    agreement: Agreement  #: How far the motion agrees with the pair.
+
+
+class ComparedPair(NamedTuple):
+    """A pair and its comparison with an earlier image, cell by cell. Its methods track and search for motions."""
+
+    tools: MotionTools
+    frame: StereoFrame
+    prediction: Prediction
+    recovery: RecoveryImages
+    change: Change  #: Cells that changed, and cells that stayed, since the earlier image.
+    earlier_pose: Pose  #: Pose of the earlier image.
+    far_px: float  #: Image motion, px, from which an outlier does not count as unexplained (`selection.FAR_RATIO`).
+
+    @property
+    def guesses(self) -> Guesses:
+        """Initial guesses of the pose of the pair."""
+        return self.prediction.guesses
+
+    def motion(self, tracks: Tracks) -> Motion:
+        """Return the motion of some tracks, from the earlier image to their pose."""
         landmarks = tracks.landmarks
-        return explain(
+        agreement = agreement_of(
             tracks.pose,
-            pair.earlier_pose,
+            self.earlier_pose,
             landmarks.estimates,
             landmarks.planes.uv,
             tracks.inliers,
-            pair.change,
-            self.camera,
-            self.shape,
-            pair.far_px,
+            self.change,
+            self.tools.camera,
+            self.tools.shape,
+            self.far_px,
         )
+        return Motion(tracks, agreement)
+
+    def tracked_from(self, landmarks: Landmarks, start: Pose) -> Motion:
+        """Track landmarks from a pose, and return their motion."""
+        return self.motion(self.tools.tracker.refine(self.frame, landmarks, start, self.prediction.offset))
+
+    def search(self, landmarks: Landmarks) -> Motion | None:
+        """Search for one motion of some landmarks, from the guesses, then by optical flow; None if too few agree."""
+        tracker = self.tools.tracker
+        min_tracked = self.tools.min_tracked
+        count = len(landmarks.rows)
+        if count < min_tracked:
+            return None
+        offset = self.prediction.offset
+        start = tracker.align(self.frame.left, landmarks.thinned(ALIGNED_LANDMARKS), self.guesses.all)
+        tracks = tracker.refine(self.frame, landmarks, start, offset)
+        if tracks.inlier_count < CONVINCING * count:
+            pose = self.tools.relocaliser.pose_by_flow(self.frame, self.recovery, landmarks)
+            if pose is not None:
+                by_flow = tracker.refine_from_afar(self.frame, landmarks, pose, offset)
+                if by_flow.inlier_count > tracks.inlier_count:
+                    tracks = by_flow
+        if tracks.inlier_count < max(min_tracked, MIN_AGREEMENT * count):
+            return None
+        return self.motion(tracks)
 
     def image_motion_px(self, tracks: Tracks, *, start: Pose, end: Pose) -> float:
         """Return the image motion of the landmarks of some tracks between two poses, px."""
-        return image_motion(start, end, tracks.landmarks.estimates, self.camera)
+        return image_motion(start, end, tracks.landmarks.estimates, self.tools.camera)
 
     def shows_other(self, image: FloatImage, landmarks: Landmarks, shown: Pose, other: Pose) -> bool:
         """Return whether an image at the pose `shown` also shows some landmarks from another pose.
 
-        The image is level `MIXTURE_LEVEL` of a left image.
+        The image is level `MIXTURE_LEVEL` of the left image of this pair or of an earlier pair.
         """
-        mixture = mixture_of(image, landmarks, shown, other, self.camera)
+        mixture = mixture_of(image, landmarks, shown, other, self.tools.camera)
         lower_bound = mixture.weight - MIXTURE_SIGMAS * mixture.standard_error
-        return mixture.patches >= self.min_tracked and lower_bound > MIN_MIXTURE_WEIGHT
-
-    def search(self, pair: ComparedPair, landmarks: Landmarks) -> Tracks | None:
-        """Search for one motion of some landmarks, from the guesses, then by optical flow; None if too few agree."""
-        count = len(landmarks.rows)
-        if count < self.min_tracked:
-            return None
-        frame = pair.frame
-        offset = pair.prediction.offset
-        start = self.tracker.align(frame.left, landmarks.thinned(ALIGNED_LANDMARKS), pair.prediction.guesses.all)
-        tracks = self.tracker.refine(frame, landmarks, start, offset)
-        if tracks.inlier_count < CONVINCING * count:
-            pose = self.relocaliser.pose_by_flow(frame, pair.recovery, landmarks)
-            if pose is not None:
-                by_flow = self.tracker.refine_from_afar(frame, landmarks, pose, offset)
-                tracks = max(tracks, by_flow, key=attrgetter("inlier_count"))
-        return tracks if tracks.inlier_count >= max(self.min_tracked, MIN_AGREEMENT * count) else None
-
-    def refined(self, pair: ComparedPair, landmarks: Landmarks, start: Pose) -> Tracks:
-        """Track landmarks of a pair from a pose."""
-        return self.tracker.refine(pair.frame, landmarks, start, pair.prediction.offset)
-
-    def cells(self, numbers: NDArray[np.intp]) -> Mask:
-        """Return the cells `(R, C)` of some cell numbers; the number R * C is outside all cells."""
-        rows, columns = cell_counts(self.shape)
-        found = np.bincount(numbers, minlength=rows * columns + 1)
-        return found[:-1].reshape(rows, columns) > 0
+        return mixture.patches >= self.tools.min_tracked and lower_bound > MIN_MIXTURE_WEIGHT

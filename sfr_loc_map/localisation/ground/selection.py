@@ -1,18 +1,14 @@
-"""Selection of the ground's motion among the rigid motions in an image.
+"""Selection of the ground's motion in a pair: the order of the steps (`GroundSelector.select`).
 
-Another rigid motion is searched for among the landmarks that the pose does not explain. The motion of the ground is the
-one that more landmarks follow and that continues the previous motion. Landmarks of the other motion (own body, dirt on
-the lens, moving objects) are no longer tracked, and their image cells are excluded for several pairs. If the evidence
-does not distinguish the two motions, the pose is ambiguous. The package docstring defines the terms and the phases.
-
-`GroundSelector.begin_change` compares the left image with an earlier image, cell by cell, while landmarks are tracked.
-`GroundSelector.select` works in four steps:
-
-1. Gather the `Evidence` of the tracks and of the comparison (`evidence`). If many landmarks are unexplained,
-   all are first tracked again from the pose of the main motion.
-2. Determine the case (`cases.case_of`) and its effect (`cases.effect_of`).
-3. Select the tracks that follow the ground, and the landmarks and cells to exclude, by the case (`_selection`).
-4. Return the findings (`cases.findings_of`) and the memory for the next pair (`GroundMemory.after`).
+| step | function | result |
+|---|---|---|
+| 1 | `GroundSelector.begin_change`, in a second thread | `Change`: cells that changed since an earlier image |
+| 2 | `searches.main_motion` | `Motion`: the main tracks, and how far their motion agrees with the pair |
+| 3 | `evidence.evidence_of` | `Evidence`: conditions of the pair and of the memory |
+| 4 | `cases.case_of`, which may search for other motions | `Case`, with the motions that it found |
+| 5 | `selection_of` | `Selection`: tracks that follow the ground, and what is excluded |
+| 6 | `cases.effect_of`, `GroundMemory.after` | `NextMemory` |
+| 7 | `cases.findings_of` | `Findings` |
 
 In the following examples the rover moves in each pair.
 
@@ -20,25 +16,25 @@ An object with a quarter of the landmarks enters the view while the ground is id
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
-| 1 | two motions | `TWO_MOTIONS` | none | cells of the object are excluded for seven pairs; still identified |
-| 2 | one motion; no landmark is left on the object | `ONE_MOTION` | none | unchanged |
+| 1 | two motions | `MainOfTwo` | none | cells of the object are excluded for seven pairs; still identified |
+| 2 | one motion; no landmark is left on the object | `OneMotion` | none | unchanged |
 
 The same object enters the view before the ground is identified:
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
-| 1 | two motions | `AMBIGUOUS` | `AMBIGUOUS` | in doubt; ten agreeing pairs are required; recovery takes three pairs |
-| 2 to 10 | one motion, also where the object was | `STILL_IN_DOUBT` | `GROUND_IN_DOUBT` | one to nine pairs agreed |
-| 11 | one motion | `ONE_MOTION` | `RECOVERING` | learning; recovery takes two more pairs |
-| 12 | one motion | `ONE_MOTION` | `RECOVERING` | one pair agreed; recovery takes one more pair |
-| 13 | one motion | `ONE_MOTION` | none | two pairs agreed; the next one identifies the ground |
+| 1 | two motions | `Ambiguous` | `AMBIGUOUS` | in doubt; ten agreeing pairs are required; recovery takes three pairs |
+| 2 to 10 | one motion, also where the object was | `StillInDoubt` | `GROUND_IN_DOUBT` | one to nine pairs agreed |
+| 11 | one motion | `OneMotion` | `RECOVERING` | learning; recovery takes two more pairs |
+| 12 | one motion | `OneMotion` | `RECOVERING` | one pair agreed; recovery takes one more pair |
+| 13 | one motion | `OneMotion` | none | two pairs agreed; the next one identifies the ground |
 
 The lower half of one image repeats the previous image, with new noise, while the ground is identified:
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
-| 1 | two motions, one of them a standstill | `PARTIAL_TRANSFER` | `PARTIAL_TRANSFER` | one transfer |
-| 2 | one motion; half the usual excess would be unusual | `ONE_MOTION` | none | no transfer |
+| 1 | two motions, one of them a standstill | `PartialTransfer` | `PARTIAL_TRANSFER` | one transfer |
+| 2 | one motion; half the usual excess would be unusual | `OneMotion` | none | no transfer |
 """
 
 from __future__ import annotations
@@ -50,19 +46,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
-from sfr_loc_map.localisation.findings import Finding, Findings, Verdict
+from sfr_loc_map.localisation.findings import Finding, Findings
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.ground.cases import Case, case_of, effect_of, findings_of
+from sfr_loc_map.localisation.ground import cases, searches
 from sfr_loc_map.localisation.ground.cell_change import LEVEL, Change, change_of
-from sfr_loc_map.localisation.ground.cell_motion import MOVED_PX
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL
-from sfr_loc_map.localisation.ground.evidence import CLEAR_RATIO, Evidence
+from sfr_loc_map.localisation.ground.evidence import evidence_of
+from sfr_loc_map.localisation.ground.excluded_cells import Exclusion
 from sfr_loc_map.localisation.ground.identification import Fault, Phase
-from sfr_loc_map.localisation.ground.memory import MIN_EXCESS, EarlierImage, Effect, GroundMemory
-from sfr_loc_map.localisation.ground.motion_tools import ComparedPair, MotionTools
+from sfr_loc_map.localisation.ground.memory import EarlierImage, Effect, GroundMemory, NextMemory
+from sfr_loc_map.localisation.ground.motion_tools import ComparedPair, Motion, MotionTools
+from sfr_loc_map.localisation.ground.two_motions import TwoMotions
 from sfr_loc_map.localisation.motion_model import Prediction
-from sfr_loc_map.localisation.motion_size import MotionSize, size_between
+from sfr_loc_map.localisation.motion_size import MotionSize
 from sfr_loc_map.localisation.relocalisation import RecoveryImages
 from sfr_loc_map.parallel import Pending, beside
 
@@ -75,24 +72,21 @@ hand. If larger, such changes count as changes of the scene. If smaller, fixed c
 FAR_RATIO = 0.06
 """Image motion per pair, as a fraction of the width, above which a landmark is often not found again. Slightly above
 the flow that triggers a keyframe (`keyframes.KEYFRAME_FLOW`)."""
-NO_ROWS = np.zeros(0, np.intp)  #: No landmarks.
+NO_DISTANCE = MotionSize(0.0, 0.0)
 
 
 class Selection(NamedTuple):
-    """Tracks that follow the ground, and landmarks and cells that do not."""
+    """The motion that is used as the ground's, and what does not follow this motion."""
 
-    tracks: Tracks
-    motion_px: float  #: Image motion from the compared image to the pose of the tracks, px.
-    is_main: bool = True  #: Whether the tracks follow the main motion.
-    not_ground: NDArray[np.intp] = NO_ROWS  #: `(N,)` window rows of the landmarks that do not move with the ground.
-    fixed: Mask | None = None  #: `(R, C)` cells that are fixed to the camera.
-    dynamic: Mask | None = None  #: `(R, C)` cells that move differently from the ground.
-    other_distance: MotionSize = MotionSize(0.0, 0.0)  #: Distance to the pose of the other motion.
+    motion: Motion
+    is_main: bool  #: Whether the motion is the main motion.
+    exclusion: Exclusion  #: Landmarks and cells that do not move with the ground.
+    other_distance: MotionSize = NO_DISTANCE  #: Distance to the pose of another possible motion; zero if none.
 
     @property
     def is_moving(self) -> bool:
         """Whether the pose is trusted and the image moved."""
-        return self.tracks.is_trusted and self.motion_px > MOVED_PX
+        return self.motion.tracks.is_trusted and self.motion.agreement.moves_image
 
 
 class Ground(NamedTuple):
@@ -102,33 +96,24 @@ class Ground(NamedTuple):
     findings: Findings
     not_ground: NDArray[np.intp]  #: `(N,)` window rows of the landmarks that do not move with the ground.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
-    before: GroundMemory  #: Memory before the pair.
-    learnt: GroundMemory  #: Memory with what the pair shows.
-    next_earlier: EarlierImage | None  #: Earlier image of the next pairs if they may be compared with this pair.
-    outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
+    memory: NextMemory  #: The memory after the pair.
 
     @classmethod
     def unselected(cls, tracks: Tracks, memory: GroundMemory) -> Ground:
         """Return all tracks as those of the ground, without a comparison with earlier pairs.
 
-        A doubt persists, and the recovery from earlier faults makes no progress.
+        Whether the image moved is unknown. The pair is reported as recovering as if the image had moved.
         """
-        assert memory.earlier is not None, "a window has begun"
-        earlier = memory.earlier._replace(age=memory.earlier.age + 1)
-        learnt = replace(memory, earlier=earlier, previous=None)
         is_in_doubt = memory.identification.phase is Phase.IN_DOUBT
         effect = Effect(Finding.GROUND_IN_DOUBT) if is_in_doubt else Effect()
-        findings = findings_of(effect, memory, is_trusted=tracks.is_trusted, is_moving=True)
-        return cls(tracks, findings, NO_ROWS, MotionSize(0.0, 0.0), memory, learnt, earlier)
-
-    def memory_after(self, verdict: Verdict) -> GroundMemory:
-        """Return the memory after the pair.
-
-        After a refused pair, the previous image is that at the last accepted pose.
-        """
-        if not verdict.refuses:
-            return replace(self.learnt, earlier=self.next_earlier) if verdict.can_be_reference else self.learnt
-        return replace(self.learnt, previous=self.before.previous) if self.outlasts_refusal else self.before
+        faults = memory.faults.after(Fault.NONE, is_moving=True)
+        return cls(
+            tracks=tracks,
+            findings=cases.findings_of(effect, faults, is_trusted=tracks.is_trusted),
+            not_ground=np.zeros(0, np.intp),
+            other_distance=NO_DISTANCE,
+            memory=NextMemory.of_unselected(memory),
+        )
 
 
 class GroundSelector:
@@ -139,143 +124,127 @@ class GroundSelector:
 
     def begin_change(self, frame: StereoFrame, memory: GroundMemory) -> Pending[Change]:
         """Start to compare the left image with an earlier image, cell by cell, while the landmarks are tracked."""
-        assert memory.earlier is not None, "a window has begun"
-        return beside(change_of, memory.earlier.image, frame.left[LEVEL].image)
+        return beside(change_of, memory.compared.image, frame.left[LEVEL].image)
 
     def select(
         self,
         frame: StereoFrame,
-        main: Tracks,
+        tracks: Tracks,
         prediction: Prediction,
         memory: GroundMemory,
         recovery: RecoveryImages,
         change: Change,
     ) -> Ground:
-        """Return the ground's motion in a pair. The main tracks may follow any motion, trusted or not."""
-        assert memory.earlier is not None, "a window has begun"
-        earlier = memory.earlier._replace(age=memory.earlier.age + 1)
-        far_px = FAR_RATIO * self._tools.shape[1] * earlier.age if memory.is_clear else np.inf
-        pair = ComparedPair(frame, prediction, recovery, change, earlier.pose, far_px)
-        evidence = self._evidence(pair, main, memory)
-        case = case_of(evidence)
-        effect = effect_of(case, memory)
-        selection = self._selection(case, evidence)
-        is_trusted = selection.tracks.is_trusted
-        findings = findings_of(effect, memory, is_trusted=is_trusted, is_moving=selection.is_moving)
-        excluded = memory.excluded.after_selection(
-            selection.fixed,
-            selection.dynamic,
-            change.stationary,
-            self._tools.shape,
-            has_excluded=len(selection.not_ground) > 0,
-        )
+        """Return the ground's motion in a pair. The tracks may follow any motion, trusted or not."""
+        tools = self._tools
+        earlier = memory.compared
+        far_px = FAR_RATIO * tools.shape[1] * earlier.age if memory.is_clear else np.inf
+        pair = ComparedPair(tools, frame, prediction, recovery, change, earlier.pose, far_px)
+
+        main = searches.main_motion(pair, tracks)
+        evidence = evidence_of(main, memory)
+        case = cases.case_of(pair, main, evidence, memory)
+        selection = selection_of(case, pair, main)
+
+        effect = cases.effect_of(case, is_identified=memory.is_identified)
         learnt = memory.after(
             effect,
-            evidence.main_motion,
-            excluded=excluded,
-            earlier=earlier,
-            image=frame.left[MIXTURE_LEVEL].image,
+            evidence.support,
             is_moving=selection.is_moving,
+            excluded=memory.excluded.after_pair(selection.exclusion, change.stationary, tools.shape),
+            image=frame.left[MIXTURE_LEVEL].image,
         )
-        next_earlier = earlier if effect.fault is Fault.TRANSFER else self._earlier_after(pair, selection, earlier)
+        next_earlier = _next_earlier(frame, selection, earlier, effect.fault)
+        is_trusted = selection.motion.tracks.is_trusted
         return Ground(
-            tracks=selection.tracks,
-            findings=findings,
-            not_ground=selection.not_ground,
+            tracks=selection.motion.tracks,
+            findings=cases.findings_of(effect, learnt.faults, is_trusted=is_trusted),
+            not_ground=selection.exclusion.rows,
             other_distance=selection.other_distance,
-            before=memory,
-            learnt=learnt,
-            next_earlier=next_earlier,
-            outlasts_refusal=effect.outlasts_refusal,
+            memory=NextMemory.of_selected(memory, learnt, next_earlier, outlasts_refusal=effect.outlasts_refusal),
         )
 
-    def _evidence(self, pair: ComparedPair, main: Tracks, memory: GroundMemory) -> Evidence:
-        """Return the evidence. If many landmarks are unexplained, all are tracked again from the main pose."""
-        explained = self._tools.explained(pair, main)
-        if main.is_trusted and explained.unexplained_fraction > MIN_EXCESS:
-            again = self._tools.refined(pair, main.landmarks, main.pose)
-            if again.inlier_count > CLEAR_RATIO * main.inlier_count:
-                main = again
-                explained = self._tools.explained(pair, again)
-        return Evidence(self._tools, pair, main, explained, memory)
 
-    def _earlier_after(self, pair: ComparedPair, selection: Selection, earlier: EarlierImage) -> EarlierImage:
-        """Return the image that the next pair is compared with if this pair is not partially transferred."""
-        shows_fixed = selection.motion_px > COMPARED_PX
-        if shows_fixed or not selection.is_main or earlier.age > COMPARED_PAIRS:
-            return EarlierImage(pair.frame.left[LEVEL].image, selection.tracks.pose)
+def _next_earlier(frame: StereoFrame, selection: Selection, earlier: EarlierImage, fault: Fault) -> EarlierImage:
+    """Return the image that the next pair is compared with: the present left image, or the earlier image again."""
+    if fault is Fault.TRANSFER:
         return earlier
-
-    # ---- the tracks of a case
-
-    def _selection(self, case: Case, evidence: Evidence) -> Selection:
-        """Return the tracks that follow the ground, and what to exclude, by the case."""
-        match case:
-            case Case.OWN_BODY:
-                return self._off_own_body(evidence)
-            case Case.AMBIGUOUS:
-                return self._either_of_two(evidence)
-            case Case.TWO_MOTIONS:
-                return self._other_of_two(evidence) if evidence.other_wins else self._main_of_two(evidence)
-            case Case.UNTRUSTED | Case.PARTIAL_TRANSFER | Case.DOUBLE_EXPOSURE | Case.CONTRADICTED:
-                return Selection(evidence.main, evidence.explained.motion_px)
-            case (
-                Case.HALF_UNEXPLAINED | Case.UNEXPLAINED | Case.AT_REST_IN_DOUBT | Case.STILL_IN_DOUBT | Case.ONE_MOTION
-            ):
-                explained = evidence.explained
-                not_ground = evidence.main.landmarks.rows[explained.on_fixed]
-                return Selection(evidence.main, explained.motion_px, not_ground=not_ground, fixed=explained.fixed_cells)
-
-    def _off_own_body(self, evidence: Evidence) -> Selection:
-        """Select the motion of the landmarks outside stationary cells, and exclude the landmarks in these cells.
-
-        The host cell of such a landmark is fixed to the camera if the motion would have moved the landmark. Without
-        these cells, a keyframe would create new landmarks on the body.
-        """
-        off_stationary = _present(evidence.motion_off_stationary)
-        on_stationary = evidence.explained.on_stationary
-        of_ground = self._tools.explained(evidence.pair, replace(evidence.main, pose=off_stationary.pose))
-        fixed = self._tools.cells(of_ground.host_cell_index[on_stationary & of_ground.are_moved])
-        fixed |= self._tools.explained(evidence.pair, off_stationary).fixed_cells
-        return self._tracked_again(evidence, off_stationary, on_stationary, fixed)
-
-    def _either_of_two(self, evidence: Evidence) -> Selection:
-        """Select the motion with more weight. Exclude nothing, because the other motion may be the ground's."""
-        other = _present(evidence.other)
-        distance = size_between(evidence.main.pose, other.pose)
-        if not evidence.other_wins:
-            return Selection(evidence.main, evidence.explained.motion_px, other_distance=distance)
-        tracks = self._tools.refined(evidence.pair, evidence.main.landmarks, other.pose)
-        motion_px = self._tools.explained(evidence.pair, tracks).motion_px
-        return Selection(tracks, motion_px, is_main=False, other_distance=distance)
-
-    def _other_of_two(self, evidence: Evidence) -> Selection:
-        """Select the other motion, and exclude the landmarks that follow only the main motion, and their cells."""
-        only_main = evidence.main.inliers & ~evidence.follows_other
-        fixed = self._tools.cells(evidence.explained.cell_index[only_main])
-        return self._tracked_again(evidence, _present(evidence.other), only_main, fixed)
-
-    def _main_of_two(self, evidence: Evidence) -> Selection:
-        """Select the main motion, and exclude what follows the other motion or is fixed to the camera."""
-        other = _present(evidence.other)
-        fixed = evidence.explained.fixed_cells
-        dynamic = self._tools.cells(self._tools.explained(evidence.pair, other).cell_index[other.inliers])
-        not_ground = evidence.main.landmarks.rows[evidence.follows_other | evidence.explained.on_fixed]
-        motion_px = evidence.explained.motion_px
-        return Selection(evidence.main, motion_px, not_ground=not_ground, fixed=fixed, dynamic=dynamic & ~fixed)
-
-    def _tracked_again(self, evidence: Evidence, other: Tracks, excluded: Mask, fixed: Mask) -> Selection:
-        """Select another motion: track the main tracks' landmarks again from its pose, without some of them.
-
-        The excluded landmarks `(M,)` and the fixed cells `(R, C)` do not follow this motion.
-        """
-        landmarks = evidence.main.landmarks
-        tracks = self._tools.refined(evidence.pair, landmarks.subset(~excluded), other.pose)
-        motion_px = self._tools.explained(evidence.pair, tracks).motion_px
-        return Selection(tracks, motion_px, is_main=False, not_ground=landmarks.rows[excluded], fixed=fixed)
+    shows_fixed = selection.motion.agreement.motion_px > COMPARED_PX
+    if shows_fixed or not selection.is_main or earlier.age > COMPARED_PAIRS:
+        return EarlierImage(frame.left[LEVEL].image, selection.motion.tracks.pose)
+    return earlier
 
 
-def _present(tracks: Tracks | None) -> Tracks:
-    """Return the tracks of another motion, which the case guarantees."""
-    assert tracks is not None, "the case has another motion"
-    return tracks
+# ---- the tracks of a case
+
+
+def selection_of(case: cases.Case, pair: ComparedPair, main: Motion) -> Selection:
+    """Return the motion that is used as the ground's, and what to exclude, by the case."""
+    match case:
+        case cases.OwnBody(off_body):
+            return _off_body(pair, main, off_body)
+        case cases.Ambiguous(motions):
+            return _either_of_two(pair, motions)
+        case cases.MainOfTwo(motions):
+            return _main_of_two(motions)
+        case cases.OtherOfTwo(motions):
+            return _other_of_two(pair, motions)
+        case cases.Untrusted() | cases.PartialTransfer() | cases.DoubleExposure() | cases.Contradicted():
+            return Selection(main, is_main=True, exclusion=Exclusion.nothing(pair.change.stationary.shape))
+        case (
+            cases.HalfUnexplained()
+            | cases.Unexplained()
+            | cases.AtRestInDoubt()
+            | cases.StillInDoubt()
+            | cases.OneMotion()
+        ):
+            rows = main.tracks.landmarks.rows[main.agreement.on_fixed]
+            return Selection(main, is_main=True, exclusion=Exclusion.of_fixed(rows, main.agreement.fixed_cells))
+
+
+def _off_body(pair: ComparedPair, main: Motion, off_body: Motion) -> Selection:
+    """Select the motion of the landmarks outside stationary cells, and exclude the landmarks in these cells.
+
+    The host cell of such a landmark is fixed to the camera if the motion would have moved the landmark. Without these
+    cells, a keyframe would create new landmarks on the body.
+    """
+    on_stationary = main.agreement.on_stationary
+    all_off_body = pair.motion(replace(main.tracks, pose=off_body.tracks.pose)).agreement
+    fixed = all_off_body.host_cells(on_stationary & all_off_body.are_moved) | off_body.agreement.fixed_cells
+    return _tracked_without(pair, main, off_body, on_stationary, fixed)
+
+
+def _either_of_two(pair: ComparedPair, motions: TwoMotions) -> Selection:
+    """Select the motion with more weight. Exclude nothing, because the other motion may be the ground's."""
+    motion = motions.main
+    if motions.other_wins:
+        motion = pair.tracked_from(motions.main.tracks.landmarks, motions.other.tracks.pose)
+    nothing = Exclusion.nothing(pair.change.stationary.shape)
+    return Selection(motion, is_main=not motions.other_wins, exclusion=nothing, other_distance=motions.distance)
+
+
+def _main_of_two(motions: TwoMotions) -> Selection:
+    """Select the main motion, and exclude what follows the other motion or is fixed to the camera."""
+    main = motions.main
+    other = motions.other
+    fixed = main.agreement.fixed_cells
+    dynamic = other.agreement.cells(other.tracks.inliers) & ~fixed
+    rows = main.tracks.landmarks.rows[motions.follow_other | main.agreement.on_fixed]
+    return Selection(main, is_main=True, exclusion=Exclusion(rows, fixed, dynamic))
+
+
+def _other_of_two(pair: ComparedPair, motions: TwoMotions) -> Selection:
+    """Select the other motion, and exclude the landmarks that follow only the main motion, and their cells."""
+    main = motions.main
+    only_main = main.tracks.inliers & ~motions.follow_other
+    return _tracked_without(pair, main, motions.other, only_main, main.agreement.cells(only_main))
+
+
+def _tracked_without(pair: ComparedPair, main: Motion, other: Motion, excluded: Mask, fixed: Mask) -> Selection:
+    """Select another motion: track the main tracks' landmarks again from its pose, without some of them.
+
+    The excluded landmarks `(M,)` and the fixed cells `(R, C)` do not follow this motion.
+    """
+    landmarks = main.tracks.landmarks
+    motion = pair.tracked_from(landmarks.subset(~excluded), other.tracks.pose)
+    return Selection(motion, is_main=False, exclusion=Exclusion.of_fixed(landmarks.rows[excluded], fixed))

@@ -7,7 +7,7 @@ import pytest
 
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.ground.cell_change import cell_counts
-from sfr_loc_map.localisation.ground.excluded_cells import DYNAMIC_LIFE, FIXED_LIFE, ExcludedCells
+from sfr_loc_map.localisation.ground.excluded_cells import DYNAMIC_LIFE, FIXED_LIFE, ExcludedCells, Exclusion
 
 SHAPE = (128, 160)
 NOTHING = np.zeros(cell_counts(SHAPE), np.bool_)
@@ -24,12 +24,13 @@ def after(
     excluded: ExcludedCells,
     *,
     fixed: Mask = NOTHING,
-    dynamic: Mask | None = None,
+    dynamic: Mask = NOTHING,
     stationary: Mask = NOTHING,
     has_excluded: bool = False,
 ) -> ExcludedCells:
     """Return the excluded cells after a pair."""
-    return excluded.after_selection(fixed, dynamic, stationary, SHAPE, has_excluded=has_excluded)
+    rows = np.zeros(int(has_excluded), np.intp)
+    return excluded.after_pair(Exclusion(rows, fixed, dynamic), stationary, SHAPE)
 
 
 def test_cells_age_also_in_pairs_in_which_no_landmark_is_excluded() -> None:

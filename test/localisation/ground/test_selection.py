@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
+from typing import get_args
 
 import cv2
 import numpy as np
@@ -29,8 +29,21 @@ from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.findings import Finding, Inflation, decide
-from sfr_loc_map.localisation.ground.cases import CASES, EFFECTS, Case, effect_of, findings_of
-from sfr_loc_map.localisation.ground.evidence import OLD_WEIGHT, Evidence
+from sfr_loc_map.localisation.ground.cases import (
+    EFFECTS,
+    Ambiguous,
+    Case,
+    MainOfTwo,
+    OneMotion,
+    OwnBody,
+    PartialTransfer,
+    StillInDoubt,
+    Unexplained,
+    case_of_one,
+    effect_of,
+    findings_of,
+)
+from sfr_loc_map.localisation.ground.evidence import Evidence, evidence_of
 from sfr_loc_map.localisation.ground.identification import (
     AGREEING_PAIRS,
     LONG_DOUBT_PAIRS,
@@ -40,15 +53,18 @@ from sfr_loc_map.localisation.ground.identification import (
     Phase,
     Sign,
 )
-from sfr_loc_map.localisation.ground.memory import EarlierImage, GroundMemory, MainMotion
-from sfr_loc_map.localisation.ground.selection import Ground
+from sfr_loc_map.localisation.ground.memory import EarlierImage, Effect, GroundMemory, NextMemory, Support
+from sfr_loc_map.localisation.ground.motion_tools import Motion
+from sfr_loc_map.localisation.ground.two_motions import OLD_WEIGHT, weighed
 from sfr_loc_map.localisation.localiser import Localiser
 
 SAMPLE, PAIRS = ROOT / "sample" / "sample.mcap", 14
 
 DRIVE = drive(30)
 
-EXPLAINED = MainMotion(
+IMAGE = np.zeros((16, 16), np.float32)
+HERE = Pose(np.eye(3), np.zeros(3))
+EXPLAINED = Support(
     moves_image=True,
     unexplained_fraction=0.0,
     unexplained_cells=np.zeros((2, 2), np.bool_),
@@ -83,63 +99,62 @@ def masked(estimates: Sequence[PoseEstimate]) -> list[float]:
     return [item.statistics.masked_share or 0.0 for item in estimates]
 
 
-def test_each_case_has_a_row_and_an_effect() -> None:
-    assert {case for case, _ in CASES} == set(Case) == set(EFFECTS)
+def after(memory: GroundMemory, effect: Effect) -> GroundMemory:
+    """Return the memory after a moving pair that one motion explains."""
+    memory = replace(memory, earlier=EarlierImage(IMAGE, HERE))
+    return memory.after(effect, EXPLAINED, is_moving=True, excluded=memory.excluded, image=IMAGE)
+
+
+def evidence_without_outliers(memory: GroundMemory) -> Evidence:
+    """Return the evidence of a moving pair that one motion explains."""
+    cells = np.ones((2, 2), np.bool_)
+    agreement = SimpleNamespace(
+        moves_image=True, unexplained_fraction=0.0, contradicting_fraction=0.0, unexplained=None, cells=lambda _: cells
+    )
+    return evidence_of(Motion(SimpleNamespace(is_trusted=True, inliers=None), agreement), memory)  # type: ignore[arg-type]
+
+
+def test_each_case_has_an_effect() -> None:
+    assert set(EFFECTS) == set(get_args(Case))
 
 
 def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
     memory = GroundMemory.none((32, 32))
-    image = np.zeros((16, 16), np.float32)
-    after = partial(
-        GroundMemory.after,
-        excluded=memory.excluded,
-        earlier=EarlierImage(image, Pose(np.eye(3), np.zeros(3))),
-        image=image,
-        is_moving=True,
-    )
     for _ in range(MAX_TRANSFERS):
-        assert Evidence(None, None, None, None, memory).may_be_transfer  # type: ignore[arg-type]
-        memory = after(memory, EFFECTS[Case.PARTIAL_TRANSFER], EXPLAINED)
-    assert not Evidence(None, None, None, None, memory).may_be_transfer  # type: ignore[arg-type]
-    assert after(memory, EFFECTS[Case.TWO_MOTIONS], EXPLAINED).faults.transfers == 0
+        assert evidence_without_outliers(memory).may_be_transfer
+        memory = after(memory, effect_of(PartialTransfer(), is_identified=True))
+    assert not evidence_without_outliers(memory).may_be_transfer
+    assert after(memory, EFFECTS[MainOfTwo].usual).faults.transfers == 0
 
 
 def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> None:
-    image = np.zeros((16, 16), np.float32)
-    earlier = EarlierImage(image, Pose(np.eye(3), np.zeros(3)))
-    before = replace(GroundMemory.none((32, 32)), earlier=earlier, previous=image)
-    after = replace(before, previous=np.ones((16, 16), np.float32), faults=ImageFaults(transfers=2))
-    tracks = SimpleNamespace(is_trusted=True)
-    ground = Ground.unselected(tracks, before)._replace(learnt=after)  # type: ignore[arg-type]
+    before = replace(GroundMemory.none((32, 32)), earlier=EarlierImage(IMAGE, HERE), previous=IMAGE)
+    learnt = replace(before, previous=np.ones((16, 16), np.float32), faults=ImageFaults(transfers=2))
     refused = decide({Finding.CONTRADICTED})
-    assert ground.memory_after(refused) is before
-    learnt = ground._replace(outlasts_refusal=True).memory_after(refused)
-    assert learnt.previous is before.previous
-    assert learnt.faults.transfers == 2
+    next_earlier = EarlierImage(IMAGE, HERE)
+    assert NextMemory.of_selected(before, learnt, next_earlier, outlasts_refusal=False).after(refused) is before
+    memory = NextMemory.of_selected(before, learnt, next_earlier, outlasts_refusal=True).after(refused)
+    assert memory.previous is before.previous
+    assert memory.faults.transfers == 2
 
 
 def test_a_second_motion_before_the_ground_is_identified_degrades_twelve_pairs() -> None:
     """The example in the docstring of `selection`: ten pairs of doubt and recovery follow, then clean pairs."""
     memory = GroundMemory.none((32, 32))
-    image = np.zeros((16, 16), np.float32)
-    earlier = EarlierImage(image, Pose(np.eye(3), np.zeros(3)))
     found = []
-    case = Case.AMBIGUOUS
+    case: type = Ambiguous
     for _ in range(14):
-        found.append((case, findings_of(EFFECTS[case], memory, is_trusted=True, is_moving=True)))
-        memory = memory.after(
-            EFFECTS[case], EXPLAINED, excluded=memory.excluded, earlier=earlier, image=image, is_moving=True
-        )
-        evidence = Evidence(None, None, None, None, memory)  # type: ignore[arg-type]
-        evidence.__dict__["main_motion"] = EXPLAINED
-        case = Case.STILL_IN_DOUBT if evidence.stays_in_doubt else Case.ONE_MOTION
+        effect = EFFECTS[case].usual
+        memory = after(memory, effect)
+        found.append((case, findings_of(effect, memory.faults, is_trusted=True)))
+        case = type(case_of_one(evidence_without_outliers(memory)))
     assert found == [
-        (Case.AMBIGUOUS, frozenset({Finding.AMBIGUOUS})),
-        *[(Case.STILL_IN_DOUBT, frozenset({Finding.GROUND_IN_DOUBT}))] * 9,
-        *[(Case.ONE_MOTION, frozenset({Finding.RECOVERING}))] * 2,
-        *[(Case.ONE_MOTION, frozenset())] * 2,
+        (Ambiguous, frozenset({Finding.AMBIGUOUS})),
+        *[(StillInDoubt, frozenset({Finding.GROUND_IN_DOUBT}))] * 9,
+        *[(OneMotion, frozenset({Finding.RECOVERING}))] * 2,
+        *[(OneMotion, frozenset())] * 2,
     ]
-    assert memory.identification.phase is Phase.IDENTIFIED
+    assert memory.is_identified
 
 
 NO_CELLS = np.zeros((2, 3), np.bool_)
@@ -171,12 +186,18 @@ def test_a_second_motion_may_be_the_ground_until_the_ground_is_identified() -> N
     """The selected motion may then be wrong, so that the covariance of all later poses contains the ambiguity."""
     learning = GroundMemory.none((32, 32))
     identified = replace(learning, identification=Identification(Phase.IDENTIFIED))
-    for case in (Case.PARTIAL_TRANSFER, Case.UNEXPLAINED):
-        assert Inflation.AMBIGUITY in decide(effect_of(case, learning).findings).inflation
-        assert Inflation.AMBIGUITY in decide(effect_of(case, identified.after_lost_pair()).findings).inflation
-        assert Inflation.AMBIGUITY not in decide(effect_of(case, identified).findings).inflation
-    assert decide(effect_of(Case.OWN_BODY, learning).findings).inflation is Inflation.UNOBSERVED
-    assert not effect_of(Case.OWN_BODY, identified).findings
+
+    def inflation_of(case: Case, memory: GroundMemory) -> Inflation:
+        effect = effect_of(case, is_identified=memory.is_identified)
+        return decide(findings_of(effect, memory.faults, is_trusted=True)).inflation
+
+    for case in (PartialTransfer(), Unexplained()):
+        assert Inflation.AMBIGUITY in inflation_of(case, learning)
+        assert Inflation.AMBIGUITY in inflation_of(case, identified.after_lost_pair())
+        assert Inflation.AMBIGUITY not in inflation_of(case, identified)
+    body = OwnBody(off_body=None)  # type: ignore[arg-type]
+    assert inflation_of(body, learning) is Inflation.UNOBSERVED
+    assert inflation_of(body, identified) is Inflation.NONE
 
 
 def test_the_ground_must_be_identified_again_after_a_lost_pair() -> None:
@@ -209,17 +230,17 @@ def test_a_body_that_hides_most_of_the_first_image_is_no_silent_error() -> None:
 
 
 def test_another_motion_of_old_landmarks_alone_has_the_weight_of_old_landmarks() -> None:
-    def followed(hosts: list[int]) -> SimpleNamespace:
+    def followed(hosts: list[int]) -> Motion:
         landmarks = SimpleNamespace(host=np.array(hosts), newest_host=max(hosts))
-        return SimpleNamespace(
+        tracks = SimpleNamespace(
             inliers=np.ones(len(hosts), np.bool_), inlier_count=len(hosts), landmarks=landmarks, pose=None
         )
+        return Motion(tracks, None)  # type: ignore[arg-type]
 
-    tools = SimpleNamespace(image_motion_px=lambda *_, **__: 1.0)
-    pair = SimpleNamespace(prediction=SimpleNamespace(guesses=SimpleNamespace(repeated_motion=None)))
-    evidence = Evidence(tools, pair, followed([0, 1, 2, 2]), None, None)  # type: ignore[arg-type]
-    evidence.__dict__["other"] = followed([0, 0, 1])
-    assert evidence.weight_ratio == pytest.approx((2.0 * OLD_WEIGHT + 2.0) / (3.0 * OLD_WEIGHT))
+    guesses = SimpleNamespace(repeated_motion=None, standstill=None)
+    pair = SimpleNamespace(guesses=guesses, image_motion_px=lambda *_, **__: 1.0)
+    motions = weighed(pair, followed([0, 1, 2, 2]), followed([0, 0, 1]))  # type: ignore[arg-type]
+    assert motions.weight_ratio == pytest.approx((2.0 * OLD_WEIGHT + 2.0) / (3.0 * OLD_WEIGHT))
 
 
 def test_the_own_body_is_found_by_the_first_motion_and_left_out() -> None:
