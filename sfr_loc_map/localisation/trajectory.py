@@ -167,7 +167,7 @@ def _errors_at(path: PathState, pair: AcceptedPair, added: AddedError, model: Ro
     position = pair.T_world_left.translation
     depth_m = pair.landmark_map.landmarks.median_depth
     return path.errors.with_pose(
-        given_keyframes=model.sources.adjustment_inflation * pair.given_keyframes,
+        of_landmarks=model.sources.adjustment_inflation * pair.given_keyframes,
         blur=model.blur(depth_m).covariance,
         unobserved_motion=_covariance_of_left(path, added.unobserved_rb, model),
         sums=sums_after_step(

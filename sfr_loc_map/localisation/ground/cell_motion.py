@@ -77,7 +77,7 @@ def _cells_of(numbers: NDArray[np.intp], shape: tuple[int, ...]) -> Mask:
 
 
 @jit_fast_inline
-def _cell_of(u: float, v: float, rows: int, columns: int) -> int:
+def _cell_number(u: float, v: float, rows: int, columns: int) -> int:
     """Return the number of the cell that contains a pixel; rows * columns outside all cells and for NaN."""
     if not (0.0 <= u < CELL * columns and 0.0 <= v < CELL * rows):
         return rows * columns
@@ -272,8 +272,8 @@ def agreement_of(
     host_cells = np.empty(count, np.intp)
     are_moved = np.zeros(count, np.bool_)
     for n in range(count):
-        cells[n] = _cell_of(motion.uv[n, 0], motion.uv[n, 1], rows, columns)
-        host_cells[n] = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
+        cells[n] = _cell_number(motion.uv[n, 0], motion.uv[n, 1], rows, columns)
+        host_cells[n] = _cell_number(host_uv[n, 0], host_uv[n, 1], rows, columns)
         are_moved[n] = motion.px[n] > MOVED_PX  # False for NaN
     cell_motion = _cell_motion(motion.px, cells, in_view, rows, columns)
     fixed_cells = _fixed_cells(cell_motion, change.stationary)

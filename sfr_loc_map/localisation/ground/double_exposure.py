@@ -44,8 +44,6 @@ SHOWN, SHIFT_X, SHIFT_Y, OTHER, IMAGE = range(5)
 """Columns of the least-squares problem: tracked exposure, its derivatives along x and y, other exposure, image."""
 MIN_FACTORS: Final = 1e-6  #: Minimum of |a| + |b|. The weight is finite even if the image resembles neither exposure.
 RIDGE: Final = 1e-6  #: Relative and absolute increase of a normal matrix's diagonal, for a positive definite matrix.
-
-
 DEVIATION_RATIO: Final = 1.858
 """Ratio of the standard error of the median, times the square root of the sample size, to the median absolute deviation
 of a normal sample: 1.4826 (Rousseeuw and Croux 1993) times the square root of pi / 2."""
@@ -138,12 +136,8 @@ def _fill_columns(image: FloatImage, hosted: _Hosted, n: int, work: _Workspace) 
 
 
 @jit_fast_inline
-def _fill_products(columns: FloatArray, products: FloatArray, with_image: FloatArray) -> None:
-    """Subtract the mean of each column in place; fill the products of the columns.
-
-    `products` `(4, 4)` holds those of the model's columns, upper half only, and `with_image` `(5,)` those of all
-    columns with the image.
-    """
+def _subtract_means(columns: FloatArray) -> None:
+    """Subtract the mean of each column in place, which eliminates the constant of the model."""
     for c in range(IMAGE + 1):
         mean = 0.0
         for k in range(MIXTURE_SIDE * MIXTURE_SIDE):
@@ -151,6 +145,15 @@ def _fill_products(columns: FloatArray, products: FloatArray, with_image: FloatA
         mean /= MIXTURE_SIDE * MIXTURE_SIDE
         for k in range(MIXTURE_SIDE * MIXTURE_SIDE):
             columns[c, k] -= mean
+
+
+@jit_fast_inline
+def _fill_products(columns: FloatArray, products: FloatArray, with_image: FloatArray) -> None:
+    """Fill the products of the columns: the normal equations of the least-squares problem.
+
+    `products` `(4, 4)` holds those of the model's columns, upper half only, and `with_image` `(5,)` those of all
+    columns with the image.
+    """
     for c in range(IMAGE + 1):
         for d in range(c, IMAGE + 1):
             total = 0.0
@@ -162,11 +165,39 @@ def _fill_products(columns: FloatArray, products: FloatArray, with_image: FloatA
                 products[c, d] = total
 
 
+@jit_fast_inline
+def _weight(products: FloatArray, with_image: FloatArray, inverse: FloatArray) -> float:
+    """Solve the normal equations of a patch for the factors, and return the weight of the other exposure.
+
+        factors = products^-1 with_image
+        weight = b / (|a| + |b|)
+
+    NaN if a patch is not inside both images, has too little contrast, or does not separate the exposures. `inverse`
+    `(4, 4)` is filled.
+    """
+    least_power = MIXTURE_SIDE * MIXTURE_SIDE * MIN_EXPOSURE_CONTRAST**2
+    power = min(products[SHOWN, SHOWN], products[OTHER, OTHER])
+    # False for NaN: a patch must be inside both images
+    if not (power > least_power and with_image[IMAGE] > least_power and np.isfinite(with_image[SHOWN])):
+        return np.nan
+    for c in range(IMAGE):
+        products[c, c] = products[c, c] * (1.0 + RIDGE) + RIDGE
+    fill_inverse_4(products, inverse)
+    if inverse[OTHER, OTHER] * products[OTHER, OTHER] * MIN_SEPARATION > 1.0:
+        return np.nan
+    a = 0.0
+    b = 0.0
+    for c in range(IMAGE):
+        a += inverse[SHOWN, c] * with_image[c]
+        b += inverse[OTHER, c] * with_image[c]
+    return b / max(abs(a) + abs(b), MIN_FACTORS)
+
+
 @jit_fast
 def _weights(image: FloatImage, hosted: _Hosted) -> FloatArray:
     """Return the weight of the other exposure in each patch `(N,)`; NaN if the weight cannot be estimated."""
     count = len(hosted.uv)
-    weights = np.full(count, np.nan)
+    weights = np.empty(count)
     work = _Workspace(
         np.empty((3, 3)),
         np.empty((MIXTURE_SIDE + 2, MIXTURE_SIDE + 2)),
@@ -175,25 +206,11 @@ def _weights(image: FloatImage, hosted: _Hosted) -> FloatArray:
     products = np.empty((IMAGE, IMAGE))
     with_image = np.empty(IMAGE + 1)
     inverse = np.empty((IMAGE, IMAGE))
-    least_power = MIXTURE_SIDE * MIXTURE_SIDE * MIN_EXPOSURE_CONTRAST**2
     for n in range(count):
         _fill_columns(image, hosted, n, work)
+        _subtract_means(work.columns)
         _fill_products(work.columns, products, with_image)
-        power = min(products[SHOWN, SHOWN], products[OTHER, OTHER])
-        # False for NaN: a patch must be inside both images
-        if not (power > least_power and with_image[IMAGE] > least_power and np.isfinite(with_image[SHOWN])):
-            continue
-        for c in range(IMAGE):
-            products[c, c] = products[c, c] * (1.0 + RIDGE) + RIDGE
-        fill_inverse_4(products, inverse)
-        if inverse[OTHER, OTHER] * products[OTHER, OTHER] * MIN_SEPARATION > 1.0:
-            continue
-        a = 0.0
-        b = 0.0
-        for c in range(IMAGE):
-            a += inverse[SHOWN, c] * with_image[c]
-            b += inverse[OTHER, c] * with_image[c]
-        weights[n] = b / max(abs(a) + abs(b), MIN_FACTORS)
+        weights[n] = _weight(products, with_image, inverse)
     return weights
 
 
@@ -219,4 +236,4 @@ def mixture_of(image: FloatImage, landmarks: Landmarks, shown: Pose, other: Pose
         return Mixture(np.nan, np.nan, 0)
     weight = median(weights)
     deviation = DEVIATION_RATIO * median(np.abs(weights - weight))
-    return Mixture(weight, float(deviation / np.sqrt(len(weights))), len(weights))
+    return Mixture(weight, standard_error=float(deviation / np.sqrt(len(weights))), patches=len(weights))

@@ -19,7 +19,7 @@ from sfr_loc_map.localisation.symmetric_matrices import positive_part
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
 
 ZERO = read_only(np.zeros((6, 6)))  #: No uncertainty.
-ORIGIN = read_only(np.zeros(3))  #: Origin of the world, m, and a sum without steps.
+ZERO_VECTOR = read_only(np.zeros(3))  #: Origin of the world, m, or a sum without steps.
 
 
 class LocatedCovariance(NamedTuple):
@@ -33,7 +33,7 @@ class LocatedCovariance(NamedTuple):
         return propagated_covariance(self.covariance, position - self.position)
 
 
-NOTHING = LocatedCovariance(ORIGIN, ZERO)  #: No error.
+NOTHING = LocatedCovariance(ZERO_VECTOR, ZERO)  #: No error.
 
 
 class DirectedError(NamedTuple):
@@ -62,11 +62,11 @@ NO_DIRECTED_ERROR = DirectedError(0.0, 0.0)
 class PathSums(NamedTuple):
     """Sums over all steps of a run. No event resets them: an error since a reference is the difference of two sums."""
 
-    bias: FloatArray = ORIGIN  #: Position error per pixel of a constant disparity error, m/px.
-    corrected: FloatArray = ORIGIN  #: Position error per pixel times the yaw correction at the step, m.
+    bias: FloatArray = ZERO_VECTOR  #: Position error per pixel of a constant disparity error, m/px.
+    corrected: FloatArray = ZERO_VECTOR  #: Position error per pixel times the yaw correction at the step, m.
     followed_px: float = 0.0  #: Absolute drift corrections of the right camera, px.
     directed: DirectedError = NO_DIRECTED_ERROR  #: Ambiguous motions, and bending of the path by the lens.
-    turned: FloatArray = ORIGIN  #: Angle of the directed errors times the position where it arose, rad m.
+    turned: FloatArray = ZERO_VECTOR  #: Angle of the directed errors times the position where it arose, rad m.
 
     def directed_at(self, position: FloatArray) -> FloatArray:
         """Return the covariance `(6, 6)` of the directed errors at a position: the term `directed` of a pose.
@@ -155,7 +155,7 @@ class PathErrors:
     | `origin` | | | | | = external pose | = external pose |
     | `before_window` | | | | + `in_window`, `alone`, `kept_motion`, first image | 0 | |
     | `in_window` | | | = keyframe | = keyframe | 0 | |
-    | `given_keyframes` | = tracks | | 0 | 0 | 0 | 0 at the past pose itself |
+    | `of_landmarks` | = tracks | | 0 | 0 | 0 | 0 at the past pose itself |
     | `blur` | = image | | | = first image | 0 | 0 at the past pose itself |
     | `unobserved_motion` | = motion or 0 | | | 0 | 0 | 0 at the past pose itself |
     | `kept_motion` | 0 | = motion | | 0 | 0 | |
@@ -180,7 +180,7 @@ class PathErrors:
     before_window: LocatedCovariance = NOTHING
     #: Covariance of the newest keyframe in its window, from the bundle adjustment, inflated.
     in_window: FloatArray = field(default_factory=lambda: ZERO)
-    given_keyframes: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance given the keyframes, inflated.
+    of_landmarks: FloatArray = field(default_factory=lambda: ZERO)  #: adjustment_inflation `given_keyframes`.
     blur: FloatArray = field(default_factory=lambda: ZERO)  #: Error of the whole image of the present pose.
     #: Motion to the present pose, if its findings require that this motion counts as unobserved.
     unobserved_motion: FloatArray = field(default_factory=lambda: ZERO)
@@ -193,9 +193,9 @@ class PathErrors:
 
             alone = adjustment_inflation given_keyframes + blur + unobserved_motion
 
-        The field `given_keyframes` is inflated. `blur` is (Z blur_px / f)^2 in position, (blur_px / f)^2 in rotation.
+        `blur` is (Z blur_px / f)^2 in position and (blur_px / f)^2 in rotation (`RoverModel.blur`).
         """
-        return self.given_keyframes + self.blur + self.unobserved_motion
+        return self.of_landmarks + self.blur + self.unobserved_motion
 
     def shared(self, position: FloatArray) -> LocatedCovariance:
         """Return the covariance that the map at a position has accumulated since it was placed.
@@ -217,16 +217,11 @@ class PathErrors:
         return positive_part(self.shared(position).covariance - self.origin.shared.at(position))
 
     def with_pose(
-        self, *, given_keyframes: FloatArray, blur: FloatArray, unobserved_motion: FloatArray, sums: PathSums
+        self, *, of_landmarks: FloatArray, blur: FloatArray, unobserved_motion: FloatArray, sums: PathSums
     ) -> PathErrors:
         """Return the errors of a new pose that was estimated from images."""
         return replace(
-            self,
-            given_keyframes=given_keyframes,
-            blur=blur,
-            unobserved_motion=unobserved_motion,
-            kept_motion=ZERO,
-            sums=sums,
+            self, of_landmarks=of_landmarks, blur=blur, unobserved_motion=unobserved_motion, kept_motion=ZERO, sums=sums
         )
 
     def kept(self, motion: FloatArray) -> PathErrors:
@@ -235,7 +230,7 @@ class PathErrors:
 
     def adjusted(self, in_window: FloatArray) -> PathErrors:
         """Return the errors after an adjustment of the newest keyframe, which is the present pose."""
-        return replace(self, in_window=in_window, given_keyframes=ZERO)
+        return replace(self, in_window=in_window, of_landmarks=ZERO)
 
     def restarted(self, position: FloatArray, *, first_image: FloatArray, in_window: FloatArray) -> PathErrors:
         """Return the errors at the start of a new window at a position.
@@ -248,7 +243,7 @@ class PathErrors:
             self,
             before_window=LocatedCovariance(position, before_window),
             in_window=in_window,
-            given_keyframes=ZERO,
+            of_landmarks=ZERO,
             blur=first_image,
             unobserved_motion=ZERO,
             kept_motion=ZERO,
@@ -265,5 +260,5 @@ class PathErrors:
         """
         errors = replace(self, origin=origin)
         if is_present:
-            return replace(errors, given_keyframes=ZERO, blur=ZERO, unobserved_motion=ZERO)
+            return replace(errors, of_landmarks=ZERO, blur=ZERO, unobserved_motion=ZERO)
         return errors

@@ -8,7 +8,7 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
-from typing import get_args
+from typing import Any, get_args
 
 import cv2
 import numpy as np
@@ -32,14 +32,19 @@ from sfr_loc_map.localisation.findings import Finding, Inflation, decide
 from sfr_loc_map.localisation.ground.cases import (
     EFFECTS,
     Ambiguous,
+    AtRestInDoubt,
     Case,
+    Contradicted,
+    HalfUnexplained,
     MainOfTwo,
     OneMotion,
+    OtherOfTwo,
     OwnBody,
     PartialTransfer,
     StillInDoubt,
     Unexplained,
     case_of_one,
+    case_of_two,
     effect_of,
     findings_of,
 )
@@ -55,7 +60,7 @@ from sfr_loc_map.localisation.ground.identification import (
 )
 from sfr_loc_map.localisation.ground.memory import EarlierImage, Effect, GroundMemory, NextMemory, Support
 from sfr_loc_map.localisation.ground.motion_tools import Motion
-from sfr_loc_map.localisation.ground.two_motions import OLD_WEIGHT, weighed
+from sfr_loc_map.localisation.ground.two_motions import OLD_WEIGHT, TwoMotions, weighed
 from sfr_loc_map.localisation.localiser import Localiser
 
 SAMPLE, PAIRS = ROOT / "sample" / "sample.mcap", 14
@@ -70,6 +75,9 @@ EXPLAINED = Support(
     unexplained_cells=np.zeros((2, 2), np.bool_),
     inlier_cells=np.ones((2, 2), np.bool_),
 )
+
+
+IDENTIFIED = replace(GroundMemory.none((32, 32)), identification=Identification(Phase.IDENTIFIED))
 
 
 def with_fault(fault: str) -> list[PoseEstimate]:
@@ -116,6 +124,46 @@ def evidence_without_outliers(memory: GroundMemory) -> Evidence:
 
 def test_each_case_has_an_effect() -> None:
     assert set(EFFECTS) == set(get_args(Case))
+
+
+@pytest.mark.parametrize(
+    ("changes", "case"),
+    [
+        ({}, OneMotion),
+        ({"is_contradicted": True, "is_half_unexplained": True}, Contradicted),
+        ({"is_half_unexplained": True, "may_be_transfer": True}, PartialTransfer),
+        ({"is_half_unexplained": True}, HalfUnexplained),
+        ({"is_unusual": True}, Unexplained),
+        ({"is_unusual": True, "has_typical": False}, OneMotion),
+        ({"stays_in_doubt": True}, StillInDoubt),
+        ({"stays_in_doubt": True, "support": EXPLAINED._replace(moves_image=False)}, AtRestInDoubt),
+    ],
+)
+def test_the_case_of_one_motion_follows_from_the_evidence(changes: dict[str, Any], case: type) -> None:
+    evidence = evidence_without_outliers(IDENTIFIED)._replace(may_be_transfer=False)
+    assert type(case_of_one(evidence._replace(**changes))) is case
+
+
+@pytest.mark.parametrize(
+    ("memory", "weight_ratio", "has_standstill", "case"),
+    [
+        (IDENTIFIED, 2.0, False, MainOfTwo),
+        (IDENTIFIED, 0.5, False, OtherOfTwo),
+        (IDENTIFIED, 1.1, False, Ambiguous),
+        (GroundMemory.none((32, 32)), 2.0, False, Ambiguous),
+        (IDENTIFIED, 2.0, True, PartialTransfer),
+        (replace(IDENTIFIED, faults=ImageFaults(transfers=MAX_TRANSFERS)), 2.0, True, MainOfTwo),
+    ],
+)
+def test_the_case_of_two_motions_follows_from_their_weights(
+    memory: GroundMemory, weight_ratio: float, *, has_standstill: bool, case: type
+) -> None:
+    """The heavier motion explains three quarters of the landmarks."""
+    tracks = SimpleNamespace(inlier_count=9, inliers=np.ones(9, np.bool_))
+    agreement = SimpleNamespace(unexplained_fraction=0.25 if weight_ratio > 1.0 else 0.75)
+    motion = Motion(tracks, agreement)  # type: ignore[arg-type]
+    motions = TwoMotions(motion, motion, weight_ratio, has_standstill)
+    assert type(case_of_two(motions, evidence_without_outliers(memory))) is case
 
 
 def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
