@@ -28,6 +28,7 @@ from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.methods.registry import config_text, find_method
 from sfr_loc_map.metrics.config import aligned_error_config
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
@@ -268,7 +269,7 @@ def _texts(name: str, items: Sequence[str]) -> Sequence[str]:
 def _check(name: str, value: object, *kinds: type) -> None:
     """Raise ConfigError with the name of the argument if its value is neither a path nor one of `kinds`."""
     if not isinstance(value, (str, os.PathLike, *kinds)):
-        known = " or ".join(kind.__name__ for kind in kinds)
+        known = alternatives(kind.__name__ for kind in kinds)
         wanted = f"a path or a {known}" if kinds else "a path"
         raise ConfigError(f"{name} has the type {type(value).__name__}: {wanted} is required")
 

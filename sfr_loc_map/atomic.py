@@ -15,12 +15,13 @@ import glob
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.inputs import special_kind
+from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.signals import deferred_signals
 
 SUFFIX = ".part"
@@ -96,6 +97,20 @@ def check_output(path: Path) -> None:
         raise _cannot_write(path, error) from error
 
 
+def check_suffix(path: Path, suffixes: Collection[str]) -> None:
+    """Raise OutputError if the name of an output does not end in one of the suffixes."""
+    if path.suffix not in suffixes:
+        raise OutputError(f"cannot write '{path}': a name that ends in {alternatives(suffixes)} is required")
+
+
+def make_folder(path: Path, advice: str) -> None:
+    """Create a folder of outputs with its parents, if it does not exist; raise OutputError if this fails."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot create the folder '{path}': {error.strerror}; {advice}") from error
+
+
 def output_target(path: Path, *, any_folder: bool = False) -> Path:
     """Return the path that is written for an output: the path itself, or the target of a link."""
     if path.is_symlink():
@@ -152,7 +167,7 @@ def _check_free(path: Path) -> None:
         raise OutputError(f"'{path}' cannot be an output: give a path that ends in a name")
     try:
         if not path.parent.is_dir():
-            raise OutputError(f"cannot write '{path}': there is no folder '{path.parent}'; create it first")
+            raise OutputError(f"cannot write '{path}': the folder '{path.parent}' does not exist; create it first")
         kind = special_kind(path.stat().st_mode) if path.exists() else ""
         if path.is_dir() and any(path.iterdir()):
             kind = "a folder that is not empty"

@@ -21,6 +21,14 @@ def end_with_parent(number: signal.Signals, waiting: Collection[signal.Signals] 
         _LIBRARY.prctl(_PR_SET_PDEATHSIG, number)
 
 
+def ending_of(code: int) -> str:
+    """Return how a process ended, in words. A negative exit code is the number of the signal that killed it."""
+    if code >= 0:
+        return f"ended with exit code {code}"
+    name = next((item.name for item in signal.Signals if item == -code), f"signal {-code}")
+    return f"was killed by {name}"
+
+
 def adopt_descendants() -> None:
     """Let the kernel make this process the parent of descendants whose parent ends (Linux), even after exec.
 

@@ -21,7 +21,7 @@ def load_yaml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"cannot read '{path}': {error.strerror}; give an existing YAML file") from error
     except (yaml.YAMLError, ValueError) as error:
         detail = " ".join(str(error).split())
-        raise ConfigError(f"'{path}' is not valid YAML: {detail}") from error
+        raise ConfigError(f"'{path}' is not valid YAML: {detail}; correct the file") from error
     if content is None:
         return {}
     if not isinstance(content, dict):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import missing
 
 if TYPE_CHECKING:  # not needed for files
     import numpy as np
@@ -22,7 +23,7 @@ def hash_path(path: Path) -> str:
             with path.open("rb") as stream:
                 return hashlib.file_digest(stream, "sha256").hexdigest()
         if not path.is_dir():
-            raise InputError(f"cannot hash '{path}': it does not exist; give a file or folder")
+            raise InputError(f"{missing(path)}; give a file or folder")
         digest = hashlib.sha256()
         for file in visible_files(path):
             if file.is_file():

@@ -37,6 +37,17 @@ def refusing(where: str, advice: str = "correct the file") -> Iterator[None]:
         raise InputError(f"{where}: {reason}; {advice}") from error
 
 
+def missing(path: Path) -> str:
+    """Return the message about an input that does not exist, as for all files that cannot be read."""
+    return f"cannot read '{path}': {os.strerror(errno.ENOENT)}"
+
+
+def check_exists(path: Path, advice: str) -> None:
+    """Raise InputError if an input does not exist."""
+    if not path.exists():
+        raise InputError(f"{missing(path)}; {advice}")
+
+
 # ---- files
 
 MB = 1_000_000

@@ -53,17 +53,29 @@ def parse_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
 
     Raises YAMLError or ValueError if the text is not YAML, is nested too deeply, or expands to too many values.
     """
-    loader = _BoundedLoader(text)
+    try:
+        loader = _BoundedLoader(text)
+    except yaml.reader.ReaderError as error:
+        raise yaml.YAMLError(f"the character at position {error.position} is not printable") from error
     try:
         node = loader.get_single_node()
         if node is None:
             return None
         _expanded(node, {}, 0)
         return loader.construct_document(node)
+    except yaml.MarkedYAMLError as error:
+        raise yaml.YAMLError(_line_of(error)) from error
     except (AttributeError, TypeError, RecursionError) as error:  # the library raises them for unknown keys and tags
         raise yaml.YAMLError(f"it cannot be read: {error}") from error
     finally:
         loader.dispose()
+
+
+def _line_of(error: yaml.MarkedYAMLError) -> str:
+    """Return the problem with its line and column, without the context and the quoted part of the text."""
+    mark = error.problem_mark or error.context_mark
+    where = "" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: "
+    return f"{where}{error.problem or error.context}"
 
 
 class _BoundedLoader(yaml.SafeLoader):

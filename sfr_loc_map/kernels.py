@@ -23,7 +23,7 @@ from typing import Any
 
 from numba.core import event
 
-from sfr_loc_map.child_process import child_environment, end_with_parent
+from sfr_loc_map.child_process import child_environment, end_with_parent, ending_of
 from sfr_loc_map.jit import KERNELS
 from sfr_loc_map.signals import END_SIGNALS
 
@@ -158,7 +158,7 @@ def _compile_beside(part: str, say: Say, is_wanted: Callable[[], bool]) -> None:
     if not is_wanted():
         raise KeyboardInterrupt
     if child.returncode != 0:
-        say(f"the compiling process ended with exit code {child.returncode}: kernels are compiled in this process")
+        say(f"the compiling process {ending_of(child.returncode)}: kernels are compiled in this process")
 
 
 if __name__ == "__main__":

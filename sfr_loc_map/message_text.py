@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 MAX_MESSAGE = 600  #: Maximum length of a message, characters. The middle of a longer text is omitted.
 _TAIL = 200
@@ -20,6 +21,17 @@ def printable(text: str) -> str:
     writing, and halves of surrogate pairs, which cannot be encoded.
     """
     return _UNPRINTABLE.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
+
+
+def alternatives(names: Iterable[str]) -> str:
+    """Return names as in `a, b or c`."""
+    *others, last = [*names] or [""]
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a number of things, as in `1 pair` or `2 pairs`."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def one_line(text: str) -> str:

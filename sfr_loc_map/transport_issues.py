@@ -13,6 +13,7 @@ from enum import StrEnum
 
 from sfr_loc_map.issues import Cause, Issue
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.message_types import COMPRESSED, IMAGE
 
 MUCH_LOST = 0.1  #: Fraction of lost messages above which the transport is not configured for them.
@@ -49,7 +50,7 @@ def silence_of(
     of_type = [publisher for publisher in publishers if publisher.msgtype in wanted]
     if not of_type:
         found = ", ".join(sorted({publisher.msgtype for publisher in publishers}))
-        text = f"the type is {found}: {' or '.join(wanted)} is required"
+        text = f"the type is {found}: {alternatives(wanted)} is required"
         return Issue(Cause.WRONG_TYPE, topic, text, _fix_of_type(topic, wanted, found))
     names = ", ".join(sorted({publisher.node for publisher in of_type}))
     offered = {publisher.reliability for publisher in of_type}

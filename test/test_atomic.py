@@ -50,7 +50,7 @@ def test_nothing_is_left_of_an_error(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ("place", "words"),
     [
-        *(("full", "not empty"), ("none/x", "there is no folder"), ("file/x", "there is no folder")),
+        *(("full", "not empty"), ("none/x", "does not exist"), ("file/x", "does not exist")),
         *(("pipe", "a named pipe"), ("socket", "a socket"), ("/dev/null", "a device"), ("to null", "a device")),
         *(("nowhere", "a broken link"), ("circle", "a broken link")),
     ],

@@ -153,11 +153,9 @@ class _Table:
         with refusing(f"cannot read '{path}'", advice):
             rows = list(csv.DictReader(io.StringIO(read_table_text(path, advice), newline="")))
         if not rows or needed not in rows[0] or rows[0].keys().isdisjoint(("state", *COST_NAMES, COVARIANCE_NAMES[0])):
-            found = ", ".join(list(rows[0])[:5]) if rows else "no row"
-            required = (
-                f"at least one row is required, with the column {needed} and one of state, processing_time_s and cov_00"
-            )
-            raise InputError(f"statistics '{path}': found {found}: {required}")
+            found = f"the columns are {', '.join(list(rows[0])[:5])}" if rows else "the table has no row"
+            required = f"{needed} and one of state, processing_time_s and cov_00 are required in each row"
+            raise InputError(f"statistics '{path}': {found}: {required}; {advice}")
         return cls(path, rows)
 
     def has(self, names: Sequence[str]) -> bool:
@@ -202,7 +200,7 @@ class _Table:
             methods = ", ".join(sorted({" ".join(filter(None, names[:2])) or "no method" for names in named}))
             raise InputError(
                 f"statistics '{self.path}': its rows name different methods or configurations ({methods}): give the "
-                "unchanged calls of one run"
+                "statistics of one run, unchanged"
             )
 
     def matrix(self, names: Sequence[str]) -> FloatArray:

@@ -201,9 +201,10 @@ def tracking_warning(records: Sequence[CallRecord], source: object) -> str | Non
     if not bad or len(bad) < MANY * len(records):
         return None
     reason, count = Counter(record.reason for record in bad).most_common(1)[0]
+    why = f"most often ({count} pairs) because of '{reason}'" if reason else "without a stated reason"
     return (
-        f"{states_text(records)} of {len(records)} pairs, {count} of them for '{reason or 'no reason'}': inspect with "
-        f"sfr info {source}, or sfr localise {source} -o again.csv --video tracks.avi"
+        f"{states_text(records)} of {len(records)} pairs, {why}: inspect with sfr info {source}, or "
+        f"sfr localise {source} -o again.csv --video tracks.avi"
     )
 
 

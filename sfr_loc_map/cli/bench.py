@@ -151,7 +151,7 @@ def faults(
     Exit with 1 for silent errors, and with 3 if no pair with a fault can be compared with the ground truth.
     """
     from sfr_loc_map.bench.fault_benchmark import FAULTS, benchmark_faults
-    from sfr_loc_map.io.sequence import drive_of
+    from sfr_loc_map.io.sequence import drive_of, without_truth
 
     propose("sfr simulate DST --from SRC --fault KIND:amount=A", why="writes the data with a single fault")
     check_outputs(json_path, inputs=files_read(source, config), overwrite=overwrite)
@@ -159,7 +159,7 @@ def faults(
     opened, config = open_as(source, remap, config)
     localiser, drive = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
     if drive.ground_truth is None:
-        raise InputError(f"'{source}' has no drive with ground truth: give a source that has one")
+        raise without_truth(source)
     if not drive.ground_truth.has_attitude:
         raise InputError(f"the ground truth of '{source}' has only positions: give a source that has true attitudes")
     check_conditions(drive.ground_truth, (condition,), lenient=lenient)

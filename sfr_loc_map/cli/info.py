@@ -61,6 +61,7 @@ def info(
     from sfr_loc_map.doctor.fixes import with_fix
     from sfr_loc_map.doctor.observation import observe
     from sfr_loc_map.io.bag.files import is_bag
+    from sfr_loc_map.io.registry import check_source_exists
     from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.io.source_settings import config_beside
     from sfr_loc_map.localisation.config import LocalisationConfig
@@ -80,8 +81,7 @@ def info(
     parameters = Configuration(path, sections)
     parameters.build(LocalisationConfig, "localisation")
     parameters.build(MappingConfig, "mapping")
-    if not source.exists():
-        raise InputError(f"there is no '{source}': give a data set folder, a bag, KITTI or EuRoC")
+    check_source_exists(source)
     if write:
         path, how = _write(source, sections, path)
     with progress_bar("pairs") as bar:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sfr_loc_map.cli.app import propose
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, say, show
 from sfr_loc_map.errors import FailedVerdictError
+from sfr_loc_map.message_text import counted
 
 if TYPE_CHECKING:
     from sfr_loc_map.issues import Issue
@@ -47,4 +48,4 @@ class IssueList:
             if not self.issues:
                 say(f"{self.subject}: no blocking issue")
         if self.blocking:
-            raise FailedVerdictError(f"{self.blocking} blocking issue{'s' * (self.blocking > 1)} on {self.subject}")
+            raise FailedVerdictError(f"{self.subject}: {counted(self.blocking, 'blocking issue')}")

@@ -62,7 +62,7 @@ def live(
 
     if not terminal:
         require_live()
-    page = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
+    page = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="'--host', '--port', '--token'")
     remaps = list(remap or ())
     if config is not None:
         remaps += remaps_of(SourceConfig.of(read_sections(config), config))

@@ -27,6 +27,7 @@ from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.config_file import read_config
 from sfr_loc_map.errors import InterruptedRunError, naming
 from sfr_loc_map.mapping.config import CalibrationPrior, MappingConfig
+from sfr_loc_map.message_text import counted
 from sfr_loc_map.signals import hold
 from sfr_loc_map.suite_names import OURS, Task
 
@@ -95,7 +96,7 @@ def map_cloud(
         save_stats(stats, run.records, run.method)
     for line in run.warnings:
         warn(line)
-    say(f"{len(cloud)} points of {len(run.maps)} pairs: {output}", err=True)
+    say(f"{len(cloud)} points of {counted(len(run.maps), 'pair')}: {output}", err=True)
     if theirs is None:
         say(_assumption(parameters.calibration), err=True)
     for path in outputs.more:

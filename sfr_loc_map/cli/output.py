@@ -6,7 +6,7 @@ Only a regular file, or a folder that contains only a data set or a bag, can be 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +15,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from sfr_loc_map import atomic
 from sfr_loc_map.atomic import atomic_path, check_output, output_target, replace_by, write_text
 from sfr_loc_map.cli.app import current_run
 from sfr_loc_map.errors import OutputError, SfrError
@@ -28,10 +29,10 @@ STANDARD_OUTPUT = "-"
 HTML_SUFFIXES = (".html", ".htm")
 
 
-def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
-    """Raise OutputError if the name of an output does not end in one of the suffixes."""
-    if path is not None and path.suffix not in suffixes:
-        raise OutputError(f"cannot write '{path}': a name that ends in {' or '.join(suffixes)} is required")
+def check_suffix(path: Path | None, suffixes: Collection[str]) -> None:
+    """Raise OutputError if the name of an output, if given, does not end in one of the suffixes."""
+    if path is not None:
+        atomic.check_suffix(path, suffixes)
 
 
 def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (), overwrite: bool) -> None:
@@ -40,21 +41,21 @@ def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (
     An output must differ from the inputs of the command and from the files of its sources.
     """
     given = {path.resolve() for path in inputs if path is not None}
-    taken = dict.fromkeys(given, "an input of this command")
+    taken = dict.fromkeys(given, "it is also an input of this command")
     for path in (Path(item) for item in outputs if item is not None and str(item) != STANDARD_OUTPUT):
         if reason := _why_not_writable(path, given, taken, overwrite=overwrite):
             raise OutputError(f"cannot write '{path}': {reason}")
         check_output(path)
-        taken[path.resolve()] = "another output"
+        taken[path.resolve()] = "another output has this name"
 
 
 def _why_not_writable(path: Path, inputs: set[Path], taken: Mapping[Path, str], *, overwrite: bool) -> str:
-    """Return why a file must not be written, with the advice; empty if it may be. `taken` are the used paths."""
+    """Return why a file must not be written, with the advice; empty if it may be. `taken`: reasons of used paths."""
     place = path.resolve()
     if path.is_file() and (owner := source_of_file(place, inputs)) is not None:
         return f"it belongs to '{owner}', an input of this command; choose another name"
     if place in taken:
-        return f"it is also {taken[place]}; choose another name"
+        return f"{taken[place]}; choose another name"
     if path.is_dir():
         return "it is a folder; choose another name"
     if path.exists() and not path.is_file():
@@ -109,10 +110,7 @@ def secondary_output() -> Iterator[None]:
 
 def make_folder(path: Path, option: str) -> None:
     """Create the folder that an option or argument names, if it does not exist."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make the folder '{path}': {error.strerror}; choose another {option}") from error
+    atomic.make_folder(path, f"choose another {option}")
 
 
 def show(content: object, place: str | None, tables: Iterable[Table]) -> None:

@@ -231,7 +231,7 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
     from sfr_loc_map.report.page import render_overview
     from sfr_loc_map.report.summary import Banner
 
-    _check_page(page)
+    check_suffix(page, HTML_SUFFIXES)
     names = names_of(paths, scores)
     result = compare_scores(scores, names)
     tables = [*methods_tables(scores, names), *comparison_tables(result)]
@@ -243,11 +243,6 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
         propose("... -o comparison.html", why="the same as a page with figures")
     shown = [table for table in tables if table.name != "provenance"]  # too wide for a terminal; the page has it
     show(result.to_dict(), json_path, shown)
-
-
-def _check_page(page: Path | None) -> None:
-    if page is not None and page.suffix not in HTML_SUFFIXES:
-        raise ConfigError(f"'-o {page}': a comparison is a page: name it *.html")
 
 
 def _compare_suites(folders: list[Path], page: Path | None, json_path: str | None) -> None:
@@ -262,7 +257,7 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
     if len(folders) != 2:
         what = "sfr suite report makes the page of one" if len(folders) == 1 else "sfr suite history takes several"
         raise ConfigError(f"{len(folders)} folders of suites given: exactly two are compared; {what}")
-    _check_page(page)
+    check_suffix(page, HTML_SUFFIXES)
     reference, compared = (summarise(Store(folder)) for folder in folders)
     result = compare_suites(reference, compared, (str(folders[0]), str(folders[1])))
     tables = comparison_tables(result)

@@ -325,5 +325,5 @@ def _present(
     if outcome.failures:
         raise FailedVerdictError("; ".join(outcome.failures))
     if outcome.failed_jobs:
-        raise InputError(f"{outcome.failed_jobs} jobs or sources failed; the messages above name them")
+        raise InputError(f"jobs or sources that failed: {outcome.failed_jobs}; the messages above name them")
     not_judged([*outcome.waiting, *outcome.incomplete, *outcome.undecided], lenient=lenient)

@@ -80,7 +80,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
         kinds = ", ".join(item.kind for item in score.fatal_findings)
         reasons = [f"the method failed: {kinds}"] if kinds else []
         reasons += [] if score.contradiction is None else [f"not judged: {score.contradiction}"]
-        reasons += [] if score.incomplete is None else [f"incomplete: {names_of_incomplete_parts(score)}"]
+        reasons += [] if score.incomplete is None else [f"incomplete data ({names_of_incomplete_parts(score)})"]
         reasons += [f"{len(missed)} of {len(score.on_limits)} limits missed: {'; '.join(missed)}"] if missed else []
         raise FailedVerdictError("; ".join(reasons))
     # a score that passes has no limit on the unjudged items, such as a requested condition that was never met

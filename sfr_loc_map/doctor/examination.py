@@ -16,6 +16,7 @@ from sfr_loc_map.io.calibration.rectification import StereoRectifier, rig_of_raw
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
 from sfr_loc_map.issues import Cause, Issue
 from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S, stamp_of
+from sfr_loc_map.message_text import counted
 from sfr_loc_map.message_types import COMPRESSED, IMAGE
 from sfr_loc_map.stamp_pairing import below_half_period, nearest_stamps
 from sfr_loc_map.suite_names import SIDES
@@ -69,9 +70,8 @@ def _source(seen: Observation) -> Issues:
         text, fix = _found_and_fix(seen.broken)
         yield Issue(Cause.BROKEN, seen.subject, _without_subject(text, seen.subject), fix)
     if seen.skipped_pairs:
-        text = (
-            f"{seen.skipped_pairs} pairs are skipped because their images, or the poses of mapping pairs, are missing"
-        )
+        pairs = counted(seen.skipped_pairs, "pair")
+        text = f"{pairs} skipped because images, or poses of mapping pairs, are missing"
         fix = "restore the files or messages, or remove the pairs from the list"
         yield Issue(Cause.MISSING_IMAGES, seen.subject, text, fix, False)
     if seen.unfinished:
@@ -88,9 +88,10 @@ def _found_and_fix(message: str) -> tuple[str, str]:
 def _without_subject(text: str, subject: str) -> str:
     """Return a text without the name of the source at its beginning, which the issue states already."""
     for name in (subject, f"bag {subject}"):
-        for end in (": ", " "):
-            if text.startswith(f"{name}{end}"):
-                return text.removeprefix(f"{name}{end}")
+        if text.startswith(f"{name}: "):
+            return text.removeprefix(f"{name}: ")
+        if text.startswith(f"{name} "):
+            return text.replace(name, "it", 1)
     return text
 
 

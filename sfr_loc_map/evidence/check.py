@@ -25,6 +25,7 @@ from sfr_loc_map.evidence.revisited import agreement_at, closure_rows, find_clos
 from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, Variant, run_pairs, run_variant
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.table.rows import Figure
 
@@ -75,7 +76,7 @@ def check_drive(
     """
     drive = PairsInMemory(sequence.rig, list(islice(sequence.pairs(), most_pairs)))
     if len(drive) < MIN_PAIRS:
-        raise InputError(f"the drive has {len(drive)} pairs: at least {MIN_PAIRS} are required for a check")
+        raise InputError(f"the drive has {counted(len(drive), 'pair')}: at least {MIN_PAIRS} are required for a check")
     forward = run_variant(drive, config, Variant.FORWARD, progress)
     others = [at_pairs_of(forward, other) for other in others]  # before the other runs, because it may be refused
     runs = {Variant.FORWARD: forward}

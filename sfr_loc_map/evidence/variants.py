@@ -123,5 +123,7 @@ def half_mask(rig: StereoRig, variant: Variant, given: str) -> GreyImage:
         return mask
     found = cv2.imread(given, cv2.IMREAD_GRAYSCALE)
     if found is None or found.shape != mask.shape:
-        raise InputError(f"'{given}' is not a mask of {rig.width} x {rig.height} px: give one, or omit it")
+        raise InputError(
+            f"'{given}' is not a mask of {rig.width} x {rig.height} px: give a mask of this size, or omit it"
+        )
     return np.minimum(mask, np.asarray(found, np.uint8))

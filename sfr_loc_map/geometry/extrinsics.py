@@ -12,6 +12,7 @@ from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.message_text import alternatives
 
 RB_FRAME = "rb"  #: Frame of the rover [3.2.2].
 LOCSB_FRAME = "locsb"  #: Frame of the stereo rig for localisation [3.2.3].
@@ -36,7 +37,7 @@ class RigInBody:
         """The origin, with the other frames that could be the rover's, for messages."""
         if not self.other_bases:
             return self.read_from
-        return f"{self.read_from}; the rover's frame could also be {' or '.join(self.other_bases)}"
+        return f"{self.read_from}; the rover's frame could also be {alternatives(self.other_bases)}"
 
 
 def rig_in_body(

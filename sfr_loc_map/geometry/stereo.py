@@ -80,6 +80,15 @@ class StereoRig:
             numbers += [*self.T_rb_sb.translation.tolist(), *self.T_rb_sb.rotation.reshape(-1).tolist()]
         return hashlib.sha256(",".join(float(n).hex() for n in numbers).encode()).hexdigest()[:16]
 
+    def fault_of_size(self, image: GreyImage) -> str:
+        """Return why an image does not fit the rig, after the name of the image; empty if the sizes are equal."""
+        if image.shape == (self.height, self.width):
+            return ""
+        found = f"{image.shape[1]} x {image.shape[0]}"
+        return (
+            f"is {found}: {self.width} x {self.height}, the size of the rig, is required; use the rig of these images"
+        )
+
     def same_cameras(self, other: StereoRig) -> bool:
         """Return whether the cameras of both rigs agree within `SAME_PX`, because drivers round the calibration."""
         if (self.width, self.height) != (other.width, other.height):

@@ -11,13 +11,13 @@ from typing import NamedTuple
 from sfr_loc_map.config import changed
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
-from sfr_loc_map.inputs import check_regular, refusing
+from sfr_loc_map.inputs import check_exists, check_regular, refusing
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.layouts.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.layouts.folder import is_folder, open_folder
 from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_folder
 from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
-from sfr_loc_map.io.sequence import Source, SourceFormat
+from sfr_loc_map.io.sequence import Source, SourceFormat, without_truth
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.io.truth.config import DEFAULT_TRUTH, TruthConfig
@@ -91,13 +91,17 @@ def _ignored_of_truth(path: Path, truth: TruthConfig) -> tuple[str, ...]:
     return of_bags if origin.is_file() else (*of_bags, "truth.columns")
 
 
+def check_source_exists(path: Path) -> None:
+    """Raise InputError if a source does not exist."""
+    check_exists(path, "give a data set folder, a ROS bag, or a sequence of another data set")
+
+
 def format_of(path: Path) -> SourceFormat:
     """Return the format of the files of a source; InputError if the path does not exist or has no supported format.
 
     A bag is `BAG`; `Source.format` also states whether its messages are used as recorded.
     """
-    if not path.exists():
-        raise InputError(f"there is no '{path}': give a data set folder, a ROS bag, or a sequence of another data set")
+    check_source_exists(path)
     if path.is_file():
         with refusing(f"'{path}' cannot be read", "give the file itself"):
             check_regular(path)
@@ -119,7 +123,7 @@ def true_trajectory(path: Path, config: SourceConfig) -> Trajectory:
         return read_truth(path, config.truth, config.remap)
     drive = open_source(path, config).loc
     if drive is None or drive.ground_truth is None:
-        raise InputError(f"'{path}' has no ground-truth trajectory: name it by truth.source in sfr.yaml")
+        raise without_truth(path)
     return drive.ground_truth
 
 
@@ -135,6 +139,6 @@ def read_truth(path: Path, config: TruthConfig | None = None, remap: Mapping[str
     beside = source_config(path)
     found = open_source(path, beside if config is None else replace(beside, truth=config)).truth
     if found is None:
-        raise InputError(f"'{path}' has no true poses (groundtruth.csv): give a source with truth")
+        raise without_truth(path)
     assert isinstance(found, Truth)  # `open_source` converts every truth
     return found

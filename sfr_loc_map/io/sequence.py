@@ -152,6 +152,14 @@ def drive_of(source: Source) -> LocSequence:
     return source.loc
 
 
+def without_truth(path: Path) -> InputError:
+    """Return the error of a source without true poses."""
+    return InputError(
+        f"'{path}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth, or name "
+        "the truth by truth.source in sfr.yaml"
+    )
+
+
 def panorama_of(source: Source) -> NavSequence:
     """Return the mapping pairs of a source."""
     if source.nav is None or not len(source.nav):

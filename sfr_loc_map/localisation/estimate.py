@@ -45,7 +45,8 @@ class StartPose:
             raise GeometryError(f"the start pose has an invalid rotation: {start.T_ds_rb.rotation.tolist()}")
         if not isinstance(start.stamp_ns, int | np.integer | None):
             raise GeometryError(
-                f"the start pose has an invalid stamp: {start.stamp_ns!r}. Use whole ns, or None for the next pair."
+                f"the start pose has an invalid stamp: {start.stamp_ns!r}: whole nanoseconds, or None for the next "
+                "pair, are required"
             )
         return start
 

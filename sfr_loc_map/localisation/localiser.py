@@ -521,15 +521,12 @@ class Localiser:
         before_ns = self._state.path.arrived_ns
         if before_ns is not None and pair.stamp_ns <= before_ns:
             raise LocalisationError(
-                f"pair {pair.stamp_ns}: the stamp is not later than {before_ns}, the stamp of the previous pair, but "
-                f"stamps must increase. Sort the pairs by stamp, or reset the localiser to start another drive."
+                f"the stamp of pair {pair.stamp_ns} is not later than {before_ns}, the stamp of the previous pair: "
+                "stamps in increasing order are required; sort the pairs by stamp, or reset the localiser before "
+                "another drive"
             )
-        height, width = pair.left.shape
-        if (height, width) != (self._rig.height, self._rig.width):
-            raise LocalisationError(
-                f"pair {pair.stamp_ns}: the images have {width} x {height} pixels, but the rig requires "
-                f"{self._rig.width} x {self._rig.height}. Use images of this rig."
-            )
+        if fault := self._rig.fault_of_size(pair.left):  # the right image has the size of the left image
+            raise LocalisationError(f"image of stamp {pair.stamp_ns} {fault}")
 
     def _with_keyframe(self, state: State, result: KeyframeResult | None) -> State:
         """Return the state with the adjusted map, pose and calibration of a keyframe.

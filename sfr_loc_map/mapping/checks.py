@@ -44,11 +44,8 @@ def check_pair_count(count: int) -> None:
 
 def check_images(pair: StereoPair, rig: StereoRig) -> None:
     """Raise MappingError if the images do not have the rig's size, one is textureless, or both are identical."""
-    if pair.left.shape != (rig.height, rig.width):
-        raise MappingError(
-            f"images of stamp {pair.stamp_ns} are {pair.left.shape[1]} x {pair.left.shape[0]}: the rig has "
-            f"{rig.width} x {rig.height}; use the rig of these images"
-        )
+    if fault := rig.fault_of_size(pair.left):  # the right image has the size of the left image
+        raise MappingError(f"image of stamp {pair.stamp_ns} {fault}")
     for name, image in (("left", pair.left), ("right", pair.right)):
         _, deviations = cv2.meanStdDev(image)
         deviation = float(deviations[0, 0])

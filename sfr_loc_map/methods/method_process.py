@@ -16,6 +16,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from sfr_loc_map.child_process import ending_of
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_bytes
@@ -32,12 +33,6 @@ from sfr_loc_map.suite_names import Task
 
 EXIT_TIMEOUT_S = 10.0
 SHARED_MEMORY = Path("/dev/shm")
-
-
-def _ending(code: int) -> str:
-    """Describe the exit code of a process; a negative code is the number of the signal that killed the process."""
-    name = next((item.name for item in signal.Signals if item == -code), f"signal {-code}")
-    return f"with {code}" if code >= 0 else f"by {name}"
 
 
 def numbers_of(pose: Transform) -> Pose:
@@ -213,9 +208,9 @@ class MethodProcess:
 
     def _crash(self) -> MethodFailureError:
         """Return how the process has ended, with the last line of its log."""
-        how = "has closed its output but is still running"
+        how = "closed its output but is still running"
         with suppress(subprocess.TimeoutExpired):
-            how = f"has ended {_ending(self._process.wait(EXIT_TIMEOUT_S))}"
+            how = ending_of(self._process.wait(EXIT_TIMEOUT_S))
         self._log.seek(0)
         text = self._log.read().decode("utf-8", "replace")
         lines = [line.strip() for line in text.splitlines() if line.strip()]

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import ConfigError, MethodError
-from sfr_loc_map.inputs import read_text
+from sfr_loc_map.errors import MethodError
+from sfr_loc_map.inputs import missing, read_text, refusing
 from sfr_loc_map.methods.own_code import code_sha256
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
 from sfr_loc_map.suite_names import OURS, Task
@@ -132,10 +132,10 @@ PEERS = {task: {item.name: item for item in _PEERS if item.method.task == task} 
 
 def config_text(path: Path | None) -> str:
     """Return the text of a method's configuration; empty without a path."""
-    try:
-        return "" if path is None else read_text(path)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"config '{path}' cannot be read ({error}): give a text file") from error
+    if path is None:
+        return ""
+    with refusing(f"cannot read '{path}'", "give the text file with the configuration of the method"):
+        return read_text(path)
 
 
 def find_method(spec: str, task: Task, config: str = "") -> Method:
@@ -145,7 +145,7 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
     if spec.startswith(LIBRARY_PREFIX):
         path = Path(spec.removeprefix(LIBRARY_PREFIX)).resolve()
         if not path.is_file():
-            raise MethodError(f"method '{spec}': there is no library '{path}'; build it (docs/candidates.md)")
+            raise MethodError(f"method '{spec}': {missing(path)}; build the library (docs/candidates.md)")
         library = (LIBRARY_ADAPTER, str(path), config)
         return _identified(Method(spec, task, MethodKind.LIBRARY, *library, background=True))
     if ":" not in spec:
@@ -156,7 +156,7 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
     place = Path(spec.rpartition(":")[0])
     is_file = place.suffix == ".py" and place.is_file()
     if place.suffix == ".py" and not is_file:
-        raise MethodError(f"method '{spec}': there is no file '{place}'; give the file of the class")
+        raise MethodError(f"method '{spec}': {missing(place)}; give the file of the class")
     # an absolute path, because the process has another working directory
     target = f"{place.resolve()}:{spec.rpartition(':')[2]}" if is_file else spec
     return _identified(Method(spec, task, MethodKind.PYTHON, CLASS_ADAPTER, target, config, background=True))
@@ -175,7 +175,8 @@ def find_peer(peer: Peer, python: Path | None, vocabulary: Path | None = None) -
     try:
         status = subprocess.run([python, "-c", code], capture_output=True, timeout=60, check=False).returncode
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise MethodError(f"'--peer-python {python}' cannot be run ({error}): give a Python interpreter") from error
+        reason = getattr(error, "strerror", None) or "it did not end within 60 s"
+        raise MethodError(f"'--peer-python {python}' cannot be run: {reason}; give a Python interpreter") from error
     if status:
         return None, f"not installed in {python}: {peer.install}"
     if not peer.needs_vocabulary:

@@ -15,6 +15,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from sfr_loc_map.errors import ConfigError, InputError, NodeError
 from sfr_loc_map.message_stamps import stamp_of
+from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.metrics.table.records import ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.replay.answer_book import AnswerBook
 from sfr_loc_map.replay.answer_converters import DEPTH, AnswerConverter
@@ -123,7 +124,7 @@ class ExternalNode:
         if self._publishers() != self._first_publishers:
             topic = self._options.topic
             self._answers.note_restart(
-                f"the publisher of its first answer on {topic} has left, or another has appeared"
+                f"the publisher of its first answer on {topic} has disappeared, or another has appeared"
             )
 
     def result(self, version: str | None) -> ExternalResult:
@@ -204,8 +205,8 @@ def _wait_for_subscription(
 
     def problem() -> str:
         return (
-            f"no external node in ROS domain {environment.domain()} subscribes to {' or '.join(topics)}: start the "
-            "node with --command, or set ROS_DOMAIN_ID for both, and remap its topics; no subscription"
+            f"no external node (start it with --command, or with the same ROS_DOMAIN_ID, and remap its topics) has "
+            f"subscribed to {alternatives(topics)} in ROS domain {environment.domain()}"
         )
 
     peer.wait_for(listens, options.start_timeout_s, problem)

@@ -210,10 +210,10 @@ def _duplicates(score: Score) -> Iterator[str]:
     association = score.association
     if association is not None and association.estimate_duplicates:
         count = association.estimate_duplicates
-        yield f"{count} estimates were ignored because a later estimate has the same stamp."
+        yield f"Estimates that were ignored because a later estimate has the same stamp: {count}."
     if association is not None and association.truth_duplicates:
         count = association.truth_duplicates
-        yield f"{count} true poses were ignored because a later true pose has the same stamp."
+        yield f"True poses that were ignored because a later true pose has the same stamp: {count}."
 
 
 def _unjudged_map(score: Score) -> Iterator[str]:
@@ -222,7 +222,7 @@ def _unjudged_map(score: Score) -> Iterator[str]:
     if without_cloud is not None and without_cloud.value:
         yield f"{without_cloud.value:.0f} of {without_cloud.n} mapping pairs have no point in the cloud."
     if without_truth := score.number("points_without_truth", part="count"):
-        yield f"{without_truth:.0f} points have no true surface and are not judged."
+        yield f"{without_truth:.0f} points have no ground truth and are not judged."
 
 
 def _fused_cloud(score: Score) -> Iterator[str]:
@@ -230,8 +230,8 @@ def _fused_cloud(score: Score) -> Iterator[str]:
     is_limited = any(item.figure == "coverage" for item in score.verdicts)
     if is_limited and score.cloud is not None and score.cloud.kind is CloudKind.FUSED:
         yield (
-            "The cloud is declared to be fused. A true pixel is therefore covered if a point of any pair is within two "
-            "footprints of a pixel, so that a quarter of the points can give full coverage."
+            "The cloud is declared to be fused. A pixel with ground truth is therefore covered if a point of any pair "
+            "is within two footprints of a pixel, so that a quarter of the points can give full coverage."
         )
 
 

@@ -68,4 +68,4 @@ def start_ros(arguments: Sequence[str] = (), *, signals: bool = False) -> None:
     try:
         rclpy.init(args=list(arguments), **options)
     except Exception as error:  # rclpy's exceptions have no common base class
-        raise NodeError(f"ROS does not start with these arguments and settings: {error}") from error
+        raise NodeError(f"ROS cannot be initialised with these arguments and settings: {error}") from error

@@ -42,6 +42,7 @@ from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.images.codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, unread_codec
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstimate
 from sfr_loc_map.message_stamps import stamp_of
+from sfr_loc_map.message_text import alternatives
 
 if TYPE_CHECKING:  # nodes without kernels do not import numba
     from sfr_loc_map.mapping.search_range import SearchRange
@@ -88,7 +89,7 @@ def points_of(message: PointCloud2, wanted: Mapping[str, Sequence[type[np.generi
         field = found.get(name)
         kind = next((k for k in kinds if field is not None and field.datatype == POINT_TYPES[k]), None)
         if field is None or kind is None or field.count not in (0, 1):
-            types = " or ".join(each.__name__ for each in kinds)
+            types = alternatives(each.__name__ for each in kinds)
             raise InputError(f"{what} has no field '{name}' of {types} (fields: {', '.join(found) or 'none'})")
         formats.append(np.dtype(kind).newbyteorder(order))
         offsets.append(int(field.offset))

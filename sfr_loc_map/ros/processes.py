@@ -14,7 +14,7 @@ from pathlib import Path
 
 import psutil
 
-from sfr_loc_map.child_process import adopt_descendants, child_environment, end_with_parent
+from sfr_loc_map.child_process import adopt_descendants, child_environment, end_with_parent, ending_of
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.signals import END_SIGNALS, hold
 
@@ -96,9 +96,7 @@ class ChildProcess:
     def ending(self) -> str:
         """How the process ended, in words; empty while the process runs."""
         code = self.popen.poll()
-        if code is None:
-            return ""
-        return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+        return "" if code is None else ending_of(code)
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal to the process and its children in the same session."""

@@ -13,8 +13,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from sfr_loc_map.atomic import atomic_path
-from sfr_loc_map.errors import ConfigError, OutputError
+from sfr_loc_map.atomic import atomic_path, check_suffix
+from sfr_loc_map.errors import OutputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.clouds import geotiff
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
@@ -82,10 +82,9 @@ def save_map(
 
 
 def check_dems(files: Sequence[Path]) -> None:
-    """Raise ConfigError or MissingExtraError if elevation models with these names cannot be written."""
+    """Raise OutputError or MissingExtraError if elevation models with these names cannot be written."""
     for file in files:
-        if file.suffix not in DEM_SUFFIXES:
-            raise ConfigError(f"'--dem {file}': a name that ends in {' or '.join(DEM_SUFFIXES)} is required")
+        check_suffix(file, DEM_SUFFIXES)
     if any(file.suffix in geotiff.SUFFIXES for file in files):
         geotiff.load_rasterio()
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import cv2
 
-from sfr_loc_map.atomic import atomic_path
+from sfr_loc_map.atomic import atomic_path, check_suffix
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.localisation.estimate import PoseEstimate
@@ -25,8 +25,7 @@ FrameObserver = Callable[[StereoPair, PoseEstimate], None]
 @contextmanager
 def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
     """Provide an observer that appends an image of the tracks of each pair to a video, kept only on success."""
-    if path.suffix not in CODECS:
-        raise OutputError(f"'{path}' is not the name of a video: give a name that ends in {' or '.join(CODECS)}")
+    check_suffix(path, CODECS)
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # silent: errors are reported in one line
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     with atomic_path(path) as temporary:

@@ -126,7 +126,7 @@ def _unbound_calls(run: Run) -> Iterator[str]:
     if run.drive is not None and run.target is not None and run.target.calls.positions is None:
         yield "the calls on the target have no positions: it is not verified that they belong to this estimate"
     if run.cloud is not None and any(item.has_task(Task.MAPPING) for item in run.given_stats):
-        yield "the calls of a mapper (--stats) do not identify a cloud: it is not verified that they gave this cloud"
+        yield "the calls of a mapper (--stats) do not identify a cloud: it is not verified that they made this cloud"
 
 
 def _readable_files(method: MethodRecord | None) -> Iterator[str]:
@@ -146,6 +146,6 @@ def _process_warnings(method: MethodRecord | None, run: Run) -> Iterator[str]:
         outside_s = usage.cpu_outside_s or 0.0
         if outside_s > max(OUTSIDE_SHARE * usage.cpu_s, OUTSIDE_S):
             yield (
-                f"the method works outside its calls: {outside_s:.3g} s of {usage.cpu_s:.3g} s of processor time are "
-                "not of a call"
+                f"the method computes outside its calls: {outside_s:.3g} s of its {usage.cpu_s:.3g} s of processor "
+                "time are not measured in a call"
             )

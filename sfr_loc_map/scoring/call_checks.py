@@ -33,7 +33,7 @@ def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> No
         if without:
             raise InputError(
                 f"the calls (--stats) have no position at {without} of {len(localised)} stamps of the estimate: give "
-                "the unchanged calls of the run"
+                "the statistics of the run, unchanged"
             )
         apart_m = np.abs(trajectory.positions[rows[place]] - item.positions).max(axis=1)[is_given]
         is_other = apart_m > SAME_POSITION_M

@@ -23,7 +23,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
-from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.sequence import Source, without_truth
 from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
 from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.io.tables.trajectory_file import ESTIMATE_OPTION, TRUTH_OPTION, LoadedTrajectory, read_trajectory_file
@@ -193,8 +193,7 @@ def _read_truth(
         return read_trajectory_file(place, how.truth.columns, TRUTH_OPTION), None
     source = io.open_source(place, how)
     if source.loc is None or source.loc.ground_truth is None:
-        text = f"'{place}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
-        raise InputError(text)
+        raise without_truth(place)
     return LoadedTrajectory(place, source.loc.ground_truth), source
 
 

@@ -23,7 +23,7 @@ import numpy as np
 import yaml
 
 from sfr_loc_map import __version__, geometry
-from sfr_loc_map.atomic import atomic_path
+from sfr_loc_map.atomic import atomic_path, make_folder
 from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.config_yaml import load_yaml
@@ -140,10 +140,7 @@ def _claim(config: SimulationConfig, out: Path) -> None:
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"cannot write '{out}': it exists and is not a simulation; remove it or choose another name")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make the folder '{out}': {error.strerror}") from error
+    make_folder(out, "choose another name")
     _write(out / SETTINGS, settings_text(config).encode())
 
 

@@ -18,6 +18,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_text import counted
 from sfr_loc_map.source_setup.topic_guess import seen_topics
 from sfr_loc_map.tables.model import Cell, Column, Table
 
@@ -83,7 +84,7 @@ def _facts_of_pairs(source: Source) -> dict[str, Any]:
     facts: dict[str, Any] = {"format": source.format}
     if source.loc is not None:
         stamps_ns = np.asarray(source.loc.stamps_ns, np.int64)
-        facts["drive"] = f"{len(stamps_ns)} pairs, {_camera(source.loc.rig)}"
+        facts["drive"] = f"{counted(len(stamps_ns), 'pair')}, {_camera(source.loc.rig)}"
         facts |= _facts_of_stamps(stamps_ns)
         if source.calibration:
             facts["calibration"] = source.calibration
@@ -91,7 +92,7 @@ def _facts_of_pairs(source: Source) -> dict[str, Any]:
         facts["extrinsics"] = "not known" if T_rb_sb is None else f"LOCSB at {T_rb_sb.translation.round(4).tolist()} m"
         facts["truth"] = _truth(source.loc.ground_truth)
     if source.nav is not None:
-        facts["mapping"] = f"{len(source.nav)} pairs, {_camera(source.nav.rig)}"
+        facts["mapping"] = f"{counted(len(source.nav), 'pair')}, {_camera(source.nav.rig)}"
     return facts
 
 

@@ -346,7 +346,7 @@ def _condition(stamps_ns: Sequence[int], truth: Trajectory) -> Findings:
     if np.sum(left_m >= metres) >= 2:
         return Findings((Value("conditions", "", [f"distance={metres}"], reason),))
     frames = max(1, min(SPACING_FRAMES, pairs - SPACING_FRAMES - 1))
-    remark = f"{pairs} pairs are too few for a verdict: {SPACING_FRAMES + 2} are required"
+    remark = f"too few pairs for a verdict: {pairs} ({SPACING_FRAMES + 2} are required)"
     return Findings(
         (Value("conditions", "", [f"frames={frames}"], reason),),
         remarks=(remark,) if pairs < SPACING_FRAMES + 2 else (),

@@ -137,7 +137,7 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
     assert truth is not None
     scored = suite.score(truth, folder, ["frames=2"])
     calls: list[tuple[Callable[[], object], str]] = [
-        (lambda: suite.open(folder / "nothing"), "there is no"),
+        (lambda: suite.open(folder / "nothing"), "No such file"),
         (
             lambda: suite.localise(folder, "somewhere"),
             "'identity', 'truth' or a pose of RB in DS .Transform. is required",

@@ -189,8 +189,8 @@ def test_a_pass_without_a_returned_call_has_no_times() -> None:
 @pytest.mark.parametrize(
     ("start", "prepare", "words"),
     [
-        ("raise ValueError('no vocabulary')", "pass", "has ended with 1: ValueError: no vocabulary"),
-        ("pass", "if order['since_start_s'] > 0.1: sys.exit('out of memory')", "has ended with 1: out of memory"),
+        ("raise ValueError('no vocabulary')", "pass", "ended with exit code 1: ValueError: no vocabulary"),
+        ("pass", "if order['since_start_s'] > 0.1: sys.exit('out of memory')", "ended with exit code 1: out of memory"),
     ],
 )
 def test_a_method_that_fails_is_named_and_the_others_go_on(

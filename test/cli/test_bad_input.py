@@ -20,14 +20,14 @@ TO_BAG = ("convert", "{out}/b.mcap")
 COMMANDS = {"localise": LOCALISE, "map": MAP, "to bag": TO_BAG}
 
 SOURCES: dict[str, tuple[Made, str] | tuple[Made, str, tuple[str, ...]]] = {
-    "missing": (broken.missing, "there is no .*: give a"),
+    "missing": (broken.missing, "No such file or directory; give a"),
     "empty folder": (broken.empty_folder, "no supported format.*found nothing; give"),
     "empty bag": (broken.empty_bag, "has no messages: record it again"),
     "truncated bag": (broken.truncated_bag, "corrupt or truncated: record or copy it again"),
     "flipped image": (broken.flipped_image, r"000001.png.*; \w+"),
     "no camera_info": (broken.no_camera_info, "no topic 'loc/right/camera_info'.*; record it"),
     "silent camera_info": (broken.silent_camera_info, "no message on '/loc/left/camera_info'"),
-    "unequal sizes": (broken.unequal_sizes, "000001.png.* is 150 x 120: the rig's size, 160 x 120"),
+    "unequal sizes": (broken.unequal_sizes, "000001.png.* is 150 x 120: 160 x 120, the size of the rig"),
     "not rectified": (broken.not_rectified, "non-rectified .*projection p is empty.*rectif"),
     "nan in poses": (broken.nan_in_poses, "(groundtruth|pairs).csv' line 3.*not .*finite.*; correct"),
     "backwards": (broken.backwards, "pairs.csv'.*in increasing order"),
@@ -115,7 +115,7 @@ def test_bad_estimate(sfr: Sfr, tmp_path: Path, out: Path, name: str, content: s
 @pytest.mark.parametrize(
     ("output", "words"),
     [
-        ("{tmp}/nowhere/o.{end}", "there is no folder .*; create it first"),
+        ("{tmp}/nowhere/o.{end}", "the folder .* does not exist; create it first"),
         ("{tmp}/out/o.xyz", "a name that ends in"),
         ("/proc/sfr_o.{end}", "cannot write .*; check"),
     ],
@@ -156,7 +156,7 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("convert", "{source}", "{out}/f", "--jpeg-quality", "90"), "JPEG.*to bags"),
         (("simulate", "{out}/f", "--from={source}", "--fault", "dropped:share=1,start=0"), "the faults drop all pairs"),
         (("score", "{out}/c.ply", "{tum}", "--align", "se3"), "omit it for a cloud"),
-        (("map", "{source}", "-o", "{out}/c.ply", "--dem", "x.jpg"), r"'--dem x.jpg': a name that ends in .npz"),
+        (("map", "{source}", "-o", "{out}/c.ply", "--dem", "x.jpg"), r"cannot write 'x.jpg': a name that ends in .npz"),
         (("report", "{tum}", "-o", "{out}/p.svg"), "html"),
         (("plot", "{tum}", "-o", "{out}/p.html"), "'sfr plot' was removed: use sfr report"),
         (("doctor", "{source}"), "use sfr info"),

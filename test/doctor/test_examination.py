@@ -111,8 +111,8 @@ def test_stamps_are_compared_within_the_tolerance_of_the_node_or_of_the_configur
     ("message", "text", "fix"),
     [
         (
-            "bag 'x' has no topic 'a': there are /b; correct this name",
-            "has no topic 'a': there are /b",
+            "bag 'x' has no topic 'a': the topics are /b; correct this name",
+            "it has no topic 'a': the topics are /b",
             "correct this name",
         ),
         ("bag 'x': no stamps: run sfr info x", "no stamps", "run sfr info x"),
@@ -121,7 +121,7 @@ def test_stamps_are_compared_within_the_tolerance_of_the_node_or_of_the_configur
             "'x/rig.json': is raw",
             "give rect (nodes: input.rectify)",
         ),
-        ("bag 'x' is empty", "is empty", "correct, record or copy it again"),
+        ("bag 'x' is empty", "it is empty", "correct, record or copy it again"),
     ],
 )
 def test_the_fix_of_an_unreadable_source_is_the_advice_of_its_error(message: str, text: str, fix: str) -> None:

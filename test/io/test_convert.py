@@ -90,7 +90,7 @@ def test_options_of_the_command_and_trajectories(tmp_path: Path, world: World, s
     assert convert_trajectory(world.truth, tmp_path / "t.mcap") == 4
     assert_same_trajectory(read_truth(tmp_path / "t.mcap"), world.truth)
     no_truth = sfr("convert", write_folder(tmp_path / "n", world, loc=False), tmp_path / "n.txt")
-    assert (no_truth.code, "no ground-truth trajectory" in no_truth.err) == (2, True)
+    assert (no_truth.code, "has no true poses" in no_truth.err) == (2, True)
 
 
 def exported(world: World, folder: Path, layout: Layout) -> LocSequence:

@@ -215,7 +215,7 @@ def test_damaged_poses_are_replaced_and_other_files_never(tmp_path: Path) -> Non
         assert path.read_bytes() == strange
     (tmp_path / "folder").mkdir()
     os.mkfifo(tmp_path / "pipe")
-    for name, words in (("folder", "it is a folder"), ("pipe", "a named pipe"), ("none/x", "there is no folder")):
+    for name, words in (("folder", "it is a folder"), ("pipe", "a named pipe"), ("none/x", "does not exist")):
         with pytest.raises(OutputError, match=words):
             PoseFile(tmp_path / name, 10.0).check()
 

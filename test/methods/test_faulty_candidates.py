@@ -43,7 +43,7 @@ FIRST = str(PAIRS[0].stamp_ns)[:-3]
 @pytest.mark.parametrize(
     ("config", "findings"),
     [
-        ("ok crash", ["", "crashed: has ended by SIGABRT", "", "crashed: has ended by SIGABRT"]),
+        ("ok crash", ["", "crashed: was killed by SIGABRT", "", "crashed: was killed by SIGABRT"]),
         ("ok hang", ["", "hanging: has not answered for 3 s", ""]),
         (
             "ok nan stamp quaternion covariance beyond status fail ok",
@@ -53,7 +53,7 @@ FIRST = str(PAIRS[0].stamp_ns)[:-3]
                 f"wrong stamp: answered with stamp {FIRST}792: stamp {FIRST}791 of the pair is required",
                 "invalid result: the quaternion has the length 3: 1 is required",
                 "invalid result: the covariance is not symmetric and positive semi-definite",
-                "invalid result: the candidate wrote beyond the pose or the covariance",
+                "invalid result: the library wrote beyond the pose or the covariance",
                 "invalid result: status is 9: 0 to 3 is required",
                 "invalid result: sfr_candidate_process returned 7",
                 "",
@@ -112,7 +112,7 @@ def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: P
         (faulty, "sfr_candidate_create: this rig is not to my taste"),
         (other, r"libother.so .* built for version 3 of sfr_candidate.h: 1 to 2 is required"),
         (tmp_path / "text.so", "cannot load the library"),
-        (tmp_path / "none.so", "there is no library"),
+        (tmp_path / "none.so", "No such file"),
     ):
         with pytest.raises(MethodError, match=words):
             calls(library, "refuse")
@@ -123,7 +123,7 @@ def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: P
     ("config", "finding"),
     [
         ("", ""),
-        ("many", "invalid result: the candidate returned 19201 points: at most 19200 are allowed"),
+        ("many", "invalid result: the library returned 19201 points: at most 19200 are allowed"),
         ("pixel", "invalid result: the pixel of a point is outside of the image of 160 x 120 pixels"),
         ("nan", "not finite: a point or its sigma is not finite"),
         ("negative", "invalid result: the sigma of a point is negative: -0.1 m"),
@@ -154,15 +154,15 @@ def mapper_library(build: Build, *options: str) -> Path:
     ("config", "finding"),
     [
         ("", ""),
-        ("many", "invalid result: the candidate returned 38401 points: at most 38400 are allowed"),
-        ("beyond", "invalid result: the candidate wrote beyond the end of the buffer of 38400 points"),
+        ("many", "invalid result: the library returned 38401 points: at most 38400 are allowed"),
+        ("beyond", "invalid result: the library wrote beyond the end of the buffer of 38400 points"),
         ("pixel", "invalid result: the pixel of a point is outside of the image of 160 x 120 pixels"),
         ("pair", "invalid result: a point has the pair number 2: 0 to 1 is required"),
         ("fused", "invalid result: fused is 5: 0 or 1 is required"),
         ("nan", "not finite: a point or its sigma is not finite"),
         ("negative", "invalid result: the sigma of a point is negative: -0.1 m"),
         ("fail", "invalid result: sfr_candidate_map_pairs returned 7"),
-        ("crash", "crashed: has ended by SIGABRT"),
+        ("crash", "crashed: was killed by SIGABRT"),
     ],
 )
 def test_a_set_is_one_call_and_its_points_are_checked(faulty: Path, drive: Path, config: str, finding: str) -> None:
@@ -201,7 +201,7 @@ def test_the_command_names_the_finding_and_writes_what_there_is(
     method = ("--method", f"lib:{faulty}", "--config", config)
     done = sfr("localise", drive, "-o", estimate, "--stats", stats, "--start", "truth", *method)
     assert done.code == 1
-    assert "crashed: 1 call at stamp 1700000000823456789: has ended by SIGABRT" in done.err
+    assert "crashed: 1 call at stamp 1700000000823456789: was killed by SIGABRT" in done.err
     assert "faulty 1: crashed; its results are written" in done.err
     scored = sfr("score", estimate, drive, "--stats", stats, "--condition", "frames=3", "--json", "-")
     score = json.loads(scored.out)

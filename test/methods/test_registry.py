@@ -25,7 +25,7 @@ def test_names_are_looked_up(tmp_path: Path, sfr: Sfr) -> None:
     assert find_method("sfr", Task.LOCALISATION).target == "sfr_loc_map.methods.ours:localiser"
     for name, task, words in (
         ("none", Task.LOCALISATION, "no method 'none' for localisation: give one of sfr, opencv, package.module"),
-        ("none.py:Class", Task.LOCALISATION, "there is no file"),
+        ("none.py:Class", Task.LOCALISATION, "No such file"),
         ("pandora", Task.MAPPING, "no method 'pandora'"),
     ):
         with pytest.raises(MethodError, match=words):

@@ -150,7 +150,7 @@ def test_reasons_why_something_is_not_judged() -> None:
     assert len(reasons_not_judged(score)) == 1
     assert "distance=1e+06" in reasons_not_judged(score)[0]
     few = judged_by(with_position(None, count=1), parse_limits(LIMIT, "limits"))
-    assert "only 1 values" in reasons_not_judged(few)[0]
+    assert "too few values: 1" in reasons_not_judged(few)[0]
 
 
 def test_what_a_limit_says_of_itself_counts_before_what_its_block_says() -> None:

@@ -57,7 +57,7 @@ def test_a_comparison_of_suites_is_a_page(tmp_path: Path) -> None:
     words = ["report", str(tmp_path / "before"), str(tmp_path / "after"), "-o", str(tmp_path / "page.md")]
     result = CliRunner().invoke(app, words)
     assert isinstance(result.exception, ConfigError)
-    assert "a comparison is a page" in str(result.exception)
+    assert "a name that ends in" in str(result.exception)
 
 
 def test_a_score_that_is_given_twice_is_refused(tmp_path: Path) -> None:

@@ -167,7 +167,7 @@ def test_true_poses_with_repeated_stamps_are_a_deviation(tmp_path: Path, sfr: Sf
     done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", limits(tmp_path, POSITION), "--json", score)
     assert done.code == 0, done.err
     sfr("report", score, "--test-report", page)
-    assert "2 true poses were ignored because a later true pose has the same stamp" in page.read_text()
+    assert "True poses that were ignored because a later true pose has the same stamp: 2." in page.read_text()
 
 
 @pytest.mark.parametrize(("kept", "is_uneven"), [(10, True), (2, False)])

@@ -27,7 +27,7 @@ def test_half_a_drive_is_incomplete_unless_asked_for(judge: Judge) -> None:
     result, score = judge(limits=FEW_INDEPENDENT + OVER_5_M + "1\n", estimate=half)
     assert result.code == 3
     assert {item["verdict"] for item in score["verdicts"]} == {"incomplete"}
-    assert "not judged: incomplete: drive" in result.err
+    assert "not judged: incomplete data (drive)" in result.err
     assert "verdict: incomplete. Incomplete: the estimate covers 50.12 % of the true poses" in result.out
     assert (result.out + result.err).count("the estimate covers 50.12 %") == 1
     assert score_rows.number(score, "missing", part="count") == 200

@@ -13,11 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rosbags.rosbag1.reader import ReaderError as Ros1Error
+from rosbags.rosbag2.errors import ReaderError
+
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.io.bag.encoding import TYPESTORE, readable
 from sfr_loc_map.io.bag.files import ZSTD_MAGIC, is_unfinished, reader_paths, unnamed_files
 from sfr_loc_map.io.bag.readers import BagReader, reader_of
 from sfr_loc_map.message_stamps import NS_PER_S, serialised_stamp
+from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.message_types import (
     CAMERA_INFO,
     COMPRESSED,
@@ -130,7 +134,7 @@ class Bag:
         msgtype = self.topics[found[0]]
         if msgtypes and msgtype not in msgtypes:
             raise InputError(
-                f"topic '{found[0]}' of bag '{self.path}' is {msgtype}: {' or '.join(msgtypes)} is required "
+                f"topic '{found[0]}' of bag '{self.path}' is {msgtype}: {alternatives(msgtypes)} is required "
                 f"for '{name}'"
             )
         relative = name.strip("/")
@@ -244,9 +248,12 @@ def restamped(raw: bytes, stamp_ns: int) -> bytes:
 
 def _near(name: str, known: Sequence[str]) -> str:
     near = difflib.get_close_matches(name, [item.strip("/") for item in known], n=3)
-    return (f"did you mean {' or '.join(near)}? " if near else "") + f"there are {', '.join(known)}"
+    return (f"did you mean {alternatives(near)}? " if near else "") + f"the topics are {', '.join(known)}"
 
 
 def _line(error: Exception) -> str:
+    """Return the text of an error in one line, with the class of an error that is not raised for a broken bag."""
     text = " ".join(str(error).split())
+    if text and isinstance(error, ReaderError | Ros1Error):
+        return text[:300]
     return f"{type(error).__name__}: {text}"[:300] if text else type(error).__name__

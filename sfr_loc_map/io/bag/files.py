@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import check_regular, read_text, refusing
+from sfr_loc_map.inputs import check_exists, check_regular, read_text, refusing
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 ROS1_MAGIC = b"#ROSBAG"
@@ -41,8 +41,7 @@ def _ends(path: Path, count: int) -> tuple[bytes | None, bytes]:
 
 def reader_paths(path: Path) -> list[Path]:
     """Return the paths to open: the folder, or its storage files if rosbags would reject the folder."""
-    if not path.exists():
-        raise InputError(f"there is no bag '{path}': give its folder or its .mcap, .db3 or .bag file")
+    check_exists(path, "give the folder of a bag, or its .mcap, .db3 or .bag file")
     files = [path]
     if path.is_dir():
         files = [file for suffix in STORAGE_SUFFIXES for file in path.glob(f"*{suffix}")]

@@ -28,6 +28,7 @@ from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.bag.encoding import TYPESTORE
 from sfr_loc_map.io.bag.files import MCAP_MAGIC
 from sfr_loc_map.io.bag.mcap_format import CHECKSUM_BYTES, CHUNK_HEAD, DATA_END, FOOTER, FOOTER_BYTES, RECORD_HEAD
+from sfr_loc_map.message_text import counted
 from sfr_loc_map.suite_names import SIDES, Task
 from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
@@ -310,6 +311,6 @@ class BagRecorder:
             yield
         except OSError as error:
             raise OutputError(
-                f"recording to '{self.path}' stopped after {self.count} messages: {error.strerror}; at most the last "
-                f"second is missing; free disk space and record under another name"
+                f"recording to '{self.path}' stopped after {counted(self.count, 'message')}: {error.strerror}; at most "
+                f"the last second is missing; free disk space and record under another name"
             ) from error

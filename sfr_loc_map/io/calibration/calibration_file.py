@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from sfr_loc_map.errors import InputError, naming
-from sfr_loc_map.inputs import refusing
+from sfr_loc_map.inputs import check_exists, refusing
 from sfr_loc_map.io.calibration.camera_info import rig_from_projections
 from sfr_loc_map.io.calibration.opened_file import open_calibration, partner_of
 from sfr_loc_map.io.calibration.programs import READERS
@@ -52,12 +52,13 @@ def read_calibration(path: Path, size: tuple[int, int] | None = None) -> StereoC
 
 def _calibration(path: Path, size: tuple[int, int] | None) -> StereoCalibration:
     where = f"calibration '{path}'"
+    check_exists(path, "give a calibration file, or a folder that contains one")
     with naming(path), refusing(where):
         opened = open_calibration(_only_file(path) if path.is_dir() else path, size)
         reader = next((reader for reader in READERS if reader.recognises(opened)), None)
         if reader is None:
             *known, last = (reader.shown for reader in READERS)
-            found = ", ".join(opened.shown_names[:8]) or "no names"
+            found = ", ".join(opened.shown_names[:8]) or "no known structure"
             raise InputError(f"{where}: the file has {found}; a file of {', '.join(known)} or {last} is required")
         left, right, text, T_rb_sb, names = reader.read(opened)
     if len(sizes := {left.size, right.size, size or left.size}) > 1:

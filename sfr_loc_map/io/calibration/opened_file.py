@@ -14,6 +14,7 @@ import yaml
 
 from sfr_loc_map.inputs import read_text
 from sfr_loc_map.json_yaml import parse_yaml
+from sfr_loc_map.message_text import alternatives
 
 PARTNERS = (("left", "right"), ("cam0", "cam1"), ("intrinsics", "extrinsics"), ("cameras.txt", "rig_config.json"))
 """Words in which the names of the two files of a calibration, or of their folders, differ."""
@@ -74,9 +75,7 @@ def content_of(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
     try:
         return parse_opencv_yaml(text.removesuffix("---"))  # `ros2 topic echo` ends messages by `---`
     except yaml.YAMLError as error:
-        line = getattr(getattr(error, "problem_mark", None), "line", None)
-        reason = f": {error}" if line is None else f" (line {line + 1})"
-        raise ValueError(f"it is not YAML, JSON or XML{reason}") from error
+        raise ValueError(f"it is not YAML, JSON or XML: {error}") from error
 
 
 def named_values(file: Path) -> dict[str, Any]:
@@ -97,7 +96,7 @@ def numbers_of(content: Mapping[str, Any], *names: str) -> tuple[float, ...]:
     """Return the numbers, row by row, of the first matrix of `names` in the content; ValueError if there is none."""
     name = next((name for name in names if plain_name(name) in content), None)
     if name is None:
-        raise ValueError(f"it has no {' or '.join(names)}")
+        raise ValueError(f"it has no {alternatives(names)}")
     item = content[plain_name(name)]
     value = item["data"] if isinstance(item, dict) else item
     numbers = np.array(value.split() if isinstance(value, str) else value, np.float64).reshape(-1)

@@ -31,6 +31,7 @@ from sfr_loc_map.io.calibration.opened_file import (
 from sfr_loc_map.io.calibration.rectification import RectifiableCamera, check_camera_matrix
 from sfr_loc_map.io.calibration.rig_file import read_rig
 from sfr_loc_map.io.calibration.stereo_calibration import PosedCamera, rectified_cameras
+from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.suite_names import SIDES
 
 _log = logging.getLogger(__name__)
@@ -96,7 +97,7 @@ def _pinhole_lens(
     if camera_model != "pinhole":
         raise ValueError(f"{name} has the camera_model '{camera_model[:40]}': pinhole is required")
     if model not in PINHOLE_MODELS:
-        raise ValueError(f"{name} has the distortion_model '{model[:40]}': {' or '.join(PINHOLE_MODELS)} is required")
+        raise ValueError(f"{name} has the distortion_model '{model[:40]}': {alternatives(PINHOLE_MODELS)} is required")
     if model == "none" and any(coefficients):
         raise ValueError(f"{name} has the distortion_model none, but coefficients that are not 0: name the model")
     d = tuple(coefficients) or (0.0,) * 4

@@ -19,6 +19,7 @@ from sfr_loc_map.io.calibration.camera_info import (
     have_one_camera_matrix,
     rig_of_one_projection,
 )
+from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.suite_names import SIDES
 
 COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
@@ -117,7 +118,7 @@ class RectifiableCamera:
 def check_coefficients(model: str, coefficients: Sequence[float], name: str) -> None:
     """Raise InputError if a distortion model does not have this number of coefficients."""
     if len(coefficients) not in COEFFICIENTS[model]:
-        wanted = " or ".join(map(str, COEFFICIENTS[model]))
+        wanted = alternatives(map(str, COEFFICIENTS[model]))
         raise InputError(f"{name} has {len(coefficients)} coefficients d: model {model} requires {wanted}")
 
 

@@ -142,8 +142,8 @@ def _not_side_by_side(name: str, right_m: FloatArray) -> InputError:
     """Return the error for a right camera that is not to the right; `right_m` is its position in the left camera."""
     place = ", ".join(f"{value + 0.0:.4g}" for value in right_m)
     return InputError(
-        f"{name}: the right camera is at ({place}) m in the left camera (x right, y down): a position to the right "
-        "is required; are the cameras swapped, or one above the other? Correct the calibration"
+        f"{name}: the right camera is at ({place}) m in the frame of the left camera (x right, y down): a position to "
+        "the right is required; are the cameras swapped, or one above the other? Correct the calibration"
     )
 
 

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.atomic import atomic_path
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.atomic import atomic_path, check_suffix
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
@@ -25,6 +25,7 @@ from sfr_loc_map.io.clouds.fields import CloudFields, Columns, stated_in
 from sfr_loc_map.io.clouds.npz import npz_bytes, read_npz
 from sfr_loc_map.io.clouds.pcd import pcd_bytes, read_pcd
 from sfr_loc_map.io.clouds.ply import ply_bytes, read_ply
+from sfr_loc_map.message_text import alternatives
 
 _log = logging.getLogger(__name__)
 PIXEL_FIELDS = ("u", "v", "pair")
@@ -60,9 +61,8 @@ def load_cloud(path: Path) -> LoadedCloud:
     """Read a cloud; the format is given by the ending of the name (`SUFFIXES`)."""
     cloud_format = FORMATS.get(path.suffix.lower())
     if cloud_format is None:
-        names = ", ".join(SUFFIXES)
-        raise InputError(f"cloud '{path}' ends in '{path.suffix}': {names} are supported; convert the cloud")
-    with refusing(f"cannot read cloud '{path}'", f"give a file {', '.join(SUFFIXES)}"):
+        raise InputError(f"cannot read cloud '{path}': a name that ends in {NAMES} is required; convert the cloud")
+    with refusing(f"cannot read cloud '{path}'", f"give a file {NAMES}"):
         data = read_bytes(path, MAX_CLOUD_BYTES)
     with refusing(f"cloud '{path}' cannot be read", "write it again"):
         fields = cloud_format.read(data)
@@ -125,10 +125,9 @@ def _records(columns: Columns, kept: Mask, path: Path) -> NDArray[np.void]:
 
 def save_cloud(path: Path, cloud: PointCloud) -> None:
     """Write a cloud; the format is given by the ending of the name (`SUFFIXES`)."""
-    cloud_format = FORMATS.get(path.suffix.lower())
-    if cloud_format is None:
-        raise OutputError(f"cannot write cloud '{path}': a name that ends in {' or '.join(SUFFIXES)} is required")
-    content = cloud_format.to_bytes(cloud)
+    suffix = path.suffix.lower()
+    check_suffix(path.with_suffix(suffix), SUFFIXES)
+    content = FORMATS[suffix].to_bytes(cloud)
     with atomic_path(path) as temporary:
         temporary.write_bytes(content)
 
@@ -153,5 +152,6 @@ FORMATS = {
 }
 """Formats of clouds by the ending of the file name."""
 SUFFIXES = tuple(FORMATS)
+NAMES = alternatives(SUFFIXES)
 OTHER_SUFFIXES = (".xyz", ".pts", ".las", ".laz", ".e57", ".obj", ".stl", ".vtk")
 """Endings of clouds of other programs, which are not read."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.tables.stamps import parse_stamp_ns
+from sfr_loc_map.message_text import counted
 
 Columns = dict[str, NDArray[Any]]  # values of each field, one per point
 FUSED, PAIR_STAMPS = "fused", "pair_stamps_ns"
@@ -80,11 +81,11 @@ def number_table(lines: Sequence[bytes], width: int) -> FloatArray:
     text = PLAIN_NAN.sub(b"nan", b"\n".join(lines))
     table = np.loadtxt(io.BytesIO(text), np.float64, ndmin=2)
     if table.shape != (len(lines), width):
-        raise ValueError(f"its data has {table.shape} numbers: {(len(lines), width)} are required")
+        raise ValueError(f"its data has {table.shape[1]} numbers in a line: {width} are required")
     return table
 
 
 def ignored_after(rest: bytes) -> tuple[str, ...]:
     """Return the note on the data after the last point; empty if only padding follows."""
     is_padding = not rest.strip(b"\0 \t\r\n")
-    return () if is_padding else (f"{len(rest)} bytes after its last point are ignored",)
+    return () if is_padding else (f"{counted(len(rest), 'byte')} after its last point ignored",)

@@ -32,7 +32,9 @@ def read_npz(data: bytes) -> CloudFields:
     check_names_differ([name.lower() for name in names if name.lower() in members], "it")
     columns = {name: values for name, values in members.items() if name in FIELD_TYPES}
     if several := [name for name, values in columns.items() if values.ndim != 1]:
-        raise ValueError(f"its array {several[0]} has the shape {columns[several[0]].shape}: one number per point (N,)")
+        raise ValueError(
+            f"its array {several[0]} has the shape {columns[several[0]].shape}: one number per point, (N,), is required"
+        )
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"its arrays differ in length: {lengths}")

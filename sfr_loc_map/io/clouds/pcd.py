@@ -19,6 +19,7 @@ from sfr_loc_map.io.clouds.fields import (
     text_lines,
 )
 from sfr_loc_map.io.tables.number_text import number_or_nan, parse_count
+from sfr_loc_map.message_text import counted
 
 MAX_COUNT = 4096  #: Maximum number of values in one PCD field of a point; descriptors have several hundred.
 PCD_TYPES = {"I1", "I2", "I4", "I8", "U1", "U2", "U4", "U8", "F4", "F8"}
@@ -166,7 +167,7 @@ def _text_columns(body: bytes, dtype: np.dtype[Any], count: int) -> tuple[Column
         )
     lines = text_lines(body)
     if len(lines) < count:
-        raise ValueError(f"its data has {len(lines)} lines: {count} are required")
+        raise ValueError(f"its data has {counted(len(lines), 'line')}: {count} are required")
     table = number_table(lines[:count], sum(widths))
     starts = np.cumsum([0, *widths])
     columns = {name: table[:, starts[i]] for i, name in enumerate(names) if widths[i] == 1}

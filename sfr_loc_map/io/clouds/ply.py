@@ -18,6 +18,7 @@ from sfr_loc_map.io.clouds.fields import (
     number_table,
 )
 from sfr_loc_map.io.tables.number_text import parse_count
+from sfr_loc_map.message_text import counted
 
 PLY_TYPES = {
     name: kind
@@ -178,7 +179,7 @@ def _ply_text(data: bytes, position: int, count: int, properties: list[_Property
         end = data.find(b"\n", position)
         end = len(data) if end < 0 else end
         if position >= len(data):
-            raise ValueError(f"its data has {len(rows)} lines: {count} are required")
+            raise ValueError(f"its data has {counted(len(rows), 'line')}: {count} are required")
         if line := data[position:end].strip():
             rows.append(line)
         position = end + 1

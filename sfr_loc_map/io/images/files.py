@@ -66,9 +66,8 @@ def _report_unlisted(files: Sequence[Path], name: str) -> None:
 
 def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:
     """Check that an image has the rig's size."""
-    if image.shape != (rig.height, rig.width):
-        found = f"{image.shape[1]} x {image.shape[0]}"
-        raise InputError(f"{name} is {found}: the rig's size, {rig.width} x {rig.height}, is required")
+    if fault := rig.fault_of_size(image):
+        raise InputError(f"{name} {fault}")
 
 
 def read_pair(entry: ImagePair, rig: StereoRig, depth: SampleDepth) -> StereoPair:

@@ -37,6 +37,7 @@ from sfr_loc_map.io.tables.stamps import parse_stamp_ns
 from sfr_loc_map.io.tables.trajectory_file import CSV_HEADER, read_trajectory_file, save_trajectory
 from sfr_loc_map.io.truth.pose_checks import check_clock
 from sfr_loc_map.io.truth.recorded import RecordedTruth
+from sfr_loc_map.message_text import alternatives, counted
 from sfr_loc_map.suite_names import SIDES
 
 LOC_COLUMNS = ("stamp_ns", "left", "right")
@@ -104,19 +105,19 @@ def open_folder(path: Path, config: SourceConfig) -> Source:
 
 
 def _read_part(folder: Path) -> _Part:
-    table, advice = folder / "pairs.csv", "a data set folder requires its pairs.csv"
+    table, advice = folder / "pairs.csv", "give a pairs.csv with the stamps and images of the pairs"
     text = read_table_text(table, advice)
     rig = read_rig(folder / "rig.json")
     header, *rows = [[word.strip() for word in line.split(",")] for line in split_lines(text)] or [[""]]
     if tuple(header) not in HEADERS:
-        headers = " or ".join(f"'{','.join(names)}'" for names in HEADERS)
+        headers = alternatives(f"'{','.join(names)}'" for names in HEADERS)
         raise InputError(f"'{table}' line 1 is '{','.join(header)}': one of the headers {headers} is required")
     pairs = []
     for number, row in enumerate(rows, start=2):
         if row == [""]:  # a blank line
             continue
         if len(row) != len(header):
-            raise InputError(f"'{table}' line {number} has {len(row)} columns: {len(header)} are required")
+            raise InputError(f"'{table}' line {number} has {counted(len(row), 'column')}: {len(header)} are required")
         pairs.append(_parse_pair(table, number, dict(zip(header, row, strict=True))))
     if not pairs:
         raise InputError(f"'{table}' lists no pair: at least one is required")

@@ -9,6 +9,7 @@ from statistics import median_low
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.source_config import SyncConfig
 from sfr_loc_map.message_stamps import NS_PER_MS, NS_PER_S
+from sfr_loc_map.message_text import counted
 from sfr_loc_map.stamp_pairing import match_stamps
 
 _log = logging.getLogger(__name__)
@@ -34,5 +35,5 @@ def stereo_pairs(left_ns: Sequence[int], right_ns: Sequence[int], sync: SyncConf
             f"at most by {largest} ms: matched within {within}"
         )
     if single := len(left_ns) + len(right_ns) - 2 * len(matched):
-        _log.warning(f"{where}: {single} images without a partner skipped")
+        _log.warning(f"{where}: {counted(single, 'image')} without a partner skipped")
     return {left: right - offset_ns for left, right in matched.items()}

@@ -32,6 +32,7 @@ from sfr_loc_map.io.tables.pose_columns import (
 )
 from sfr_loc_map.io.tables.table_head import TableHead
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_text import alternatives
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,11 +110,11 @@ def _only_layout(head: TableHead, table: FloatArray) -> Layout:
     problem = f", and fits no layout of: {'; '.join(layout.name for layout in LAYOUTS)}"
     examples = ["t[s],x,y,z,qx,qy,qz,qw"]
     if fitting:
-        problem = f"; possible layouts are {' or '.join(layout.name for layout in fitting)}"
+        problem = f"; possible layouts are {alternatives(layout.name for layout in fitting)}"
         examples = [f"{layout.keys[0]}[UNIT],{','.join(layout.keys[1:])}" for layout in fitting]
     raise InputError(
         f"{head.name} has {table.shape[1]} columns and no header{problem} (line {len(head.before) + 1}: "
-        f"'{head.first_row[:60]}'): {' or '.join(head.named_by(example) for example in examples)}"
+        f"'{head.first_row[:60]}'): {alternatives(head.named_by(example) for example in examples)}"
     )
 
 
@@ -233,9 +234,9 @@ def _check_scalar_is_last(head: TableHead, layout: Layout, table: FloatArray) ->
         head.option.replace("COLUMNS", ",".join(("t[s]", *keys))) for keys in (_POSE, _POSE_SCALAR_FIRST)
     )
     raise InputError(
-        f"{head.name} has no header, and its attitudes are {problem} as {layout.name}, but level and along the path if "
-        f"the scalar of the quaternions is first: name the columns, if the scalar is first by {scalar_first}, if it is "
-        f"last by {scalar_last}"
+        f"{head.name} has no header, and its attitudes are {problem} if read as {layout.name}, but level and along the "
+        f"path if the scalar of the quaternions is first: name the columns by {scalar_first} if it is first, or by "
+        f"{scalar_last} if it is last"
     )
 
 

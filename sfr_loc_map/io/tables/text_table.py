@@ -21,6 +21,7 @@ from sfr_loc_map.inputs import read_table_text, split_lines
 from sfr_loc_map.io.tables.decimal_marks import DecimalMarks
 from sfr_loc_map.io.tables.number_text import parse_number
 from sfr_loc_map.io.tables.stamps import STAMP_LENGTH, parse_stamps
+from sfr_loc_map.message_text import counted
 
 BOM = b"\xef\xbb\xbf"
 COMMENTS = ("#", "%", "//")  #: Beginnings of comment lines.
@@ -70,9 +71,9 @@ class Table:
     @property
     def skipped(self) -> str:
         """Description of the skipped rows; empty if no row was skipped."""
-        parts = [f"{self.missing} lines without values skipped"] if self.missing else []
+        parts = [f"{counted(self.missing, 'line')} without values skipped"] if self.missing else []
         if self.broken:
-            parts.append(f"{len(self.broken)} invalid lines skipped, the first: {self.broken[0]}")
+            parts.append(f"{counted(len(self.broken), 'invalid line')} skipped, the first: {self.broken[0]}")
         return "; ".join(parts)
 
 
@@ -190,7 +191,7 @@ class _RowReader:
         cells = split_cells(row.decode("utf-8", "replace"), self.separator)
         width = max(self.columns) + 1
         if len(cells) < width or (len(cells) > width and not self.more):
-            return f"line {line} has {len(cells)} columns: {width} ({self.form}) are required"
+            return f"line {line} has {counted(len(cells), 'column')}: {width} ({self.form}) are required"
         texts = [cells[column] for column in self.columns]
         words = [text.lower().lstrip("+-").partition("(")[0] for text in texts]
         if self.tolerant and any(word in NO_VALUE for word in words):

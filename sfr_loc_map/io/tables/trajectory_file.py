@@ -44,6 +44,7 @@ from sfr_loc_map.io.tables.pose_columns import (
 from sfr_loc_map.io.tables.stamps import parse_seconds, parse_stamp_ns, seconds_text
 from sfr_loc_map.io.tables.text_table import BOM, Table, parse_table
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_text import counted
 
 CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
     f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
@@ -260,8 +261,8 @@ def _stamps_of_frames(path: Path, numbers: IntArray, numbers_of: str, count: int
     stamps_ns = read_times(times, count)
     if len(numbers) and int(numbers.max()) >= len(stamps_ns):
         raise InputError(
-            f"'{times}' has {len(stamps_ns)} times, but '{path}' has a pose of image {int(numbers.max())}: give "
-            "the times of all images"
+            f"'{times}' has {counted(len(stamps_ns), 'time')}, but '{path}' has a pose of image {int(numbers.max())}: "
+            "give the times of all images"
         )
     return stamps_ns[numbers], str(times), False
 
@@ -317,7 +318,7 @@ def _loaded(
     skipped = [kept.skipped] if kept.skipped else []
     if covariance is not None:
         covariance, invalid = _valid_covariances(covariance[good])
-        skipped += [f"{invalid} covariances that are not positive semi-definite ignored"] if invalid else []
+        skipped += [f"covariances ignored because they are not positive semi-definite: {invalid}"] if invalid else []
     return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, "; ".join(skipped), covariance)
 
 

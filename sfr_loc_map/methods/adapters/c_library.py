@@ -111,9 +111,9 @@ class LibraryLocaliser(Library):
         """Return pose, covariance and state; ValueError if the candidate failed or wrote beyond a buffer."""
         failed, _, _, (pose,), covariance, (status,), *marks = answer
         if failed:
-            raise ValueError(f"sfr_candidate_process returned {failed}")
+            raise ValueError(f"sfr_candidate_process returned {failed}: 0 is required")
         if any((mark != MARK).any() for mark in marks):
-            raise ValueError("the candidate wrote beyond the pose or the covariance")
+            raise ValueError("the library wrote beyond the pose or the covariance")
         if not 0 <= status < len(STATES):
             raise ValueError(f"status is {status}: 0 to {len(STATES) - 1} is required")
         state, stamp_ns = STATES[status], int(pose["stamp_ns"])
@@ -171,11 +171,11 @@ class LibraryMapper(Library):
         """Save the points; ValueError if the candidate failed or wrote beyond the buffer."""
         failed, (count,), (fused,), points, mark, lefts, *_ = answer
         if failed:
-            raise ValueError(f"sfr_candidate_{self._name} returned {failed}")
+            raise ValueError(f"sfr_candidate_{self._name} returned {failed}: 0 is required")
         if (mark != MARK).any():
-            raise ValueError(f"the candidate wrote beyond the end of the buffer of {len(points)} points")
+            raise ValueError(f"the library wrote beyond the end of the buffer of {len(points)} points")
         if count > len(points):
-            raise ValueError(f"the candidate returned {count} points: at most {len(points)} are allowed")
+            raise ValueError(f"the library returned {count} points: at most {len(points)} are allowed")
         points = points[: int(count)]
         pairs, height, width = lefts.shape
         if len(points) and not (points["u"].max() < width and points["v"].max() < height):

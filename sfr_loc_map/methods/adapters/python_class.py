@@ -21,6 +21,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.message_text import alternatives
 
 if TYPE_CHECKING:
     from sfr_loc_map.methods.child.loop import Answer, Order, Pose, Setup
@@ -50,7 +51,7 @@ class PythonClass:
         self.method: Any = make(rig, setup["config"])
         self.version = getattr(self.method, "version", "not stated")
         if not any(map(self.has, self.calls)):
-            wanted = " or ".join(f"'{name}'" for name in self.calls)
+            wanted = alternatives(f"'{name}'" for name in self.calls)
             raise TypeError(f"{setup['target']} has no method {wanted}: see docs/candidates.md")
         if self.has("warm_up"):
             self.method.warm_up()
@@ -135,7 +136,7 @@ class PythonMapper(PythonClass):
         cloud = answer if isinstance(answer, PointCloud) else getattr(answer, "cloud", None)
         disparity = answer if isinstance(answer, np.ndarray) else getattr(answer, "disparity_px", None)
         if order["call"] != "pair" and not isinstance(cloud, PointCloud):
-            subject = "for a set" if order["call"] == "set" else "from 'fuse'"
+            subject = "for a set of pairs" if order["call"] == "set" else "from 'fuse'"
             raise TypeError(
                 f"the mapper returned {_described(answer)}: a PointCloud, or an object with a PointCloud as 'cloud', "
                 f"is required {subject}"

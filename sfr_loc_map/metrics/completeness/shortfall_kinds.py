@@ -81,7 +81,7 @@ STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories in which the ro
 IMAGES = "images, or true poses if the images are unknown"
 MISSING = ("missing_max_share",)
 COVERED = "{covered}"
-OF_TRUTH = "are those of the ground truth, closer than any measurement: give the estimate of the item under test"
+OF_TRUTH = "equal those of the ground truth more closely than any measurement: give the estimate of the item under test"
 UNKNOWN_FIGURE = "the fraction of {title} is unknown"
 """Why a scope is incomplete by a figure that is unknown although there are items."""
 UNKNOWN_ITEMS = ShortfallKind(JUDGED, None, "expected items, which are unknown", 1.0, is_limited=False)
@@ -220,9 +220,9 @@ SHORTFALLS = (
         Scope.MAP,
         "true pixels, worst pair",
         0.5,
-        "a mapping pair has no map point at {percent} % of its true pixels in the scored range",
+        "a mapping pair has no map point at {percent} % of its pixels with ground truth in the scored range",
         accepted_by=("coverage_min",),
-        text_of_nothing="no mapping pair has a true pixel in the scored range, so no point was required",
+        text_of_nothing="no mapping pair has a pixel with ground truth in the scored range, so no point was required",
     ),
     answered_twice(Scope.MAP, CallKind.MAPPING),
     # ---- calls

@@ -14,6 +14,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics import formulas, formulas_beside
 from sfr_loc_map.metrics.completeness.expected_items import map_completeness
 from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
@@ -154,7 +155,8 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
     if not np.isfinite(cloud.xyz).all():
         raise MetricsError("the cloud has points that are not finite: remove them")
     if len(cloud) and int(last := cloud.pair.max()) >= len(truths):
-        problem = f"the cloud has points of pair {last} (counted from 0) but the truth has only {len(truths)} pairs"
+        pairs = counted(len(truths), "pair")
+        problem = f"the cloud has points of pair {last} (counted from 0) but the truth has only {pairs}"
         raise MetricsError(f"{problem}: give the source that the cloud was made from")
     parts = []
     for number, truth in enumerate(truths):

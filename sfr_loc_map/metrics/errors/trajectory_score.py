@@ -15,6 +15,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.completeness.copies import copy_rows, judged_of_truth
 from sfr_loc_map.metrics.completeness.drive import drive_completeness
@@ -182,7 +183,7 @@ def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:
     for poses in (estimate, truth):
         stamps = poses.stamps_ns
         span = f" from {min(stamps) / NS_PER_S:.3f} s to {max(stamps) / NS_PER_S:.3f} s" if len(stamps) else ""
-        spans.append(f"{len(stamps)} poses{span}")
+        spans.append(f"{counted(len(stamps), 'pose')}{span}")
     return (
         f"no estimate has a ground truth at its stamp: the estimate has {spans[0]}, the ground truth has {spans[1]}; "
         "give trajectories of the same drive and clock (sfr score --diagnose estimates the offset of the stamps)"

@@ -44,7 +44,7 @@ from sfr_loc_map.metrics.table.rows import Figure
 
 NOT_DUE = "no result of the {part} is due yet"
 NO_MESSAGE = "no message of the live run was received"
-UNKNOWN = "the expected items of the {part} are unknown: score against the source"
+UNKNOWN = "the expected number of results of the {part} is unknown: score against the source"
 NO_CALL = {
     Place.HOST: "no {part} call was measured: give the calls of the run (option stats)",
     Place.TARGET: "no {part} call was measured: give the calls on the target (option target_timing)",

@@ -14,6 +14,7 @@ from sfr_loc_map.metrics.judging.incomplete import incompleteness
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
+from sfr_loc_map.metrics.table.catalogue import KINDS
 from sfr_loc_map.metrics.table.row_part import Scope
 
 
@@ -22,11 +23,11 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
     if score.contradiction is not None:
         return (score.contradiction,)
     unmet = unmet_conditions(score, asked)
-    reasons = [] if score.incomplete is None else [f"incomplete: {names_of_incomplete_parts(score)}"]
+    reasons = [] if score.incomplete is None else [f"incomplete data ({names_of_incomplete_parts(score)})"]
     reasons += unmet.values()
     points = score.figure("point_error")
     if points is not None and not points.n:
-        reasons.append("map: no point of the cloud has a true point")
+        reasons.append("no point of the cloud has a true point")
     for item in score.verdicts:
         if item.state is VerdictState.NOT_ENOUGH_DATA and item.condition not in unmet:
             over = "" if item.condition is None else f" over {label_of(item.condition)}"
@@ -59,13 +60,16 @@ def names_of_incomplete_parts(score: Score) -> str:
 def why_open(item: Verdict, score: Score) -> str:
     """Return why there is not enough data for the verdict on a limit."""
     if item.is_within_truth_error:
-        return f"its margin of {item.margin:.3g} is within the error of the truth, {item.truth_error:.3g}"
+        unit = "" if item.figure is None or KINDS[item.figure].unit == "1" else f" {KINDS[item.figure].unit}"
+        return (
+            f"its margin, {item.margin:.3g}{unit}, does not exceed the error of the truth, {item.truth_error:.3g}{unit}"
+        )
     if item.proof is not None:
         return words_of(item.proof, item.state)
     rules = score.active_rules
     row = score.row_of(item)
     if item.n and item.n < rules.minimum_count:
-        return f"only {item.n} values"
+        return f"too few values: {item.n} ({rules.minimum_count} are required)"
     if item.value is None:
         if not item.n and (unknown := unknown_of_truth(item.figure or "", score)) is not None:
             return unknown

@@ -12,6 +12,7 @@ from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.inputs import check_regular, refusing
 from sfr_loc_map.nodes.launch.run_nodes import NODES
 from sfr_loc_map.ros.environment import PROFILE, PROFILE_VARIABLES
 
@@ -70,8 +71,8 @@ def _node(context: LaunchContext, task: str, argument: str) -> Any:  # noqa: ANN
         raise ConfigError(f"remaps:={_value(context, 'remaps')}: rules FROM:=TO are required, separated by blanks")
     default = Path(get_package_share_directory(PACKAGE)) / "config" / f"{task}.yaml"
     file = Path(_value(context, argument) or default)
-    if not file.is_file():
-        raise ConfigError(f"{argument}:={file}: there is no such file; give a parameter file")
+    with refusing(f"{argument}: cannot read '{file}'", "give a parameter file"):
+        check_regular(file)
     # a value overrides the parameter file, so that only given values are passed
     given = {name: _value(context, name) for name in ("use_sim_time", "autostart")}
     shared: dict[str, Any] = {name: value == "true" for name, value in given.items() if value}

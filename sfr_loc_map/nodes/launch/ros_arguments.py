@@ -12,7 +12,8 @@ import yaml
 
 from sfr_loc_map.config import changed
 from sfr_loc_map.config_file import Configuration, node_parameters
-from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.inputs import check_regular, refusing
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
@@ -40,8 +41,8 @@ def ros_arguments(
     arguments = [ROS_ARGS, *(arguments_of_config(config, written) if config is not None else ())]
     arguments += ["--log-level", log_level]
     for path in parameter_files:
-        if not path.is_file():
-            raise InputError(f"there is no parameter file '{path}': give a file such as those in config/")
+        with refusing(f"cannot read '{path}'", "give a parameter file such as those in config/"):
+            check_regular(path)
         arguments += ["--params-file", str(path)]
     if namespace:
         arguments += ["-r", f"__ns:=/{namespace.strip('/')}"]

@@ -98,7 +98,7 @@ def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:
 def _with_transport(calls: CallsResult, live: LiveRun, messages: int) -> CallsResult:
     """Return the result of the calls with the counts of dropped messages and restarts. Zero counts have no rows."""
     if live.resets_ns:
-        last = f"{len(live.resets_ns)} time(s), last after the stamp {live.resets_ns[-1]} ns"
+        last = f"last after the stamp {live.resets_ns[-1]} ns (number of resets: {len(live.resets_ns)})"
         caveat = f"the live score was reset {last}: the score does not contain what was received before the last reset"
         calls = replace(calls, caveats=(*calls.caveats, caveat))
     if not messages and not live.dropped and not live.restarts:

@@ -172,7 +172,7 @@ class SuiteWorkers:
             )
         if waited_s > SAY_AFTER_S and reason != self._reported:
             self._reported = reason
-            self._say(f"{reason}: waiting up to {self._wait_s:g} s for a worker that may run a job")
+            self._say(f"{reason}: waiting up to {self._wait_s:g} s for a usable worker")
         return 0
 
     def ask_again(self) -> None:
@@ -202,11 +202,11 @@ class SuiteWorkers:
         """Return why no worker may run a job."""
         if not workers:
             return f"no worker at the scheduler {self._client.scheduler_info()['address']}"
-        unknown = WorkerRecord(worker="", set_aside="has not reported its code")
+        unknown = WorkerRecord(worker="", set_aside="has not reported its version")
         known = [self.records.get(worker, unknown) for worker in workers]
         lacks = [f"{at.host} ({worker}): {at.set_aside}" for worker, at in zip(workers, known, strict=True)]
         more = f"; and {len(lacks) - SHOWN} more" if len(lacks) > SHOWN else ""
-        return f"none of {len(lacks)} workers may run a job: {'; '.join(lacks[:SHOWN])}{more}"
+        return f"none of {len(lacks)} workers is usable: {'; '.join(lacks[:SHOWN])}{more}"
 
 
 def run_jobs(
@@ -301,10 +301,10 @@ def _reported_cause(client: Client, address: str, job: Job) -> JobOutcome | None
     """Return the outcome of a job that exceeded a limit, from the events of its worker; None without an event."""
     for _, event in client.get_events(OVER_TIME):
         if event["worker"] == address and event["job"] == job.key:
-            return JobOutcome(cause=FailureCause.TIME, message=f"not done after {event['seconds']:g} s")
+            return JobOutcome(cause=FailureCause.TIME, message=f"not finished after {event['seconds']:g} s")
     for _, event in client.get_events(OVER_MEMORY):
         if event["worker"] == address:
-            message = f"{event['rss'] / 1e6:.0f} MB, more than its worker may use"
+            message = f"{event['rss'] / 1e6:.0f} MB of memory, more than the limit of its worker"
             return JobOutcome(cause=FailureCause.MEMORY, message=message)
     return None
 

@@ -11,6 +11,7 @@ from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.methods.registry import LIBRARY_PREFIX, Method, find_method
 from sfr_loc_map.suite.running.digests import cached
 from sfr_loc_map.suite_names import OURS, Task
@@ -57,7 +58,7 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
     for section, values in content.items():
         if section not in SECTIONS or not isinstance(values, Mapping):
             raise ConfigError(
-                f"{origin}: '{section}' is not a section of parameters: {' or '.join(SECTIONS)} is required"
+                f"{origin}: '{section}' is not a section of parameters: {alternatives(SECTIONS)} is required"
             )
         kind, task = SECTIONS[section]
         default = flatten(kind())
@@ -97,7 +98,7 @@ def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str,
         spec = f"{(folder / place).resolve()}:{name}"
     if METHOD_CONFIG in values:
         path = folder / str(values[METHOD_CONFIG])
-        with refusing(f"'method_config: {path}' cannot be read", "give a text file"):
+        with refusing(f"cannot read '{path}'", "give the text file with the configuration of the method"):
             text = read_text(path)
     if spec == OURS:
         return {}

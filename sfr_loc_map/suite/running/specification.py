@@ -11,6 +11,7 @@ from sfr_loc_map.config import build, param
 from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.faults.kinds import parse_fault
+from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
@@ -51,7 +52,7 @@ class SuiteSettings:
     timeout_s: float = param(
         3600.0, unit="s", doc="Time after which a job is killed. A job is tried three times.", low=0.1, high=1e7
     )
-    wait_s: float = param(300.0, unit="s", doc="Maximum time without a worker that may run a job.", low=0.1, high=1e7)
+    wait_s: float = param(300.0, unit="s", doc="Maximum time without a usable worker.", low=0.1, high=1e7)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,10 +152,9 @@ def limits_in(path: Path) -> Mapping[str, Any]:
 
 
 def _tasks(names: Sequence[object], path: Path) -> tuple[JobTask, ...] | None:
-    try:
-        return tuple(JobTask(str(name)) for name in names) or None
-    except ValueError as error:
-        raise ConfigError(f"{path}: 'tasks' may contain {', '.join(JobTask)}: {error}") from error
+    if unknown := [name for name in names if name not in set(JobTask)]:
+        raise ConfigError(f"{path}: 'tasks' has {unknown[0]!r:.40}: {alternatives(JobTask)} is required")
+    return tuple(JobTask(str(name)) for name in names) or None
 
 
 def _sources(entries: Sequence[object], path: Path) -> tuple[list[JobSource], list[Refusal]]:

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from sfr_loc_map.atomic import write_text
+from sfr_loc_map.atomic import make_folder, write_text
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.hashes import hash_path
 from sfr_loc_map.inputs import refusing
@@ -47,11 +47,8 @@ class Store:
         others = [path.name for path in self.folder.iterdir()] if self.folder.is_dir() else []
         if others and not plan.exists() and not self.results.is_dir():
             raise OutputError(f"'{folder}' contains {others[0]} and is not the folder of a suite: choose another name")
-        try:
-            for path in (self.results, self.failures, self.cache):
-                path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"cannot make the folder '{folder}': {error.strerror}; check the permissions") from error
+        for path in (self.results, self.failures, self.cache):
+            make_folder(path, "choose another folder")
         self._plan: dict[str, Any] = {"sources": {}, "jobs": [], "limits": {}, "refusals": [], "run": {}, "files": []}
         if plan.exists():
             found = _read(plan)

@@ -264,7 +264,10 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
         edited(kalibr, ("pinhole", "omni")),
         "cam0 has the camera_model 'omni': pinhole is required",
     ),
-    "an unknown distortion of Kalibr": (edited(kalibr, ("radtan", "fov")), "has the distortion_model 'fov': radtan or"),
+    "an unknown distortion of Kalibr": (
+        edited(kalibr, ("radtan", "fov")),
+        "has the distortion_model 'fov': radtan, equidistant or",
+    ),
     "a distortion of no model": (edited(kalibr, ("radtan", "none")), "the distortion_model none, but coefficients"),
     "five coefficients of a fisheye lens": (
         edited(
@@ -311,7 +314,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "a foreign file": (text_file("a: 1\nb: 2\n"), "the file has a, b; a file of"),
     "no file": (lambda folder: folder / "left.yaml", "No such file or directory"),
     "an empty folder": (lambda folder: folder, "the folder has no calibration file; give the path"),
-    "an empty file": (text_file(""), "the file has no names"),
+    "an empty file": (text_file(""), "the file has no known structure"),
     "no text": (lambda folder: storage(folder / "a.yml.gz", lenses(Pair())), "it is a binary file"),
     "XML with entities": (text_file('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "a.xml"), "XML with a DOCTYPE"),
     "half an XML": (text_file("<?xml version='1.0'?><opencv_storage><M1>", "a.xml"), "no element found"),

@@ -193,7 +193,7 @@ def test_each_form_is_read_as_it_was_written(tmp_path: Path, sfr: Sfr, form: str
     assert (found.stamps_ns + shift).tolist() == poses.stamps_ns.tolist()
     np.testing.assert_allclose(found.positions, poses.positions, atol=1e-12)
     assert np.abs((found.quats_xyzw * poses.quats_xyzw).sum(axis=1)) == pytest.approx(1.0, abs=1e-12)
-    left_out = {"lines without values": "20 lines without values", "a broken line": "1 invalid lines skipped"}
+    left_out = {"lines without values": "20 lines without values", "a broken line": "1 invalid line skipped"}
     assert left_out.get(form, "") in done.err
 
 

@@ -68,7 +68,7 @@ def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers_in_blocks_o
     ("line", "words"),
     [
         *((f"{word},1", f": stamp '{word}' is not") for word in (r"2.5", "2_0", "\u0662", "4611686018427387904")),
-        *(("5", " has 1 columns: 2"), ("5,1,2", " has 3 columns: 2")),
+        *(("5", " has 1 column: 2"), ("5,1,2", " has 3 columns: 2")),
         *((f"5,{word}", f": '{word}' is not a finite number") for word in ("", "nan", "1e999", "1_0", "0x10")),
     ],
 )

@@ -64,7 +64,7 @@ def test_other_code_gets_no_task_and_the_results_are_those_of_one_worker(
         wait_until(lambda: "no worker at the scheduler" in said.read_text(), "the message about no worker")
         assert time.monotonic() - begun < 15, "5 s after the start of Python and the plan, on a busy host"
         worker("other-code", PYTHONPATH=str(tmp_path / "code"))
-        wait_until(lambda: "none of 1 workers may run a job" in said.read_text(), "the message about other code")
+        wait_until(lambda: "none of 1 workers is usable" in said.read_text(), "the message about other code")
         killed = worker("killed")
         wait_until(lambda: list((out / "results").glob("*.json")), "the first result")
         killed.send_signal(signal.SIGKILL)

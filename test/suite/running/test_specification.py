@@ -87,7 +87,7 @@ def test_a_mask_is_found_beside_the_suite_and_known_by_its_content(tmp_path: Pat
         ({"configurations": {"a": {}, "b": {"localisation": {}}}}, "configuration 'b' equals 'a'"),
         ({"configurations": {"a": {"radar": {}}}}, "radar"),
         ({"configurations": {"a": {"mapping": {"method": "opencv"}}}}, "no method 'opencv'"),
-        ({"configurations": {"a": {"localisation": {"method": "lib:none.so"}}}}, "there is no library"),
+        ({"configurations": {"a": {"localisation": {"method": "lib:none.so"}}}}, "No such file"),
         ({"tasks": ["fly"]}, "fly"),
         ({"conditions": ["distance=-1"]}, "distance=-1"),
         ({"limits": {"map": {"hills": 1}}}, "hills"),
