@@ -17,6 +17,7 @@ from enum import StrEnum
 from typing import NamedTuple, Self
 
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.message_text import alternatives
 
 PAIR_OPTIONS = ("share", "burst", "start")  #: Options that select the affected pairs.
 APPLIES_TO: dict[str, str] = {
@@ -177,11 +178,13 @@ def parse_fault(text: str) -> Fault:
     types = {"amount": float, "share": float, "burst": int, "start": int, "camera": str}
     for item in filter(None, options.split(",")):
         name, _, value = item.partition("=")
+        if name not in types:
+            raise ConfigError(f"fault '{text}': unknown option '{item}': give {alternatives(types)}, as NAME=VALUE")
         try:
             values[name] = types[name](value)
-        except (KeyError, ValueError) as error:
-            known = ", ".join(types)
-            raise ConfigError(f"fault '{text}': '{item}': NAME=VALUE is required, with NAME one of {known}") from error
+        except ValueError as error:
+            kind_of_number = "a whole number" if types[name] is int else "a number"
+            raise ConfigError(f"fault '{text}': {name} is '{value}': {kind_of_number} is required") from error
         if name not in info.options:
             raise ConfigError(
                 f"fault '{text}': '{name}' applies to {APPLIES_TO[name]}, not to {kind}, which has the options "

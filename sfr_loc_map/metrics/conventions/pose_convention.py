@@ -77,7 +77,7 @@ class PoseConvention:
         """Raise ConfigError if both a frame and extrinsics are declared, or if the extrinsics are not seven numbers."""
         if self.extrinsics and (self.frame != RB or len(self.extrinsics) != 7):
             raise ConfigError(
-                f"convention: extrinsics require seven numbers x,y,z,qx,qy,qz,qw and no frame=NAME: found "
+                f"extrinsics require seven numbers x,y,z,qx,qy,qz,qw and no frame=NAME: found "
                 f"{len(self.extrinsics)} numbers and frame={self.frame}"
             )
 

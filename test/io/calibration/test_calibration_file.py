@@ -264,10 +264,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
         edited(kalibr, ("pinhole", "omni")),
         "cam0 has the camera_model 'omni': pinhole is required",
     ),
-    "an unknown distortion of Kalibr": (
-        edited(kalibr, ("radtan", "fov")),
-        "has the distortion_model 'fov': radtan, equidistant or",
-    ),
+    "an unknown distortion of Kalibr": (edited(kalibr, ("radtan", "fov")), "has the distortion_model 'fov': radtan, "),
     "a distortion of no model": (edited(kalibr, ("radtan", "none")), "the distortion_model none, but coefficients"),
     "five coefficients of a fisheye lens": (
         edited(

@@ -464,7 +464,7 @@ def test_covariances_that_are_not_positive_semi_definite_are_ignored_and_counted
     found = read_trajectory_file(tmp_path / "estimate.txt")
     assert len(found.trajectory) == COUNT
     assert (found.covariance is None) == (invalid == COUNT)
-    assert (f"{invalid} covariances that are not" in found.text) == (invalid > 0)
+    assert (f"not positive semi-definite: {invalid}" in found.text) == (invalid > 0)
     if found.covariance is not None:
         assert np.isnan(found.covariance[:, 0, 0]).sum() == invalid
 

@@ -57,7 +57,7 @@ def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers_in_blocks_o
         patch.setattr("sfr_loc_map.inputs.BLOCK_BYTES", size)
         path.write_bytes(data.encode())
         table = parse_table(read_table(path), "x", "t, x", (0, 1), stamp=parse_seconds, skip=1)
-        with pytest.raises(InputError, match=f"line {3 * len(rows) + 2} has 1 columns"):
+        with pytest.raises(InputError, match=f"line {3 * len(rows) + 2} has 1 column:"):
             parse_table([data.encode(), b"7\n"], "x", "t, x", (0, 1), stamp=parse_seconds, skip=1)
     assert [value.hex() for value in table.values[:, 0].tolist()] == [float(text).hex() for text in texts]
     assert table.stamps_ns.tolist() == [int(stamp * 10**9)] * len(rows)
