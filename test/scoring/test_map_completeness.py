@@ -106,6 +106,9 @@ def test_a_range_without_a_true_pixel_requires_no_point_and_is_incomplete(tmp_pa
     points, same = truth[v, u] + 0.001, np.full(3, 0.05, np.float32)
     save_cloud(cloud, PointCloud(points, same, same, u, v, np.zeros(3, np.uint8), fused=False))
     rules = limits(tmp_path, {"map": {"point_error_p95_m": 0.01}})
-    for options, said in (((), "has no map point at"), (("--range", "5000", "6000"), "has a true pixel in the scored")):
+    for options, said in (
+        ((), "has no map point at"),
+        (("--range", "5000", "6000"), "has a pixel with ground truth in the scored"),
+    ):
         done = sfr("score", cloud, folder, "--limits", rules, *options)
         assert (done.code, said in done.out) == (3, True), done.out + done.err

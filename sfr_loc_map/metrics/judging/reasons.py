@@ -61,9 +61,7 @@ def why_open(item: Verdict, score: Score) -> str:
     """Return why there is not enough data for the verdict on a limit."""
     if item.is_within_truth_error:
         unit = "" if item.figure is None or KINDS[item.figure].unit == "1" else f" {KINDS[item.figure].unit}"
-        return (
-            f"its margin, {item.margin:.3g}{unit}, does not exceed the error of the truth, {item.truth_error:.3g}{unit}"
-        )
+        return f"its margin, {item.margin:.3g}{unit}, is within the error of the truth, {item.truth_error:.3g}{unit}"
     if item.proof is not None:
         return words_of(item.proof, item.state)
     rules = score.active_rules

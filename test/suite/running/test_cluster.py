@@ -16,8 +16,8 @@ from sfr_loc_map.suite.running.specification import SuiteSettings
 
 TRIES = 2
 EXPECTED = {
-    "memory": (FailureCause.MEMORY, TRIES, "MB, more than its worker may use"),
-    "hang": (FailureCause.TIME, TRIES, "not done after 5 s"),
+    "memory": (FailureCause.MEMORY, TRIES, "MB of memory, more than the limit of its worker"),
+    "hang": (FailureCause.TIME, TRIES, "not finished after 5 s"),
     "crash": (FailureCause.DIED, TRIES, "killed or crashed"),
     "input": (FailureCause.BAD_INPUT, 1, "no such data set"),
     "fault": (FailureCause.FAULT, TRIES, "ValueError: odd"),
