@@ -24,9 +24,8 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.errors.consistency import Span, normalised_square, relative_errors, without_overlap
 from sfr_loc_map.metrics.errors.trajectory_errors import select
-from sfr_loc_map.metrics.statistics.intervals import chi2_interval95
 from sfr_loc_map.metrics.table.catalogue import REVISITED_PLACES
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
+from sfr_loc_map.metrics.table.rows import Figure, figure_row, nees_row
 
 SIGNIFICANCE = 0.05  #: Probability of a false finding over all comparisons of a recording.
 MIN_SUB_TRAJECTORIES = 3  #: Minimum number of sub-trajectories that do not overlap.
@@ -141,14 +140,11 @@ def agreement_rows(agreement: Agreement) -> list[Figure]:
     differences, where = agreement.differences, (agreement.condition, agreement.name)
     position = formulas.statistics(differences.position_m)
     attitude = formulas.statistics(differences.attitude_deg)
-    count = len(differences.squares)
-    low, high = chi2_interval95(DEGREES * count, count) if count else (None, None)
-    mean = float(differences.squares.mean()) if count else None
     least = None if position.rmse is None else 0.5 * position.rmse
     return [
         figure_row("difference", *where, statistics=position),
         figure_row("attitude_difference", *where, statistics=attitude),
-        figure_row("difference_nees", *where, n=count, mean=mean, low95=low, high95=high, value=DEGREES),
+        nees_row("difference_nees", differences.squares, DEGREES, *where),
         figure_row("error_at_least", *where, n=position.n, value=least),
-        figure_row("agreement", *where, n=count, value=agreement.probability),
+        figure_row("agreement", *where, n=len(differences.squares), value=agreement.probability),
     ]

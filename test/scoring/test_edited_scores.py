@@ -18,7 +18,8 @@ from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, limits
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.metrics.judging.judge import with_verdicts
-from sfr_loc_map.metrics.stored.score_json import decoded, to_json
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import from_plain, to_json
 
 Edit = Callable[[dict[str, Any]], None]
 
@@ -93,7 +94,7 @@ def test_an_edited_file_is_refused(tmp_path: Path, files: tuple[Path, Path], sfr
     assert sfr("report", made, "-o", page).code == 0
     content = json.loads(made.read_text())
     edit(content)
-    made.write_text(to_json(with_verdicts(decoded(json.dumps(content)))))
+    made.write_text(to_json(with_verdicts(from_plain(Score, content))))
     done = sfr("report", made, "-o", page, "--overwrite")
     assert (done.code, said in done.err) == (2, True), done.err
 
@@ -268,6 +269,6 @@ def test_rows_of_maps_and_calls_agree(tmp_path: Path, sfr: Sfr, edit: Edit, said
     assert sfr("report", made, "-o", page).code == 0
     content = json.loads(made.read_text())
     edit(content)
-    made.write_text(to_json(with_verdicts(decoded(json.dumps(content)))))
+    made.write_text(to_json(with_verdicts(from_plain(Score, content))))
     done = sfr("report", made, "-o", page, "--overwrite")
     assert (done.code, said in done.err) == (2, True), done.err

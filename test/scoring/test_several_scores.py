@@ -23,7 +23,7 @@ from sfr_loc_map.metrics.judging.judge import judged_by
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.several_scores import difference_of
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.stored.score_json import decoded, from_json, to_json
+from sfr_loc_map.metrics.stored.score_json import from_json, from_plain, to_json
 from sfr_loc_map.metrics.table.records import InputFile, Provenance
 from sfr_loc_map.report.deviations import deviations_of
 
@@ -49,8 +49,8 @@ def test_scores_of_several_runs_have_no_pass_in_common(tmp_path: Path, sfr: Sfr)
     first, same = scored("first"), scored("same")
     changed = json.loads(first.read_text())
     changed["provenance"]["version"] = "0.0.1"
-    (tmp_path / "version.json").write_text(to_json(decoded(json.dumps(changed))))
-    (tmp_path / "unknown.json").write_text(to_json(decoded(json.dumps({**changed, "provenance": None}))))
+    (tmp_path / "version.json").write_text(to_json(from_plain(Score, changed)))
+    (tmp_path / "unknown.json").write_text(to_json(from_plain(Score, {**changed, "provenance": None})))
     save_trajectory(tmp_path / "e2.csv", wandering(2e-4))
     (tmp_path / "e2.stats.csv").write_text((tmp_path / "e.stats.csv").read_text())
     second = tmp_path / "second.json"

@@ -16,7 +16,8 @@ from helpers.made_suites import straight as made_drive
 from helpers.scored_drives import POSITION, SHORT, straight, write_files
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
-from sfr_loc_map.metrics.stored.score_json import decoded, from_json, to_json
+from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.stored.score_json import from_json, from_plain, to_json
 
 POSITION_OVER_1_M = {
     "minimum_independent": 1,
@@ -163,7 +164,7 @@ def test_a_suite_refuses_the_result_of_another_job_and_of_none(sfr: Sfr, tmp_pat
     assert sfr("suite", "report", out, "--overwrite").code == 2
     score = json.loads(of_bad)
     del score["provenance"]["configuration"]["suite.key"]
-    bad.write_text(to_json(decoded(json.dumps(score))))
+    bad.write_text(to_json(from_plain(Score, score)))
     done = sfr("suite", "report", out, "--overwrite")
     assert done.code == 2
     assert "does not name its job" in done.err

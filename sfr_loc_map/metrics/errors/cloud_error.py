@@ -18,12 +18,11 @@ from sfr_loc_map.message_text import counted
 from sfr_loc_map.metrics import formulas, formulas_beside
 from sfr_loc_map.metrics.completeness.expected_items import map_completeness
 from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
-from sfr_loc_map.metrics.statistics.intervals import chi2_interval95
 from sfr_loc_map.metrics.table.details import ErrorImage, MapDetails, PointRows, Triangulation, column
 from sfr_loc_map.metrics.table.records import CloudRecord
 from sfr_loc_map.metrics.table.results import MapResult
 from sfr_loc_map.metrics.table.row_part import POINTS, pair_part, range_part
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
+from sfr_loc_map.metrics.table.rows import Figure, figure_row, nees_row
 
 FOOTPRINTS = 2.0  #: Distance, in pixel footprints Z / f, within which a point of a fused cloud covers a true point.
 BATCH = 262144
@@ -340,24 +339,17 @@ def bare_share(covered: Mask, distance: FloatArray, low: float, high: float) -> 
 
 
 def sigma_rows(cloud: PointCloud, errors: PointErrors) -> Iterator[Figure]:
-    """Yield the mean of (error along the ray / sigma)^2 over one point of each block, and its 95 % interval.
-
-    If sigma is consistent, the sum over n independent points has a chi-squared distribution with n degrees of freedom
-    (Bar-Shalom, Li, Kirubarajan 2001, section 5.4). The mean then lies in the interval with a probability of 95 %.
-    """
+    """Yield the mean of (error along the ray / sigma)^2 over one point of each block, whose errors are independent."""
     sigma = cloud.sigma[errors.index].astype(np.float64)
     usable = np.flatnonzero(np.isfinite(sigma) & (sigma > 0))
     points = errors.index[usable]
     u, v = (pixels[points].astype(np.int64) // NEES_BLOCK_PX for pixels in (cloud.u, cloud.v))
     block = (cloud.pair[points].astype(np.int64) << 32) + (v << 16) + u
     chosen = usable[np.unique(block, return_index=True)[1]]
-    count = len(chosen)
-    if count < 2:
+    if len(chosen) < 2:
         return
     squares = np.square(errors.along_m[chosen] / sigma[chosen])
-    low, high = chi2_interval95(count, count)
-    mean, median = float(np.mean(squares)), float(np.median(squares))
-    yield figure_row("nees", part=POINTS, n=count, mean=mean, p50=median, low95=low, high95=high, value=1.0)
+    yield nees_row("nees", squares, 1, part=POINTS, p50=float(np.median(squares)))
 
 
 def _details(cloud: PointCloud, errors: PointErrors, truths: Sequence[PairTruth]) -> MapDetails:

@@ -36,8 +36,7 @@ from sfr_loc_map.metrics.frames.association import (
     unique_rows,
 )
 from sfr_loc_map.metrics.frames.truth_error import truth_noise
-from sfr_loc_map.metrics.statistics.intervals import chi2_interval95
-from sfr_loc_map.metrics.table.rows import Figure, figure_row
+from sfr_loc_map.metrics.table.rows import Figure, figure_row, nees_row
 
 PARTS = {"pose": slice(0, 6), "position": slice(0, 3), "attitude": slice(3, 6)}
 """Components of a pose's error, in ROS order."""
@@ -104,9 +103,7 @@ def nees_rows(
 ) -> Iterator[Figure]:
     """Yield the mean NEES of sub-trajectories that do not overlap; nothing if no covariance is known.
 
-    `truth_sigmas` are the standard deviations of the truth in position (m) and attitude (deg) along each axis. The
-    mean NEES of a consistent covariance lies between `low95` and `high95` with a probability of 95 %. `value` is the
-    expected mean.
+    `truth_sigmas` are the standard deviations of the truth in position (m) and attitude (deg) along each axis.
     """
     if estimates.covariance is None:
         return
@@ -134,10 +131,7 @@ def nees_rows(
     if not squares["pose"] and not not_usable:
         return
     for name, part in PARTS.items():
-        values, degrees = np.array(squares[name]), part.stop - part.start
-        low, high = chi2_interval95(degrees * len(values), len(values)) if len(values) else (None, None)
-        mean = float(np.mean(values)) if len(values) else None
-        yield figure_row("nees", condition, name, n=len(values), mean=mean, low95=low, high95=high, value=degrees)
+        yield nees_row("nees", np.array(squares[name]), part.stop - part.start, condition, name)
     yield figure_row("nees_not_usable", condition, value=not_usable)
     yield figure_row("nees_from_steps", condition, value=from_steps)
 

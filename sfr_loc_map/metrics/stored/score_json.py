@@ -31,10 +31,6 @@ class RecordError(ValueError):
     """A JSON value does not have the required type; the message names the field."""
 
 
-class _Head(msgspec.Struct):
-    schema: str = ""
-
-
 def to_plain(value: Any) -> Any:  # noqa: ANN401 - any record
     """Return a record, or a collection of records, as JSON values: dicts, lists, numbers, strings."""
     return msgspec.json.decode(_encoded(value))
@@ -86,65 +82,35 @@ def load_score(path: Path) -> Score:
         raise InputError(f"cannot read score '{path}': {problem}; give the JSON of sfr score --json") from error
 
 
-def from_dict(content: object, origin: str = "score", *, needs_hash: bool = False) -> Score:
-    """Return the score of JSON values; `origin` names their source in messages.
-
-    The values must contain their hash if `needs_hash` is set. InputError, whose message of one line names fault and
-    field, if they do not match the schema.
-    """
-    found = content.get("schema") if isinstance(content, dict) else type(content).__name__
-    _check_schema(found, origin)
-    try:
-        score = msgspec.convert(content, Score)
-    except (msgspec.ValidationError, ValueError) as error:
-        raise _invalid(error, origin) from error
-    checked(score, origin)
-    return _without_hash(score, content, origin, needs_hash=needs_hash)
-
-
 def from_json(text: str | bytes, origin: str = "score", *, needs_hash: bool = False) -> Score:
-    """Return the score of a JSON text, which must contain the hash of its values if `needs_hash` is set.
-
-    InputError, whose message of one line names fault and field, if the text is not JSON or does not match the schema.
-    """
+    """Return the score of a JSON text; the arguments and errors are those of `from_dict`."""
     try:
-        head = msgspec.json.decode(text, type=_Head)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{origin} is not a score: {error}; give the JSON of sfr score --json") from error
+        content = msgspec.json.decode(text)
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
         problem = " ".join(str(error).split())
         raise InputError(f"{origin} is not JSON ({problem}): give the JSON of sfr score --json") from error
-    _check_schema(head.schema, origin)
-    score = checked(decoded(text, origin), origin)
-    return _without_hash(score, msgspec.json.decode(text), origin, needs_hash=needs_hash)
+    return from_dict(content, origin, needs_hash=needs_hash)
 
 
-def decoded(text: str | bytes, origin: str = "score") -> Score:
-    """Return the score of a JSON text without checking its verdicts."""
+def from_dict(
+    content: Any,  # noqa: ANN401 - any JSON
+    origin: str = "score",
+    *,
+    needs_hash: bool = False,
+) -> Score:
+    """Return the score of JSON values, without their hash; `origin` names their source in messages.
+
+    InputError, whose message of one line names fault and field, if the values do not match the schema or contradict
+    each other, or if they have another hash, or no hash although `needs_hash` is set.
+    """
+    _check_schema(content, origin)
     try:
-        return msgspec.json.decode(text, type=Score)
+        score = msgspec.convert(content, Score)
     except (msgspec.ValidationError, ValueError) as error:
-        raise _invalid(error, origin) from error
-
-
-def checked(score: Score, origin: str) -> Score:
-    """Return the score if its verdicts follow from its figures; otherwise InputError, which names the contradiction."""
+        reason = " ".join(str(error).split())  # keys of the file may contain line breaks
+        raise InputError(f"{origin} does not match {SCHEMA}: {reason}; give the JSON of sfr score --json") from error
     if (problem := fault_of_file(score)) is not None:
         raise InputError(f"{origin} contradicts itself: {problem}; {SCORE_AGAIN}")
-    return score
-
-
-def _without_hash(
-    score: Score,
-    content: Any,  # noqa: ANN401 - the JSON of the score
-    origin: str,
-    *,
-    needs_hash: bool,
-) -> Score:
-    """Return the score in memory, without the hash of its values.
-
-    InputError if the values have another hash, or no hash although `needs_hash` is set.
-    """
     if needs_hash and score.content_sha256 is None:
         raise InputError(f"{origin} has no {HASH}, the hash of its values: {SCORE_AGAIN}")
     if score.content_sha256 not in (None, hash_of_values(content)):
@@ -152,7 +118,9 @@ def _without_hash(
     return replace(score, content_sha256=None)
 
 
-def _check_schema(found: object, origin: str) -> None:
+def _check_schema(content: object, origin: str) -> None:
+    """Check that JSON values name the schema of a score; InputError if not."""
+    found = content.get("schema") if isinstance(content, dict) else type(content).__name__
     if found == "sfr-score/1":
         raise InputError(f"{origin} is a score of version 0.2 ({found}), which is no longer supported: {SCORE_AGAIN}")
     if found != SCHEMA:
@@ -160,11 +128,6 @@ def _check_schema(found: object, origin: str) -> None:
         raise InputError(
             f"{origin} is not a score: schema {SCHEMA} is required, found {named}; give the JSON of sfr score --json"
         )
-
-
-def _invalid(error: Exception, origin: str) -> InputError:
-    problem = " ".join(str(error).split())  # keys of the file may contain line breaks
-    return InputError(f"{origin} does not match {SCHEMA}: {problem}; give the JSON of sfr score --json")
 
 
 def _encoded(value: Any) -> bytes:  # noqa: ANN401 - any record

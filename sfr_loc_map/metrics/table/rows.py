@@ -6,10 +6,12 @@ from collections.abc import Iterator
 from typing import Any
 
 import msgspec
+import numpy as np
 
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import STATISTICS, Statistics
-from sfr_loc_map.metrics.statistics.intervals import Interval
+from sfr_loc_map.metrics.statistics.intervals import Interval, chi2_interval95
 from sfr_loc_map.metrics.table.catalogue import KINDS, Subject, clause_of
 from sfr_loc_map.metrics.table.row_part import ANY, Place, RowPart
 
@@ -18,7 +20,8 @@ class RowNumbers(Statistics, frozen=True, kw_only=True):
     """The numbers of a row: the statistics of its values and other numbers."""
 
     independent: float | None = None  #: Number of independent values: n divided by the overlap of sub-trajectories.
-    low95: float | None = None  #: Lower bound of the 95 % interval of mean + 3 sigma; for NEES of a consistent mean.
+    #: Lower bound of the 95 % interval of mean + 3 sigma; for NEES (`nees_row`) of the mean of a consistent covariance.
+    low95: float | None = None
     high95: float | None = None  #: Upper bound of the interval of `low95`.
     value: float | None = None  #: The value of a count, fraction or peak; for NEES the expected mean.
 
@@ -109,6 +112,26 @@ def figure_row(
         unit=unit or kind.unit,
         **row,
     )
+
+
+def nees_row(
+    figure: str,
+    squares: FloatArray,
+    degrees: int,
+    condition: str | None = None,
+    part: str | None = None,
+    p50: float | None = None,
+) -> Figure:
+    """Return the row of the mean of normalised squared errors `(n,)`, each with this number of degrees of freedom.
+
+    If the covariance is consistent, n times the mean has a chi-squared distribution (Bar-Shalom, Li, Kirubarajan 2001,
+    section 5.4). Unlike in the rows of other figures, `value` is therefore the expected mean, and the mean of a
+    consistent covariance lies between `low95` and `high95` with a probability of 95 %.
+    """
+    count = len(squares)
+    low, high = chi2_interval95(degrees * count, count) if count else (None, None)
+    mean = float(np.mean(squares)) if count else None
+    return figure_row(figure, condition, part, n=count, mean=mean, low95=low, high95=high, p50=p50, value=degrees)
 
 
 def find_rows(
