@@ -36,13 +36,14 @@ def check_suffix(path: Path | None, suffixes: Collection[str]) -> None:
 
 
 def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (), overwrite: bool) -> None:
-    """Raise OutputError, before the work is done, if a file cannot be written; None and `-` are ignored.
+    """Raise OutputError, before the work is done, if a file cannot be written; None and the text `-` are ignored.
 
-    An output must differ from the inputs of the command and from the files of its sources.
+    Only `--json` can be standard output, and its value is a text; the path `-` is a file. An output must differ from
+    the inputs of the command and from the files of its sources.
     """
     given = {path.resolve() for path in inputs if path is not None}
     taken = dict.fromkeys(given, "it is also an input of this command")
-    for path in (Path(item) for item in outputs if item is not None and str(item) != STANDARD_OUTPUT):
+    for path in (Path(item) for item in outputs if item is not None and item != STANDARD_OUTPUT):
         if reason := _why_not_writable(path, given, taken, overwrite=overwrite):
             raise OutputError(f"cannot write '{path}': {reason}")
         check_output(path)

@@ -60,6 +60,15 @@ def test_two_outputs_on_one_path_are_refused(sfr: Sfr, made_once: MadeOnce, out:
     assert tum.read_text() == TUM
 
 
+def test_a_file_with_the_name_of_standard_output_is_not_replaced(
+    sfr: Sfr, tum: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tum.parent)
+    Path("-").write_text("mine")
+    assert sfr("score", tum.name, tum.name, "--junit", "-").code == 2
+    assert Path("-").read_text() == "mine"
+
+
 def test_the_configuration_beside_a_source_is_not_replaced(sfr: Sfr, tum: Path) -> None:
     """The command reads the configuration, although no option names it."""
     config = tum.with_name("sfr.yaml")

@@ -74,12 +74,14 @@ class PoseConvention:
     )
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if both a frame and extrinsics are declared, or if the extrinsics are not seven numbers."""
+        """Raise ConfigError if settings exclude each other, or if the extrinsics are not seven numbers."""
         if self.extrinsics and (self.frame != RB or len(self.extrinsics) != 7):
             raise ConfigError(
                 f"extrinsics require seven numbers x,y,z,qx,qy,qz,qw and no frame=NAME: found "
                 f"{len(self.extrinsics)} numbers and frame={self.frame}"
             )
+        if self.inverse and self.inverse_motion:
+            raise ConfigError("convention: inverse and inverse_motion exclude each other: give one of them")
 
     @classmethod
     def parse(cls, texts: Sequence[str]) -> PoseConvention:
