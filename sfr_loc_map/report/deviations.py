@@ -260,12 +260,6 @@ def _external_node(score: Score) -> Iterator[str]:
         yield "The external node was not isolated: it could read the ground truth from the disk."
 
 
-def _declared_truth(score: Score) -> Iterator[str]:
-    """Yield the settings that select the ground truth or change its poses."""
-    if score.truth is not None and score.truth.declared:
-        yield f"The ground truth was read with {', '.join(score.truth.declared)}; the recording does not state this."
-
-
 def _frames_beyond(score: Score) -> Iterator[str]:
     """Yield the fraction of the frames with errors far above the judged errors, by condition and figure."""
     for condition in score.conditions:
@@ -281,8 +275,14 @@ def _frames_beyond(score: Score) -> Iterator[str]:
             )
 
 
-def _truth_elsewhere(score: Score) -> Iterator[str]:
-    """Yield the file of true poses that replaces those of the recording, and the recordings of a drive and a map."""
+def _origin_of_truth(score: Score) -> Iterator[str]:
+    """Yield how the ground truth differs from that of one recording, each difference once.
+
+    `TruthRecord.declared` contains a topic or frame that selects the poses (`truth.source`, `truth.frame`). A file that
+    `truth.source` names is an input of the provenance instead.
+    """
+    if score.truth is not None and score.truth.declared:
+        yield f"The ground truth was read with {', '.join(score.truth.declared)}; the recording does not state this."
     if (made := score.provenance) is None:
         return
     if (file := made.inputs.get("truth_file")) is not None:
@@ -317,8 +317,7 @@ DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (
     _unknown_calls,
     _frames_beyond,
     _external_node,
-    _declared_truth,
-    _truth_elsewhere,
+    _origin_of_truth,
     _converted_poses,
 )
 """Deviations, in the order of the test report."""
