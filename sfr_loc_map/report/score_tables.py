@@ -131,11 +131,13 @@ def on_target(subject: Subject) -> Callable[[Score, Figure], bool]:
     return lambda score, row: row.subject is subject and row.place is Place.TARGET
 
 
+HEADLINE = View("headline", "Figures", is_headline, notes.headline_note, shown_statistics)
 COVERED = View("covered", "Completeness", about(Subject.COMPLETENESS), notes.covered_note)
+READINGS = View("readings", "Each reading of the document", is_of_a_reading, notes.readings_note, compared_statistics)
 VIEWS = (
-    View("headline", "Figures", is_headline, notes.headline_note, shown_statistics),
+    HEADLINE,
     COVERED,
-    View("readings", "Each reading of the document", is_of_a_reading, notes.readings_note, compared_statistics),
+    READINGS,
     View("aligned", "Absolute and relative pose error", lambda score, row: row.figure in ALIGNED, notes.aligned_note),
     View("growth", "Error against the length of the sub-trajectory", is_growth),
     View("directions", "Position error by direction", is_by_direction, notes.directions_note),
@@ -150,12 +152,12 @@ VIEWS = (
     View("target-memory", "Peak memory on the target", on_target(Subject.MEMORY), notes.target_note),
 )
 """The tables of figures, in the order of a page. Other rows are in a final table."""
-FIRST_TABLES = ("verdicts", "headline", "covered", "readings")
+FIRST_TABLES = ("verdicts", HEADLINE.name, COVERED.name, READINGS.name)
 """Tables above the plots of a page."""
 ALL_COVERED = "all-covered"  #: Name of the complete table of completeness below the plots.
 SUMMARY = (
-    *("headline", "aligned", "map", "time", "memory", "target-time", "target-memory", "external", "method"),
-    *("readings", "covered", "verdicts"),
+    *(HEADLINE.name, "aligned", "map", "time", "memory", "target-time", "target-memory", "external", "method"),
+    *(READINGS.name, COVERED.name, "verdicts"),
 )
 """Tables of the terminal. The verdicts are last, so that they stay visible."""
 
@@ -216,11 +218,6 @@ def completeness_without_zeros(score: Score) -> Table:
     shown = [(index, row) for index, row in every if row.value != 0.0]
     zeros = len(every) - len(shown)
     return figure_table(COVERED.name, COVERED.title, shown, f"{zeros} other figures are 0." if zeros else "")
-
-
-def score_table(score: Score, name: str) -> Table:
-    """Return one of the tables of figures, which may have no rows."""
-    return view_table(next(view for view in VIEWS if view.name == name), score)
 
 
 def score_markdown(score: Score) -> str:

@@ -24,12 +24,12 @@ from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.notes import NO_INTERVAL
 from sfr_loc_map.report.page import from_template
 from sfr_loc_map.report.printed_plot import DRAWING, PrintedPlot, printed_plots
-from sfr_loc_map.report.score_tables import score_table
+from sfr_loc_map.report.score_tables import COVERED, HEADLINE, READINGS, view_table
 from sfr_loc_map.report.summary import NO_VERDICT, Banner, banner_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 from sfr_loc_map.tables.model import OPEN, UNKNOWN, Table
 
-TABLES = ("headline", "covered", "readings")  #: Tables of figures below the results.
+TABLES = (HEADLINE, COVERED, READINGS)  #: Tables of figures below the results.
 DOCUMENT = "Clarification of performance metrics for SFR Breadboarding"
 WITH_SIGMA = ("sigma", "mean_plus_3sigma")  #: Statistics that depend on a standard deviation.
 
@@ -146,7 +146,7 @@ def _section(score: Score, number: int) -> ScoreSection:
         item=_item(score),
         inputs=[InputRow(role, printable(file.path), file.sha256) for role, file in files.items()],
         results=list(_results(score, number)),
-        tables=_named(str(number), [table for name in TABLES if (table := score_table(score, name)).rows]),
+        tables=_named(str(number), [table for view in TABLES if (table := view_table(view, score)).rows]),
         plots=printed_plots(score),
     )
 

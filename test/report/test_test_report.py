@@ -29,7 +29,7 @@ from sfr_loc_map.report.deviations import deviations_of, is_of_stage
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.plotted_data import error_sizes
 from sfr_loc_map.report.printed_plot import printed_plots
-from sfr_loc_map.report.score_tables import score_table, score_tables
+from sfr_loc_map.report.score_tables import READINGS, score_tables, view_table
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.test_report import clauses_used, render_test_report
 from sfr_loc_map.report.verdict_view import VerdictView
@@ -212,11 +212,11 @@ def test_each_limit_that_is_neither_met_nor_missed_is_an_open_point() -> None:
 
 def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
     score = scores()[0]
-    note = score_table(score, "readings").note
+    note = view_table(READINGS, score).note
     assert note.endswith("Each reading gives the same verdicts.")
     first = score.verdicts[0]
     other = replace(first, by_reading={"pose": VerdictState.PASS, "position": VerdictState.FAIL})
-    said = score_table(replace(score, verdicts=(other,)), "readings").note
+    said = view_table(READINGS, replace(score, verdicts=(other,))).note
     assert "The verdict depends on the reading: position error over 5 m, mean + 3 sigma: " in said
     assert "fail by position" in said
 
