@@ -15,7 +15,7 @@ from helpers.made_scene import LOC_RIG
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.evidence.calibration import CameraOffset, corrected_drive
 from sfr_loc_map.evidence.check import check_drive
-from sfr_loc_map.evidence.check_tables import agreement_table, calibration_table, items_with
+from sfr_loc_map.evidence.check_tables import AGREEMENT_TABLE, calibration_table, items_with
 from sfr_loc_map.evidence.recording import names_of_estimates
 from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory
 from sfr_loc_map.faults.injector import FaultInjector
@@ -44,7 +44,7 @@ def test_a_drive_agrees_with_itself_and_every_comparison_is_a_row() -> None:
         row = score.figure("error_at_least", part=item.name)
         assert row.value == pytest.approx(0.5 * score.figure("difference", part=item.name).rmse)
         assert row.value < 0.05
-    assert [row[0].text for row in agreement_table(found.figures).rows] == names
+    assert [row[0].text for row in AGREEMENT_TABLE.of(found.figures).rows] == names
 
 
 def faulty(fault: str) -> PairsInMemory:

@@ -13,7 +13,7 @@ import pytest
 from helpers.cli_result import Sfr
 from helpers.made_scene import NAV_RIG, nav_pair
 from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
-from sfr_loc_map.evidence.check_tables import overlap_table
+from sfr_loc_map.evidence.check_tables import OVERLAP_TABLE
 from sfr_loc_map.evidence.overlap import find_overlaps, overlap_rows
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
@@ -90,7 +90,7 @@ def test_figures_and_table_have_each_overlap() -> None:
     figures = tuple(overlap_rows(overlap._replace(grey_ratio=float("nan"))))
     score = Score(figures=figures)
     assert score.number("overlap_difference", "value", part="pairs 0 and 1") == overlap.difference_m
-    (row,) = overlap_table(figures).rows
+    (row,) = OVERLAP_TABLE.of(figures).rows
     values = (overlap.fraction, None, overlap.difference_m, overlap.ratio, None, overlap.points)
     assert [cell.value for cell in row[1:]] == list(values)
 

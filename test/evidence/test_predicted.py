@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.evidence.check_tables import predicted_table
+from sfr_loc_map.evidence.check_tables import PREDICTED_TABLE
 from sfr_loc_map.evidence.predicted import ErrorSource, predicted_rows
 from sfr_loc_map.evidence.variants import ComparedRun
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -74,7 +74,7 @@ def test_the_sum_is_the_covariance_of_the_sub_trajectories() -> None:
 def test_the_table_shows_each_source_once_for_a_condition() -> None:
     conditions = (CONDITION, Condition.parse("frames=10"))
     figures = [row for condition in conditions for row in predicted_rows(straight_run(), condition)]
-    table = predicted_table(figures)
+    table = PREDICTED_TABLE.of(figures)
     assert len(table.rows) == len(ErrorSource) * len(conditions)
     shares = [row[2].value for row in table.rows if row[1].text == "20 frames"]
     assert sum(shares) == pytest.approx(2.0), "all sources are one more row"

@@ -14,7 +14,7 @@ from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, stereo_
 from sfr_loc_map.evidence.agreement import results_of
 from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.check_result import CheckResult, combined
-from sfr_loc_map.evidence.check_tables import agreement_table, closure_table
+from sfr_loc_map.evidence.check_tables import AGREEMENT_TABLE, REVISITED_TABLE
 from sfr_loc_map.evidence.revisited import Closure, agreement_at, closure_between, find_closures, worth_of_visits
 from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, Variant, run_pairs, run_variant
 from sfr_loc_map.geometry.stereo import StereoPair
@@ -115,9 +115,9 @@ def test_the_check_has_the_places_in_its_figures_and_tables() -> None:
     misclosure_m = score.number("misclosure", "value", part=part)
     assert score.number("misclosure_of_path", "value", part=part) == pytest.approx(misclosure_m / path_m)
     assert score.number("error_at_least", "value", part="forward - direct") == pytest.approx(0.5 * misclosure_m)
-    over = {row[0].text: row[1].text for row in agreement_table(found.figures).rows}
+    over = {row[0].text: row[1].text for row in AGREEMENT_TABLE.of(found.figures).rows}
     assert over["forward - direct"] == "revisited places"
-    (row,) = closure_table(found.figures).rows
+    (row,) = REVISITED_TABLE.of(found.figures).rows
     assert [cell.value for cell in row[1:]] == pytest.approx(
         [path_m, None, misclosure_m, misclosure_m / path_m, score.number("misclosure_nees", "value", part=part)]
     )

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import msgspec
 
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.evidence.calibration import Advice
 from sfr_loc_map.evidence.check_result import SCHEMA as CHECK_SCHEMA
 from sfr_loc_map.evidence.check_result import CheckResult
@@ -111,16 +111,19 @@ def read_evidence(paths: Sequence[Path]) -> list[AdditionalEvidence]:
     read = [(path, read_file(path)) for path in paths]
     order = [*KINDS.values()]
     read.sort(key=lambda item: order.index(type(item[1])))
-    return [
-        AdditionalEvidence(
+    return [evidence_of(path, content) for path, content in read]
+
+
+def evidence_of(path: Path, content: CheckFile | BudgetFile | SearchFile) -> AdditionalEvidence:
+    """Return the evidence of a file; raise InputError if its figures are incomplete."""
+    with naming(path):
+        return AdditionalEvidence(
             heading=content.heading,
             path=str(path),
             sha256=hash_path(path),
             tables=tuple(table for table in content.tables() if table.rows),
             open_points=tuple(content.open_points()),
         )
-        for path, content in read
-    ]
 
 
 def read_file(path: Path) -> CheckFile | BudgetFile | SearchFile:

@@ -117,6 +117,15 @@ def test_another_file_is_refused(tmp_path: Path, content: str, problem: str) -> 
     assert "give the JSON of sfr check" in str(caught.value)
 
 
+def test_a_check_without_a_figure_of_a_line_is_refused(tmp_path: Path) -> None:
+    content = json.loads(check_file(tmp_path).read_text())
+    content["figures"] = [row for row in content["figures"] if row["figure"] != "overlap_ratio"]
+    path = write(tmp_path / "cut.json", content)
+    with pytest.raises(InputError, match="overlap_ratio") as caught:
+        read_evidence([path])
+    assert str(path) in str(caught.value)
+
+
 def test_the_test_report_shows_the_evidence_and_keeps_the_verdict(sfr: Sfr, tmp_path: Path) -> None:
     score = tmp_path / "score.json"
     score.write_text(json.dumps(json_of(whole_score())))
