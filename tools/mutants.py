@@ -271,7 +271,7 @@ MUTATIONS = (
     Mutation("metrics/judging/limits_file.py", '.unit == "1" and bound > 1:', '.unit == "1" and bound > 100:'),
     Mutation("metrics/judging/limits_file.py", "not 1 <= independent < 1e9", "not 0 <= independent < 1e9"),
     Mutation("metrics/score/limits.py", "MINIMUM_INDEPENDENT = 5.0", "MINIMUM_INDEPENDENT = 4.0"),
-    Mutation("metrics/judging/limits_file.py", "entry = {**of_all, **entry}", "entry = {**entry, **of_all}"),
+    Mutation("metrics/judging/limits_file.py", "{**of_all, **entry}", "{**entry, **of_all}"),
     Mutation("metrics/judging/limits_file.py", "minimum_independent=float(independent))", ")"),
     Mutation("metrics/score/limits.py", "name: limited.of_target() for", "name: limited for"),
     # completeness of a drive, a map, calls, a live run

@@ -18,16 +18,14 @@ from sfr_loc_map.metrics.score.limits import (
     MINIMUM_INDEPENDENT,
     OF_MAP,
     Limit,
-    LimitedNumber,
     Limits,
     LimitSection,
     Population,
     Terms,
     fault_of_terms,
 )
-from sfr_loc_map.metrics.table.catalogue import KINDS, Subject
+from sfr_loc_map.metrics.table.catalogue import KINDS
 
-NOTHING = LimitedNumber(Subject.TRAJECTORY, "", "")
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: Keys of a requirement besides its limits.
 TERMS = Terms._fields  #: Additional keys of a limit on a tolerance bound.
 NEEDED = {str: "a text in quotes is required", bool: "true or false is required"}
@@ -81,50 +79,76 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
 
 
 def _limits_of(section: LimitSection, block: object, origin: str, condition: str | None) -> list[Limit]:
-    """Return the limits of a block.
+    """Return the limits of a block of a section.
 
     `id`, `text` and `certain` of the block apply to all its limits, `certain` not to tolerance bounds. A limit
     `{limit: ...}` can override them.
     """
     if not isinstance(block, Mapping):
         raise ConfigError(f"{origin} contains {block!r:.40}: limits as NAME: NUMBER are required")
-    shares = [key for key, other in SHARES.items() if other is section]
+    shares = [name for name, other in SHARES.items() if other is section]
     _check_keys(block, (*LIMITED_NUMBERS[section], *shares, *REQUIREMENT), origin)
-    of_all = {key: block[key] for key in REQUIREMENT if key in block}
+    of_all = {key: value for key, value in block.items() if key in REQUIREMENT}
     made = []
-    for key, value in block.items():
-        if key in REQUIREMENT:
+    for name, value in block.items():
+        if name in REQUIREMENT:
             continue
-        entry = dict(value) if isinstance(value, Mapping) else {"limit": value}
-        is_bound = section is LimitSection.TRAJECTORY and LIMITED_NUMBERS[section].get(key, NOTHING).statistic == BOUND
-        _check_keys(entry, ("limit", *REQUIREMENT, *(TERMS if is_bound else ())), f"{origin}: '{key}'")
-        terms, problem = terms_of(entry) if is_bound else (None, None)
-        if is_bound and "certain" in entry:
-            problem = CERTAIN_BOUND
-        if problem is not None:
-            raise ConfigError(f"{origin}: '{key}': {problem}")
-        entry = {name: given for name, given in entry.items() if name not in TERMS}
-        entry = {**of_all, **entry}
-        if is_bound:  # `certain` of the block applies to its other limits
-            entry.pop("certain", None)
-        bound = entry.pop("limit", None)
-        number = isinstance(bound, (int, float)) and not isinstance(bound, bool)
-        if not number or not 0 <= bound < float("inf"):
-            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a number >= 0 is required, in the unit of its name")
-        where, over = (LimitSection.COMPLETENESS, None) if key in shares else (section, condition)
-        if KINDS[LIMITED_NUMBERS[where][key].figure].unit == "1" and bound > 1:
-            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a fraction from 0 to 1 is required, 0.05 for 5 %")
-        for name, kind in REQUIREMENT.items():
-            if name == "id" and type(entry.get(name)) is int:
-                entry[name] = str(entry[name])
-            if name in entry and not isinstance(entry[name], kind):
-                raise ConfigError(f"{origin}: '{name}' of '{key}' is {entry[name]!r}: {NEEDED[kind]}")
-        stated = {} if terms is None else terms._asdict()
-        made.append(Limit(section=where, name=key, limit=float(bound), condition=over, **stated, **entry))
+        entry = value if isinstance(value, Mapping) else {"limit": value}
+        if name in shares:
+            made.append(_limit_of(LimitSection.COMPLETENESS, name, entry, of_all, origin, None))
+        else:
+            made.append(_limit_of(section, name, entry, of_all, origin, condition))
     if of_all and not made:
         named = ", ".join(f"{key} {value!r}" for key, value in of_all.items())
         raise ConfigError(f"{origin}: {named} has no limit, so nothing would be judged: give a limit or omit it")
     return made
+
+
+def _limit_of(
+    section: LimitSection,
+    name: str,
+    entry: Mapping[str, Any],
+    of_all: Mapping[str, Any],
+    origin: str,
+    condition: str | None,
+) -> Limit:
+    """Return the limit of an entry of a block; `of_all` has the keys of the requirement that the block states."""
+    limited = LIMITED_NUMBERS[section][name]
+    where = f"{origin}: '{name}'"
+    is_bound = limited.statistic == BOUND
+    _check_keys(entry, ("limit", *REQUIREMENT, *(TERMS if is_bound else ())), where)
+    stated = _terms_of_bound(entry, where)._asdict() if is_bound else {}
+    requirement = _requirement_of({**of_all, **entry}, name, origin)
+    if is_bound:
+        requirement.pop("certain", None)  # that of the block applies to its other limits
+    bound: Any = entry.get("limit")
+    is_number = isinstance(bound, int | float) and not isinstance(bound, bool)
+    if not is_number or not 0 <= bound < float("inf"):
+        raise ConfigError(f"{where} is {bound!r}: a number >= 0 is required, in the unit of its name")
+    if KINDS[limited.figure].unit == "1" and bound > 1:
+        raise ConfigError(f"{where} is {bound!r}: a fraction from 0 to 1 is required, 0.05 for 5 %")
+    return Limit(section=section, name=name, limit=float(bound), condition=condition, **requirement, **stated)
+
+
+def _terms_of_bound(entry: Mapping[str, Any], origin: str) -> Terms:
+    """Return the terms of an entry for a tolerance bound; ConfigError if they are invalid."""
+    terms, problem = terms_of(entry)
+    if "certain" in entry:
+        problem = CERTAIN_BOUND
+    if problem is not None:
+        raise ConfigError(f"{origin}: {problem}")
+    return terms
+
+
+def _requirement_of(entry: Mapping[str, Any], name: str, origin: str) -> dict[str, Any]:
+    """Return the keys of the requirement of the limit of this name; ConfigError if one has another type."""
+    found = {key: entry[key] for key in REQUIREMENT if key in entry}
+    if type(found.get("id")) is int:
+        found["id"] = str(found["id"])
+    for key, value in found.items():
+        if not isinstance(value, REQUIREMENT[key]):
+            raise ConfigError(f"{origin}: '{key}' of '{name}' is {value!r}: {NEEDED[REQUIREMENT[key]]}")
+    return found
 
 
 def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -> None:
