@@ -402,7 +402,7 @@ MUTATIONS = (
     Mutation(INCOMPLETE, "value is None and kind.text_of_nothing", "value is None and not kind.text_of_nothing"),
     Mutation(INCOMPLETE, "share.value <= most or moving", "share.value <= 1.0 or moving"),
     Mutation(INCOMPLETE, " or not meets(limit, value):\n            text = standing", ":\n            text = standing"),
-    Mutation("metrics/errors/standing.py", "farthest_m > MOVING_SHARE * np.max", "farthest_m >= 0.0 * np.max"),
+    Mutation("metrics/errors/standing.py", "farthest_m > least_motion(farthest_m)", "farthest_m >= 0.0"),
     Mutation("metrics/errors/standing.py", "if not 0 < standing < count:", "if not 0 < standing:"),
     Mutation("report/deviations.py", "None not in used and used != [", "None not in used and used == ["),
     # true poses at starts and ends

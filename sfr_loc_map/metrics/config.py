@@ -167,6 +167,13 @@ class Condition:
         return all(part.kind in (ConditionKind.TIME, ConditionKind.FRAMES) for part in self.parts)
 
     @property
+    def standing(self) -> str:
+        """How a stationary rover adds sub-trajectories, as the rest of a sentence about them."""
+        if self.is_of_time:
+            return "have a stationary rover"
+        return "begin at the place of the one before, because the rover is stationary"
+
+    @property
     def label(self) -> str:
         """The displayed form: `5 m`, `60 s`, `100 frames`, `5 m and 10 s`."""
         straight = {ConditionKind.DISPLACEMENT: " straight", ConditionKind.TURN: " turned"}

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
 from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS
-from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, CloudKind, MapScoreConfig, Reading, label_of
+from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, CloudKind, Condition, MapScoreConfig, Reading, label_of
 from sfr_loc_map.metrics.judging.limit_scope import tasks_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
 from sfr_loc_map.metrics.score.caveats import caveats_of
@@ -192,13 +192,14 @@ def _images(score: Score) -> Iterator[str]:
 
 
 def _standing(score: Score) -> Iterator[str]:
-    """Yield the time conditions for which the rover is stationary in many sub-trajectories."""
+    """Yield the conditions for which a stationary rover adds many sub-trajectories."""
     for row in score.rows(STANDING, part=SUB_TRAJECTORIES):
         if row.value is None or row.value <= MAX_STANDING:
             continue
         moving = score.number("position", TOTAL, condition=row.condition, part=MOVING)
-        share, over = f"{100.0 * row.value:.3g} %", label_of(row.condition or "")
-        text = f"The rover is stationary in {share} of the {row.n} sub-trajectories over {over}."
+        condition = Condition.parse(row.condition or "")
+        share = f"{100.0 * row.value:.3g} %"
+        text = f"{share} of the {row.n} sub-trajectories over {condition.label} {condition.standing}."
         if moving is not None:
             unit = fitting(METRE, moving)
             text += f" Over the others, mean + 3 sigma is {number(moving, unit=unit)} {unit.symbol}."

@@ -147,9 +147,9 @@ def test_a_score_without_its_rows_of_completeness_is_incomplete(judge: Judge) ->
     _, score = judge(limits=OVER_5_M + "1\n")
     assert score["verdict"] == "pass"
     of_drive = [row for row in score["figures"] if row["subject"] != "completeness"]
-    beyond = [row for row in score["figures"] if row["figure"] == "errors_beyond"]
+    beside = [row for row in score["figures"] if row["figure"] in ("errors_beyond", "standing")]
     path = judge.folder / "edited.json"
-    for kept, words in ((of_drive, "errors_beyond position is absent"), ([*of_drive, *beyond], "limits give 2")):
+    for kept, words in ((of_drive, "errors_beyond position is absent"), ([*of_drive, *beside], "limits give 2")):
         path.write_text(json.dumps({**score, "figures": kept}))
         result = judge.sfr("report", path, "--overwrite")
         assert result.code == 2

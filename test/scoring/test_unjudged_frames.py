@@ -124,9 +124,9 @@ def test_random_honest_drives_have_no_error_beyond_the_judged_ones() -> None:
         assert any(row.part == OTHER_FRAMES for row in figures)
 
 
-def with_stop(drive: Trajectory, frames: int) -> Trajectory:
-    """Return a drive with a stop of so many frames at its end."""
-    rows = np.minimum(np.arange(COUNT + frames), COUNT - 1)
+def with_stop(drive: Trajectory, frames: int, at: int = COUNT - 1) -> Trajectory:
+    """Return a drive with a stop of so many frames at a frame, by default the last one."""
+    rows = np.insert(np.arange(COUNT), at, np.full(frames, at))
     return Trajectory(np.arange(COUNT + frames) * PERIOD_NS, drive.positions[rows], drive.quats_xyzw[rows])
 
 
@@ -152,7 +152,7 @@ def test_a_rover_that_stands_meets_no_limit_for_one_that_moves(
         if code or content is entry:
             assert done.code == code, done.err
         told = done.out + done.err
-        assert ("of the sub-trajectories over 5 s; of the sub-trajectories in which it moves" in told) == (code == 3), (
+        assert ("% of the sub-trajectories over 5 s have a stationary rover; of the others" in told) == (code == 3), (
             told
         )
     if code == 3:
@@ -163,8 +163,25 @@ def test_a_rover_that_stands_meets_no_limit_for_one_that_moves(
         done = sfr("score", *paths, "--limits", allowed, "--json", score, "--overwrite")
         assert done.code == 0, done.err
     sfr("report", score, "--test-report", page)
-    told = re.search(r"The rover is stationary in 9[0-9.]+ % of the \d+ sub-trajectories over 5 s\.", page.read_text())
+    told = re.search(r"9[0-9.]+ % of the \d+ sub-trajectories over 5 s have a stationary rover\.", page.read_text())
     assert bool(told) == (frames > 0)
+
+
+def test_a_stop_does_not_dilute_errors_over_a_distance(tmp_path: Path, sfr: Sfr) -> None:
+    """A scale error of 10 % before a stop, at which many sub-trajectories begin at the same place."""
+    paths = (tmp_path / "e.csv", tmp_path / "t.csv")
+    drive = straight()
+    positions = straight(scale=0.999).positions.copy()
+    positions[:100, 0] = positions[100, 0] + 0.9 * (drive.positions[:100, 0] - drive.positions[100, 0])
+    estimate = Trajectory(drive.stamps_ns, positions, drive.quats_xyzw)
+    rules = limits(tmp_path, {"trajectory": [{"condition": "distance=2", "position_mean_plus_3sigma_m": 0.25}]})
+    for frames, code in ((0, 1), (3000, 3)):
+        for path, poses in zip(paths, (estimate, drive), strict=True):
+            save_trajectory(path, with_stop(poses, frames, at=150))
+        done = sfr("score", *paths, "--limits", rules)
+        told = done.out + done.err
+        assert done.code == code, told
+        assert ("over 2 m begin at the place of the one before" in told) == (frames > 0), told
 
 
 @pytest.mark.parametrize("frames", [0, 150])

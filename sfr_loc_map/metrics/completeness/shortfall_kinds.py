@@ -77,7 +77,7 @@ UNMEASURED = "unmeasured"  #: Figure of the pairs whose call has no measured mem
 UNANSWERED = "unanswered"  #: Figure of the pairs that an external node has not answered.
 ANSWERED_TWICE = "answered_twice"  #: Figure of the answers of an external node to pairs that had an answer.
 BEYOND_MOST = 0.02  #: Largest fraction of frames whose errors far exceed the judged errors, as in a short loss.
-STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories in which the rover is stationary.
+STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories that a stationary rover adds.
 IMAGES = "images, or true poses if the images are unknown"
 MISSING = ("missing_max_share",)
 COVERED = "{covered}"
@@ -190,9 +190,7 @@ SHORTFALLS = (
         is_lifted_by_partial=False,
     ),
     ShortfallKind(ERRORS_BEYOND, Scope.DRIVE, "frames", BEYOND_MOST, is_lifted_by_partial=False),
-    ShortfallKind(
-        STANDING, Scope.DRIVE, "sub-trajectories over a time or frames", STANDING_MOST, is_lifted_by_partial=False
-    ),
+    ShortfallKind(STANDING, Scope.DRIVE, "sub-trajectories", STANDING_MOST, is_lifted_by_partial=False),
     answered_twice(Scope.DRIVE, CallKind.LOCALISATION),
     # ---- maps
     ShortfallKind(

@@ -1,4 +1,8 @@
-"""Fraction of the sub-trajectories in which the rover is stationary, and the errors of those in which it moves."""
+"""Fraction of the sub-trajectories that a stationary rover adds, and the errors of the others.
+
+A stop adds sub-trajectories over a time in which the rover is stationary, and repeats those over a distance, because
+several of them then begin at the same place.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import Mask
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.completeness.copies import MOVING_SHARE
 from sfr_loc_map.metrics.completeness.expected_items import share_of
+from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.errors.trajectory_errors import error_figures, error_row
-from sfr_loc_map.metrics.formulas import SubTrajectoryErrors
+from sfr_loc_map.metrics.formulas import Poses, SubTrajectoryErrors
 from sfr_loc_map.metrics.sub_trajectories import SubTrajectories
 from sfr_loc_map.metrics.table.catalogue import STANDING
 from sfr_loc_map.metrics.table.row_part import MOVING, SUB_TRAJECTORIES
@@ -23,17 +28,19 @@ QUARTERS = (0.25, 0.5, 0.75, 1.0)
 
 
 def rows_of_moving(
-    condition: str, sub_trajectories: SubTrajectories, overlap: float, *, has_height: bool, has_tilt: bool
+    condition: Condition, sub_trajectories: SubTrajectories, overlap: float, *, has_height: bool, has_tilt: bool
 ) -> Iterator[Figure]:
-    """Yield the fraction of sub-trajectories of a stationary rover, and the errors of those in which it moves.
+    """Yield the fraction of sub-trajectories of a stationary rover, and the errors of the others.
 
     `has_height` and `has_tilt` state whether the ground truth has heights, and roll and pitch. The errors are omitted
     if the rover is stationary in all sub-trajectories or in none.
     """
-    moves = is_moving(sub_trajectories, has_tilt=has_tilt)
+    name = condition.setting
+    select = is_moving if condition.is_of_time else begins_elsewhere
+    moves = select(sub_trajectories, has_tilt=has_tilt)
     count = len(sub_trajectories.starts)
     standing = count - int(np.count_nonzero(moves))
-    yield figure_row(STANDING, condition, SUB_TRAJECTORIES, n=count, value=share_of(standing, count))
+    yield figure_row(STANDING, name, SUB_TRAJECTORIES, n=count, value=share_of(standing, count))
     if not 0 < standing < count:
         return
     errors = SubTrajectoryErrors(*(values[moves] for values in sub_trajectories.errors))
@@ -41,7 +48,7 @@ def rows_of_moving(
         starts=sub_trajectories.starts[moves], ends=sub_trajectories.ends[moves], errors=errors
     )
     for kind in error_figures(has_height=has_height):
-        yield error_row(kind, condition, MOVING, others, overlap)
+        yield error_row(kind, name, MOVING, others, overlap)
 
 
 def is_moving(sub_trajectories: SubTrajectories, *, has_tilt: bool) -> Mask:
@@ -52,21 +59,55 @@ def is_moving(sub_trajectories: SubTrajectories, *, has_tilt: bool) -> Mask:
     starts = sub_trajectories.starts
     ends = sub_trajectories.ends
     frames = [starts + np.rint(share * (ends - starts)).astype(np.int64) for share in QUARTERS]
-    position = np.nan_to_num(sub_trajectories.poses.true_position)  # heights may be unknown
-    moved_m = [np.linalg.norm(formulas.displacement(position, starts, at), axis=1) for at in frames]
-    farthest_m = np.max(moved_m, axis=0)
-    attitude = sub_trajectories.poses.true_attitude
+    farthest_m = np.max([moved_m(sub_trajectories.poses, starts, at) for at in frames], axis=0)
+    turns_deg = turned_deg(sub_trajectories.poses, starts, ends, has_tilt=has_tilt)
+    return np.asarray((farthest_m > least_motion(farthest_m)) | (turns_deg > least_turn(turns_deg)))
+
+
+def begins_elsewhere(sub_trajectories: SubTrajectories, *, has_tilt: bool) -> Mask:
+    """Return the sub-trajectories that do not begin at the place of the one before.
+
+    The motion between neighbouring starts is summed, in units of a tenth of the largest motion and of the largest turn
+    between two of them. A sub-trajectory begins elsewhere if the sum has reached another whole number; the first one
+    does as well.
+    """
+    poses = sub_trajectories.poses
+    before = sub_trajectories.starts[:-1]
+    after = sub_trajectories.starts[1:]
+    motions_m = moved_m(poses, before, after)
+    turns_deg = turned_deg(poses, before, after, has_tilt=has_tilt)
+    least_m = max(least_motion(motions_m), np.finfo(np.float64).tiny)
+    summed = np.floor(np.cumsum(motions_m / least_m + turns_deg / least_turn(turns_deg)))
+    return np.append(True, np.diff(summed, prepend=0.0) > 0.0)[: len(sub_trajectories.starts)]
+
+
+def moved_m(poses: Poses, starts: IntArray, ends: IntArray) -> FloatArray:
+    """Return the true distances between frames; unknown heights count as 0."""
+    return np.asarray(np.linalg.norm(np.nan_to_num(formulas.displacement(poses.true_position, starts, ends)), axis=1))
+
+
+def turned_deg(poses: Poses, starts: IntArray, ends: IntArray, *, has_tilt: bool) -> FloatArray:
+    """Return the true turns between frames, or those of the heading alone; 0 if they are unknown."""
+    attitude = poses.true_attitude
     if has_tilt:
-        turn_deg = formulas.attitude_error_deg(attitude[ends], attitude[starts])
+        turns = formulas.attitude_error_deg(attitude[ends], attitude[starts])
     else:
         heading = formulas.heading(attitude)
-        turn_deg = np.abs(formulas.heading_error_deg(heading[ends], heading[starts]))
-    turn_deg = np.nan_to_num(turn_deg)  # attitudes may be unknown
-    least_deg = max(TURN_DEG, MOVING_SHARE * np.max(turn_deg, initial=0.0))
-    return np.asarray((farthest_m > MOVING_SHARE * np.max(farthest_m, initial=0.0)) | (turn_deg > least_deg))
+        turns = np.abs(formulas.heading_error_deg(heading[ends], heading[starts]))
+    return np.asarray(np.nan_to_num(turns))
+
+
+def least_motion(motions_m: FloatArray) -> float:
+    """Return the distance above which the rover has moved."""
+    return MOVING_SHARE * float(np.max(motions_m, initial=0.0))
+
+
+def least_turn(turns_deg: FloatArray) -> float:
+    """Return the turn above which the rover has turned."""
+    return max(TURN_DEG, MOVING_SHARE * float(np.max(turns_deg, initial=0.0)))
 
 
 def largest_standing_fraction(rows: Sequence[Figure]) -> Figure:
-    """Return the row of the largest fraction over the conditions, 0 without a condition of time or frames."""
+    """Return the row of the largest fraction over the conditions, 0 without a condition."""
     fractions = [row.value for row in rows if row.figure == STANDING and row.value is not None]
     return figure_row(STANDING, value=max(fractions, default=0.0))

@@ -5,7 +5,7 @@ The formulas are in `metrics.formulas`. The same function scores files and live 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -152,11 +152,9 @@ def result_of_condition(
     sub_trajectories = SubTrajectories(starts, ends, placed.poses, placed.error_function(placed.poses, starts, ends))
     overlap = overlap_of(starts, ends, spacing)
     of_other_frames = tuple(rows_of_other_frames(name, sub_trajectories, placed, has_height=known.has_height))
-    of_moving: Iterable[Figure] = ()
-    if condition.is_of_time:
-        of_moving = rows_of_moving(
-            name, sub_trajectories, overlap, has_height=known.has_height, has_tilt=known.has_tilt
-        )
+    of_moving = rows_of_moving(
+        condition, sub_trajectories, overlap, has_height=known.has_height, has_tilt=known.has_tilt
+    )
     return ConditionResult(
         figures=(
             *error_rows(name, sub_trajectories, overlap, placed, truth),

@@ -22,7 +22,7 @@ from sfr_loc_map.metrics.completeness.shortfall_kinds import (
     UNKNOWN_ITEMS,
     ShortfallKind,
 )
-from sfr_loc_map.metrics.config import VerdictState, label_of
+from sfr_loc_map.metrics.config import Condition, VerdictState, label_of
 from sfr_loc_map.metrics.errors.other_frames import BEYOND
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.limit_scope import judged_parts, tasks_of
@@ -195,7 +195,7 @@ def beyond_the_judged(kind: ShortfallKind, part: RowPart, score: Score, most: fl
 
 
 def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: float) -> Iterator[Shortfall]:
-    """Yield a shortfall for each limit that is met because the rover is stationary in most sub-trajectories.
+    """Yield a shortfall for each limit that is met because a stationary rover adds most sub-trajectories.
 
     The errors of the other sub-trajectories miss the limit, or are too few for a verdict. A drive in which the rover is
     stationary throughout is judged like any other.
@@ -233,14 +233,14 @@ def filled_text(kind: ShortfallKind, value: float, calls: str | None, score: Sco
 
 
 def standing_text(limit: Limit, share: Figure, moving: Figure, value: float | None) -> str:
-    """Return the text about the sub-trajectories with a stationary rover, and about the errors of the moving rover."""
+    """Return the text about the sub-trajectories that a stationary rover adds, and about the errors of the others."""
     figure = limit.limited.figure
-    over = label_of(limit.condition or "")
+    condition = Condition.parse(share.condition or "")
     number = "unknown" if value is None else f"{value:.4g} {KINDS[figure].unit}"
     return (
-        f"the rover is stationary in {100.0 * (share.value or 0.0):.4g} % of the sub-trajectories over {over}; of the "
-        f"sub-trajectories in which it moves, {moving.independent or 0.0:.3g} are independent, and "
-        f"{statistic_title(statistic_of(limit))} of their {title_of(figure)} is {number}"
+        f"{100.0 * (share.value or 0.0):.4g} % of the sub-trajectories over {condition.label} {condition.standing}; of "
+        f"the others, {moving.independent or 0.0:.3g} are independent, and {statistic_title(statistic_of(limit))} of "
+        f"their {title_of(figure)} is {number}"
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.completeness.expected_items import answers_completeness
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS, ShortfallKind
-from sfr_loc_map.metrics.config import CallKind, Condition
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.errors.trajectory_errors import overlap_of
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.score.limits import LimitSection
@@ -79,11 +79,10 @@ def _required_beside(score: Score, figure: str, condition: str) -> Iterator[tupl
     """Yield figure and part of the rows of other frames and of motion that a limited figure requires."""
     yield figure, OTHER_FRAMES
     yield ERRORS_BEYOND, figure
-    if Condition.parse(condition).is_of_time:
-        yield STANDING, SUB_TRAJECTORIES
-        standing = score.number(STANDING, condition=condition, part=SUB_TRAJECTORIES)
-        if 0.0 < (standing or 0.0) < 1.0:
-            yield figure, MOVING
+    yield STANDING, SUB_TRAJECTORIES
+    standing = score.number(STANDING, condition=condition, part=SUB_TRAJECTORIES)
+    if 0.0 < (standing or 0.0) < 1.0:
+        yield figure, MOVING
 
 
 def _required_details(score: Score) -> Iterator[str]:

@@ -87,7 +87,7 @@ def of_completeness(name: str, title: str, *, unit: str = "1", is_count: bool = 
 
 ERRORS_BEYOND = "errors_beyond"
 """Fraction of the frames whose error far exceeds the judged errors; no judged sub-trajectory starts or ends at them."""
-STANDING = "standing"  #: Fraction of the sub-trajectories in which the rover is stationary.
+STANDING = "standing"  #: Fraction of the sub-trajectories that a stationary rover adds.
 ALIGNED = ("ape", "rpe")  #: Figures of the aligned estimate, which cannot be limited.
 REVISITED_PLACES = "revisited places"  #: Label of a comparison that has no condition, in place of the condition.
 TOTAL = "mean_plus_3sigma"  #: The statistic that the specification limits.
