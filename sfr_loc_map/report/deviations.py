@@ -13,10 +13,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from sfr_loc_map.config import flatten
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
 from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS
-from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, CloudKind, Condition, MapScoreConfig, Reading, label_of
+from sfr_loc_map.metrics.config import (
+    SPACING_FRAMES,
+    CallKind,
+    CloudKind,
+    Condition,
+    MapScoreConfig,
+    Reading,
+    ScoreConfig,
+    label_of,
+)
 from sfr_loc_map.metrics.judging.limit_scope import tasks_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
 from sfr_loc_map.metrics.score.caveats import caveats_of
@@ -25,7 +35,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, STANDING, TOTAL, Subject
 from sfr_loc_map.metrics.table.records import MethodKind
-from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope
+from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope, range_of
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.tables.model import METRE, fitting, number
 
@@ -37,6 +47,18 @@ TASK_NAMES = {Scope.DRIVE: "localisation", Scope.MAP: "mapping"}
 KINDS_OF = {Scope.DRIVE: (CallKind.LOCALISATION,), Scope.MAP: (CallKind.MAPPING_CALL, CallKind.MAPPING)}
 """Calls of each task. Findings are recorded with calls, and the states of poses with those of a localiser."""
 UNKNOWN_WITHOUT_CALLS = {Scope.DRIVE: "Its findings and the states of its poses", Scope.MAP: "Its findings"}
+
+SETTINGS_WITH_A_SENTENCE = frozenset(
+    {
+        "trajectory.conditions",  # each limit names its condition
+        "trajectory.spacing",
+        "trajectory.rebase",
+        "trajectory.partial",
+        "map.scored_from_m",
+        "map.scored_to_m",
+    }
+)
+"""Settings of a score that its figures name or that have a deviation of their own."""
 
 
 def deviations_of(score: Score) -> Iterator[str]:
@@ -102,6 +124,44 @@ def _map_range(score: Score) -> Iterator[str]:
             f"Coverage counts true points from {used[0]:g} m to {used[1]:g} m (--range); the default is "
             f"{usual.scored_from_m:g} m to {usual.scored_to_m:g} m."
         )
+
+
+def _points_beyond(score: Score) -> Iterator[str]:
+    """Yield how many true pixels beyond the range of the coverage have a point, if a verdict depends on the points."""
+    if score.provenance is None or not any(item.subject is Subject.MAP for item in score.verdicts):
+        return
+    to_m = score.provenance.configuration.get("map.scored_to_m")
+    beyond = []
+    for row in score.rows("coverage"):
+        bounds = range_of(row.part)
+        if to_m is not None and bounds is not None and bounds[0] >= to_m and row.n:
+            beyond.append(row)
+    pixels = sum(row.n or 0 for row in beyond)
+    if pixels:
+        share = sum((row.n or 0) * (row.value or 0.0) for row in beyond) / pixels
+        yield (
+            f"Coverage does not count the {pixels} true pixels beyond {to_m:g} m. The map has points at "
+            f"{100.0 * share:.3g} % of them, which are judged; a map without these points has smaller errors."
+        )
+
+
+def _other_settings(score: Score) -> Iterator[str]:
+    """Yield the settings of the score that differ from the defaults, if no other deviation is about them."""
+    if score.provenance is None:
+        return
+    for name, usual in flatten(ScoreConfig()).items():
+        value = score.provenance.configuration.get(name, usual)
+        if name not in SETTINGS_WITH_A_SENTENCE and _plain(value) != _plain(usual):
+            yield f"The setting {name} is {_setting_text(value)}; the default is {_setting_text(usual)}."
+
+
+def _plain(value: object) -> object:
+    """Return a value of a setting as it is read from a score, which has lists for tuples."""
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _setting_text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(_plain(value))
 
 
 def _calls(score: Score) -> Iterator[str]:
@@ -227,8 +287,8 @@ def _unjudged_map(score: Score) -> Iterator[str]:
 
 
 def _fused_cloud(score: Score) -> Iterator[str]:
-    """Yield how the coverage of a fused cloud is counted, if a limit is on it."""
-    is_limited = any(item.figure == "coverage" for item in score.verdicts)
+    """Yield how the coverage of a fused cloud is counted, if a verdict is on the map."""
+    is_limited = any(item.subject is Subject.MAP for item in score.verdicts)
     if is_limited and score.cloud is not None and score.cloud.kind is CloudKind.FUSED:
         yield (
             "The cloud is declared to be fused. A pixel with ground truth is therefore covered if a point of any pair "
@@ -305,6 +365,8 @@ DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (
     _interpolated_truth,
     _caveats,
     _map_range,
+    _points_beyond,
+    _other_settings,
     _calls,
     _relaxed_rules,
     _incomplete,

@@ -85,6 +85,15 @@ def test_another_truth_than_that_of_the_recording_is_a_deviation(tmp_path: Path,
     assert "mine.csv&#39; (truth.source), not those of the recording" in (tmp_path / "r.html").read_text()
 
 
+def test_any_other_setting_of_a_score_is_a_deviation(judge: Judge) -> None:
+    for options, is_deviation in (((), False), (("--max-gap", "60"), True)):
+        judge(*options, limits=OVER_5_M + "1\n")
+        report = judge.folder / "t.html"
+        judge.sfr("report", judge.folder / "score.json", "--test-report", report, "--overwrite")
+        told = "The setting trajectory.association.max_gap_s is 60; the default is 1." in report.read_text()
+        assert told == is_deviation
+
+
 def test_unknown_calls_are_a_deviation(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
     rules, score, page = limits(tmp_path, POSITION), tmp_path / "s.json", tmp_path / "r.html"
     stats = write_calls_of(tmp_path / "calls.csv", "mine")
