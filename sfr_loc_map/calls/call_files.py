@@ -190,7 +190,7 @@ class _Table:
         if (kind := about.get("kind", "")) not in set(MethodKind):
             text = f"method_kind is '{kind}': one of {', '.join(MethodKind)} is required"
             raise InputError(f"statistics '{self.path}': {text}")
-        with refusing(f"statistics '{self.path}'", "give the unchanged calls of one run"):
+        with refusing(f"statistics '{self.path}'", "give the statistics of one run, unchanged"):
             return msgspec.convert({"name": name, "version": None, **about}, MethodRecord, strict=False)
 
     def _check_one_method(self) -> None:

@@ -23,7 +23,6 @@ from sfr_loc_map.replay.options import ExternalOptions
 from sfr_loc_map.replay.process_watch import ProcessWatch, processes_watched
 from sfr_loc_map.replay.replay_peer import ReplayPeer
 from sfr_loc_map.replay.result import ExternalResult
-from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.processes import ChildProcess
 from sfr_loc_map.ros.publishers import UNKNOWN_NODE
 from sfr_loc_map.suite_names import Task
@@ -206,7 +205,7 @@ def _wait_for_subscription(
     def problem() -> str:
         return (
             f"no external node (start it with --command, or with the same ROS_DOMAIN_ID, and remap its topics) has "
-            f"subscribed to {alternatives(topics)} in ROS domain {environment.domain()}"
+            f"subscribed to {alternatives(topics)}"
         )
 
     peer.wait_for(listens, options.start_timeout_s, problem)
