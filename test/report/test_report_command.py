@@ -56,7 +56,7 @@ def test_a_comparison_of_suites_is_a_page(tmp_path: Path) -> None:
         (tmp_path / name / "plan.json").write_text("{}")
     words = ["report", str(tmp_path / "before"), str(tmp_path / "after"), "-o", str(tmp_path / "page.md")]
     result = CliRunner().invoke(app, words)
-    assert isinstance(result.exception, ConfigError)
+    assert isinstance(result.exception, OutputError)
     assert "a name that ends in" in str(result.exception)
 
 

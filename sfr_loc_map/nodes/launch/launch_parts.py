@@ -71,7 +71,7 @@ def _node(context: LaunchContext, task: str, argument: str) -> Any:  # noqa: ANN
         raise ConfigError(f"remaps:={_value(context, 'remaps')}: rules FROM:=TO are required, separated by blanks")
     default = Path(get_package_share_directory(PACKAGE)) / "config" / f"{task}.yaml"
     file = Path(_value(context, argument) or default)
-    with refusing(f"{argument}: cannot read '{file}'", "give a parameter file"):
+    with refusing(f"{argument}:={file}", "give a parameter file"):
         check_regular(file)
     # a value overrides the parameter file, so that only given values are passed
     given = {name: _value(context, name) for name in ("use_sim_time", "autostart")}

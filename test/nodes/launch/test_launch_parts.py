@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from helpers import ROOT
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import SfrError
 from sfr_loc_map.ros.environment import PROFILE, PROFILE_VARIABLES
 
 KINDS = {
@@ -111,5 +111,5 @@ def test_values_of_arguments_reach_the_nodes(described: Any, name: str, file: st
     assert node["arguments"] == ["--ros-args", "--log-level", "debug"]
     assert node["remappings"] == [("loc/left/image_rect", "/eye/left"), ("loc/right/image_rect", "/eye/right")]
     for argument, value in [(file, "/no"), ("remaps", "a"), ("remaps", "a:="), ("remaps", "a:=b:=c")]:
-        with pytest.raises(ConfigError, match=f"^{argument}:={value}: "):
+        with pytest.raises(SfrError, match=f"^{argument}:={value}: "):
             described(name, **which, **{argument: value})
