@@ -384,13 +384,17 @@ MUTATIONS = (
     Mutation("metrics/stored/raw_values.py", "    yield from _required_details(score)\n", ""),
     Mutation("metrics/stored/raw_values.py", "        yield from _of_memory(score, kind, plots)\n", ""),
     Mutation("metrics/stored/raw_values.py", 'for name in ("lost", "degraded"):', 'for name in ("degraded",):'),
+    Mutation("scoring/input_files.py", "if _states_of(self.path) != self.states:", "if False:"),
     Mutation("scoring/provenance.py", "if given != (limits.limits,", "if given == (limits.limits,"),
     # inputs besides the poses
-    Mutation("scoring/inputs.py", "[*self.stats, *([] if self.target is None else [self.target])]", "[*self.stats]"),
-    Mutation("scoring/load.py", "[*stats, target] if is_same_run and target is not None else [*stats]", "[]"),
+    Mutation(
+        "scoring/inputs.py", "[*self.stats, *([] if self.target is None else [self.target.calls])]", "[*self.stats]"
+    ),
+    Mutation("scoring/load_calls.py", "return [*self.here, self.target.calls]", "return []"),
+    Mutation("scoring/load_calls.py", "            return self.here\n", "            return []\n"),
     Mutation("scoring/call_checks.py", "SAME_POSITION_M = 0.002", "SAME_POSITION_M = 0.0"),
-    Mutation("scoring/load.py", "    check_one_method(stats, target)\n", ""),
-    Mutation("scoring/score_run.py", "fitted_unit(run.convention) or ", ""),
+    Mutation("scoring/load_calls.py", "    check_one_method(here, on_target)\n", ""),
+    Mutation("scoring/score_run.py", "fitted_unit(converted.convention) or ", ""),
     Mutation("metrics/conventions/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
     Mutation(
         DRIVE, "estimates_ns[~is_covered]", "estimates_ns[(estimates_ns < true_ns[0]) | (estimates_ns > true_ns[-1])]"

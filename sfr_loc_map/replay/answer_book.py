@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 import numpy as np
-from msgspec.structs import asdict, replace
+from msgspec.structs import replace
 
 from sfr_loc_map.metrics.formulas import Statistics, statistics
 from sfr_loc_map.metrics.table.records import AnswerCounts, FindingKind, FindingRecord
@@ -24,7 +24,7 @@ images of a pair may be published `STAMP_TOLERANCE_S` apart, and a node that use
 Content = TypeVar("Content")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class EarlyAnswers(Generic[Content]):
     """Answers to a stamp of which no pair is published yet."""
 
@@ -45,14 +45,13 @@ class AnswerBook(Generic[Content]):
         self._early: dict[int, EarlyAnswers[Content]] = {}  # by stamp, the oldest stamp first
         self._dropped = 0  # early answers
         self._first_dropped_ns: int | None = None
-        self._counts = AnswerCounts()
         self._unanswered_in_a_row = 0
         self._findings: dict[FindingKind, FindingRecord] = {}
 
     def note_sent(self, stamp_ns: int, sent_s: float) -> Content | None:
         """Record a pair and the time of the monotonic clock when its last image was published, s.
 
-        Return the content of the early answer that is used; None without one.
+        Return the content of the early answer if it is used; None otherwise.
         """
         self._sent[stamp_ns] = sent_s
         early = self._early.pop(stamp_ns, None)
@@ -61,39 +60,33 @@ class AnswerBook(Generic[Content]):
         is_used = [self._answered(stamp_ns, received_s) for received_s in early.received_s]
         return early.content if is_used[0] else None
 
-    def note_answer(self, stamp_ns: int, frames: str, problem: str, content: Content) -> bool:
-        """Note an answer; return whether the answer is used. Only the first answer to a pair is used.
+    def note_answer(self, stamp_ns: int, frames: str, problem: str, content: Content) -> Content | None:
+        """Note an answer; return its content if it is used, None otherwise. Only the first answer to a pair is used.
 
-        An answer to a stamp that is not of a published pair is kept with its content, and used once a pair of this
-        stamp is published. The oldest such answers are dropped.
+        An answer to a stamp that is not of a published pair is kept with its content, which `note_sent` returns once a
+        pair of this stamp is published. The oldest such answers are dropped.
 
         `frames` are `parent -> child` of a pose, `parent` of a cloud. `problem` is why the answer is unusable; empty if
         the answer is usable.
         """
-        now = time.monotonic()
+        now_s = time.monotonic()
         if problem:
-            self._note("not_usable", FindingKind.NOT_FINITE, stamp_ns, problem)
-            return False
+            self._note(FindingKind.NOT_FINITE, stamp_ns, problem)
+            return None
         self.frames = self.frames or frames
         if frames != self.frames:
-            text = f"frames {frames} instead of {self.frames}"
-            self._note("other_frame", FindingKind.OTHER_FRAME, stamp_ns, text)
-            return False
+            self._note(FindingKind.OTHER_FRAME, stamp_ns, f"frames {frames} instead of {self.frames}")
+            return None
         self._unanswered_in_a_row = 0
         if stamp_ns in self._sent:
-            return self._answered(stamp_ns, now)
+            return content if self._answered(stamp_ns, now_s) else None
         # the stamp of no pair, or of a pair whose last image is not published yet
-        early = self._early.setdefault(stamp_ns, EarlyAnswers(content))
-        early.received_s.append(now)
+        self._early.setdefault(stamp_ns, EarlyAnswers(content)).received_s.append(now_s)
         if len(self._early) > MAX_EARLY:
             oldest_ns = next(iter(self._early))
             self._dropped += len(self._early.pop(oldest_ns).received_s)
             self._first_dropped_ns = oldest_ns if self._first_dropped_ns is None else self._first_dropped_ns
-        return len(early.received_s) == 1
-
-    def has_pair(self, stamp_ns: int) -> bool:
-        """Return whether a pair of this stamp is published."""
-        return stamp_ns in self._sent
+        return None
 
     def note_restart(self, how: str) -> None:
         """Record that the node ended during the run, although a restarted process answers in its place.
@@ -122,9 +115,18 @@ class AnswerBook(Generic[Content]):
     @property
     def counts(self) -> AnswerCounts:
         """The counts; pairs without an answer in time are missing."""
-        pairs, answered = len(self._sent), len(self._in_time)
-        other = self._dropped + sum(len(early.received_s) for early in self._early.values())
-        return replace(self._counts, pairs=pairs, answered=answered, missing=pairs - answered, other_stamp=other)
+        answered = len(self._in_time)
+        return AnswerCounts(
+            pairs=len(self._sent),
+            answered=answered,
+            missing=len(self._sent) - answered,
+            early=self._count(FindingKind.EARLY),
+            late=self._count(FindingKind.LATE),
+            doubled=self._count(FindingKind.DOUBLED),
+            other_stamp=self._dropped + sum(len(early.received_s) for early in self._early.values()),
+            other_frame=self._count(FindingKind.OTHER_FRAME),
+            not_usable=self._count(FindingKind.NOT_FINITE),
+        )
 
     @property
     def _in_time(self) -> set[int]:
@@ -161,19 +163,22 @@ class AnswerBook(Generic[Content]):
     def _answered(self, stamp_ns: int, received_s: float) -> bool:
         """Record the answer to a published pair; return whether the answer is used."""
         if stamp_ns in self._latency_s:
-            self._note("doubled", FindingKind.DOUBLED, stamp_ns, "the pair was answered already")
+            self._note(FindingKind.DOUBLED, stamp_ns, "the pair was answered already")
             return False
         latency_s = received_s - self._sent[stamp_ns]
         self._latency_s[stamp_ns] = latency_s
         if latency_s < -EARLY_S:
-            self._note("early", FindingKind.EARLY, stamp_ns, f"{-latency_s:.3g} s before the pair was published")
+            self._note(FindingKind.EARLY, stamp_ns, f"{-latency_s:.3g} s before the pair was published")
         is_late = latency_s > self._timeout_s
         if is_late:
-            self._note("late", FindingKind.LATE, stamp_ns, f"{latency_s:.3g} s after the pair was published")
+            self._note(FindingKind.LATE, stamp_ns, f"{latency_s:.3g} s after the pair was published")
         return not is_late
 
-    def _note(self, count: str, kind: FindingKind, stamp_ns: int, text: str) -> None:
-        counts = asdict(self._counts)
-        self._counts = replace(self._counts, **{count: counts[count] + 1})
+    def _note(self, kind: FindingKind, stamp_ns: int, text: str) -> None:
+        """Count an answer with a fault; stamp and text of the first answer are kept."""
         before = self._findings.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=text)
         self._findings[kind] = replace(before, count=before.count + 1)
+
+    def _count(self, kind: FindingKind) -> int:
+        """Return the number of answers with a fault."""
+        return self._findings[kind].count if kind in self._findings else 0

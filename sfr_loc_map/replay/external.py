@@ -78,10 +78,10 @@ class ExternalNode:
             content = self._converter.read(message)
         except InputError as error:
             problem = str(error)
-        stamp_ns = stamp_of(message)
-        is_used = self._answers.note_answer(stamp_ns, self._converter.frames_of(message), problem, (message, content))
-        if is_used and self._answers.has_pair(stamp_ns):
-            self._converter.accept(message, content)
+        frames = self._converter.frames_of(message)
+        used = self._answers.note_answer(stamp_of(message), frames, problem, (message, content))
+        if used is not None:
+            self._converter.accept(*used)
 
     def note_sent(self, stamp_ns: int, sent_s: float) -> None:
         """Record a pair and the time of the monotonic clock when its last image was published, s."""

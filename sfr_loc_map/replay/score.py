@@ -22,7 +22,7 @@ from sfr_loc_map.replay.files import ReplayFiles
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.scoring.input_files import CONFIGURATION_ROLES, ReadFile, configuration_files, read_files
 from sfr_loc_map.scoring.inputs import CloudToScore, ConvertedRun, DriveToScore, InMemory, Origin, Run
-from sfr_loc_map.scoring.load import estimates_of_calls
+from sfr_loc_map.scoring.load_calls import estimates_of_calls
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite_names import Task
 

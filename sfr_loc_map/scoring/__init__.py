@@ -10,8 +10,9 @@ Each step takes values and returns values. The modules in the order of their use
 
 - inputs: `inputs` defines what is given (`ScoreInputs`, `InMemory`) and the run to be scored (`Run`), and `settings`
   the settings by name. `judgement` finds the limits and conditions. `load` builds a run from files or from data in
-  memory; `call_checks` refuses calls of another run, and `bag_estimates` reads the estimates of a bag. `input_files`
-  notes the state of each file before it is read, so that a changed file is refused when it is hashed.
+  memory: `load_calls` reads its calls, `load_drive` its poses (those of a bag by `bag_estimates`) and `load_map` its
+  cloud. `call_checks` refuses calls of another run. `input_files` notes the state of each file before it is read, so
+  that a changed file is refused when it is hashed. `load_trajectories` reads poses for pages without a score.
 - conventions: `conversion` converts the estimate to poses of RB in DS and diagnoses convention mismatches.
 - score: `score_parts` scores the trajectory, the map and the calls of a run. `assembly` combines these parts to a score
   with verdicts and warnings. `provenance` collects the hashes of the files, the settings and facts of the host.

@@ -26,8 +26,8 @@ def findings_of(book: AnswerBook[int]) -> list[FindingKind]:
 
 @pytest.mark.parametrize(("ahead_s", "is_early"), [(0.08, True), (EARLY_S + 0.001, True), (EARLY_S - 0.001, False)])
 def test_an_answer_before_its_pair_is_early(book: AnswerBook[int], ahead_s: float, is_early: bool) -> None:
-    assert book.note_answer(PAIR_NS, "ds -> rb", "", PAIR_NS)
-    book.note_sent(PAIR_NS, 10.0 + ahead_s)
+    assert book.note_answer(PAIR_NS, "ds -> rb", "", PAIR_NS) is None, "it is kept for its pair"
+    assert book.note_sent(PAIR_NS, 10.0 + ahead_s) == PAIR_NS
     assert findings_of(book) == ([FindingKind.EARLY] if is_early else [])
     assert FindingKind.EARLY.fails
     assert book.counts.early == is_early
@@ -38,7 +38,7 @@ def test_an_answer_before_its_pair_is_early(book: AnswerBook[int], ahead_s: floa
 @pytest.mark.parametrize(("latency_s", "is_late"), [(0.999, False), (1.001, True)])
 def test_an_answer_after_its_time_is_none(book: AnswerBook[int], latency_s: float, is_late: bool) -> None:
     book.note_sent(PAIR_NS, 10.0 - latency_s)
-    assert book.note_answer(PAIR_NS, "ds -> rb", "", PAIR_NS) is not is_late
+    assert book.note_answer(PAIR_NS, "ds -> rb", "", PAIR_NS) == (None if is_late else PAIR_NS)
     assert findings_of(book) == ([FindingKind.LATE, FindingKind.MISSING] if is_late else [])
     assert (book.counts.answered, book.counts.missing, book.counts.late) == (not is_late, is_late, is_late)
     assert book.latency_s is not None
@@ -49,13 +49,14 @@ def test_an_answer_after_its_time_is_none(book: AnswerBook[int], latency_s: floa
 def test_only_the_first_answer_in_time_is_used(book: AnswerBook[int], latency_s: float) -> None:
     """A node that repeats its answers, perhaps with corrected poses, is judged by the poses that it gave in time."""
     is_early, is_late = latency_s < 0.0, latency_s > TIMEOUT_S
+    used = []
     if not is_early:
-        book.note_sent(PAIR_NS, 10.0 - latency_s)
-    assert book.note_answer(PAIR_NS, "ds -> rb", "", PAIR_NS) is not is_late
-    assert not book.note_answer(PAIR_NS, "ds -> rb", "", PAIR_NS)
+        used.append(book.note_sent(PAIR_NS, 10.0 - latency_s))
+    used += [book.note_answer(PAIR_NS, "ds -> rb", "", content) for content in (1, 2)]
     if is_early:
-        book.note_sent(PAIR_NS, 10.0 - latency_s)
-    assert not book.note_answer(PAIR_NS, "ds -> rb", "", PAIR_NS)
+        used.append(book.note_sent(PAIR_NS, 10.0 - latency_s))
+    used.append(book.note_answer(PAIR_NS, "ds -> rb", "", 3))
+    assert [content for content in used if content is not None] == ([] if is_late else [1])
     assert (book.counts.answered, book.counts.late, book.counts.doubled) == (not is_late, is_late, 2)
 
 
@@ -70,7 +71,7 @@ def test_a_node_that_was_started_again_has_crashed(book: AnswerBook[int]) -> Non
 
 def test_an_early_answer_that_was_dropped_is_not_an_answer(book: AnswerBook[int]) -> None:
     for stamp_ns in range(MAX_EARLY + 2):
-        assert book.note_answer(stamp_ns, "ds -> rb", "", stamp_ns)
+        assert book.note_answer(stamp_ns, "ds -> rb", "", stamp_ns) is None
     assert book.counts.other_stamp == MAX_EARLY + 2
     assert [book.note_sent(stamp_ns, 10.0) for stamp_ns in (1, 2)] == [None, 2]
     assert (book.counts.answered, book.counts.missing, book.counts.other_stamp) == (1, 1, MAX_EARLY + 1)

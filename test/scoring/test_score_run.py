@@ -30,7 +30,9 @@ from sfr_loc_map.message_types import STRING
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.scoring.inputs import ConvertedRun, InMemory, ScoreInputs
-from sfr_loc_map.scoring.load import estimates_of_calls, load_estimates, load_run
+from sfr_loc_map.scoring.load import load_run
+from sfr_loc_map.scoring.load_calls import estimates_of_calls
+from sfr_loc_map.scoring.load_trajectories import load_estimates
 from sfr_loc_map.scoring.provenance import hash_of_truth
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite_names import Task

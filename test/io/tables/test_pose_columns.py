@@ -440,7 +440,7 @@ def test_a_column_is_named_as_it_stands_in_the_header(tmp_path: Path, item: str)
 
 
 def test_covariances_of_columns_give_a_nees(tmp_path: Path) -> None:
-    from sfr_loc_map.scoring.load import load_drive
+    from sfr_loc_map.scoring.load_trajectories import load_drive
 
     poses = drive()
     save_trajectory(tmp_path / "truth.csv", poses)

@@ -45,7 +45,7 @@ from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.scoring.live.live_maps import LiveMaps
 from sfr_loc_map.scoring.live.live_score import LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
-from sfr_loc_map.scoring.load import load_estimates
+from sfr_loc_map.scoring.load_trajectories import load_estimates
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import ESTIMATE, call_topic
 

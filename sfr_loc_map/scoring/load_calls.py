@@ -1,0 +1,94 @@
+"""Read the calls of a run, and give their states and covariances to the poses of its estimate."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from sfr_loc_map.calls.call_files import load_call_stats
+from sfr_loc_map.calls.call_stats import CallStats, estimates_of, united, with_stamps_of_poses
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import read_text, refusing
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.metrics.table.records import TargetRecord
+from sfr_loc_map.scoring.call_checks import check_one_method
+from sfr_loc_map.scoring.inputs import InMemory, ScoreInputs, TargetCalls
+
+_log = logging.getLogger(__name__)
+TARGET_SCHEMA = "sfr-target/1"
+
+
+class RunCalls(NamedTuple):
+    """The calls of a run, except those of a bag."""
+
+    given: list[CallStats]  #: Calls of files.
+    here: list[CallStats]  #: Calls on this host: those of files and in memory.
+    target: TargetCalls | None  #: Calls on a target.
+
+    @property
+    def on_target(self) -> CallStats | None:
+        """The calls on a target."""
+        return None if self.target is None else self.target.calls
+
+    @property
+    def of_estimate(self) -> list[CallStats]:
+        """The calls that must belong to the estimate: those of this host, and of a target of the same run."""
+        if self.target is None or self.target.other_run is not None:
+            return self.here
+        return [*self.here, self.target.calls]
+
+
+def read_calls(inputs: ScoreInputs, given: InMemory) -> RunCalls:
+    """Read the calls of files, which must come from the method of the calls in memory."""
+    of_files = [load_call_stats(path) for path in inputs.stats]
+    here = [*of_files, *given.calls]
+    on_target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
+    check_one_method(here, on_target)
+    if on_target is None:
+        return RunCalls(of_files, here, None)
+    about = None if inputs.target_about is None else load_target(inputs.target_about)
+    name = (inputs.target_name or "target") if about is None else (about.board or "an unnamed board")
+    return RunCalls(of_files, here, TargetCalls(on_target, name, about, inputs.target_run))
+
+
+def load_target(path: Path) -> TargetRecord:
+    """Read the description of a target; raise InputError if it does not have the format of the harness."""
+    with refusing(f"target '{path}' cannot be read", "give the file that the harness wrote"):
+        content = msgspec.json.decode(read_text(path), type=dict[str, Any])
+        if content.pop("schema", None) != TARGET_SCHEMA:
+            raise ValueError(f"no schema {TARGET_SCHEMA}")
+        return msgspec.convert(content, TargetRecord)
+
+
+def estimates_of_calls(
+    trajectory: Trajectory, stats: Sequence[CallStats] = (), target: CallStats | None = None
+) -> Estimates:
+    """Return estimated poses with the lost flags and covariances of their calls."""
+    calls = calls_of_poses(trajectory, stats, target)
+    return Estimates.of(trajectory) if calls is None else estimates_of(trajectory, calls)
+
+
+def calls_of_poses(
+    trajectory: Trajectory, stats: Sequence[CallStats] = (), target: CallStats | None = None
+) -> CallStats | None:
+    """Return the calls of an estimate; None, with a warning if there are calls, if no call has the stamp of a pose.
+
+    The calls are those of all files of this host. If these contain no call of a pose, the calls of the target are used.
+    """
+    of_target = [] if target is None or not target.has_stamps else [target]
+    for items in (stats, of_target):
+        if own := [item for item in items if _has_call_of_pose(item, trajectory)]:
+            return united(own)
+    if any(len(item.localised_ns) for item in (*stats, *of_target)):
+        _log.warning("no call of the statistics has the stamp of an estimate: the lost poses are unknown")
+    return None
+
+
+def _has_call_of_pose(stats: CallStats, trajectory: Trajectory) -> bool:
+    localised_ns = with_stamps_of_poses(stats, trajectory.stamps_ns).localised_ns
+    return bool(np.isin(localised_ns, trajectory.stamps_ns).any())

@@ -1,0 +1,156 @@
+"""Read the estimated and true poses of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from sfr_loc_map import io  # readers of sources are loaded when called, because files of trajectories require no images
+from sfr_loc_map.calls.call_stats import CallStats, estimates_of
+from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.sequence import Source, without_truth
+from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig
+from sfr_loc_map.io.tables.trajectory_file import ESTIMATE_OPTION, TRUTH_OPTION, LoadedTrajectory, read_trajectory_file
+from sfr_loc_map.io.truth.conversion import truth_of_rb
+from sfr_loc_map.io.truth.read import truth_of_path
+from sfr_loc_map.io.truth.recorded import RecordedTruth
+from sfr_loc_map.metrics.frames.association import UPPER, Estimates
+from sfr_loc_map.scoring.bag_estimates import BagEstimate, read_bag_estimate
+from sfr_loc_map.scoring.call_checks import check_one_estimate
+from sfr_loc_map.scoring.inputs import IN_MEMORY, DriveToScore, InMemory, ScoreInputs
+from sfr_loc_map.scoring.load_calls import RunCalls, calls_of_poses, estimates_of_calls
+from sfr_loc_map.suite_names import Task
+
+
+class ReadDrive(NamedTuple):
+    """What is read of a drive."""
+
+    drive: DriveToScore
+    of_bag: Sequence[CallStats]  #: Calls in the bag of the estimate.
+    source: Source | None  #: Source of the images and of the truth; None if the truth is only a trajectory.
+
+
+def read_drive(inputs: ScoreInputs, given: InMemory, how: SourceConfig, calls: RunCalls) -> ReadDrive | None:
+    """Read estimate and truth, or use those in memory; None if one of both is not given."""
+    if (inputs.truth or given.truth) is None or (inputs.estimate or given.estimate) is None:
+        return None
+    true, source = _read_truth(inputs.truth, given.truth, how)
+    bag = _read_bag(inputs.estimate, calls.here)
+    if bag is None:
+        found, estimates = _read_estimate(inputs, given.estimate, true, calls)
+    else:
+        found, estimates = _estimate_of_bag(bag, inputs, calls)
+    drive = _drive_of(found, estimates, true, source, inputs.truth, how)
+    return ReadDrive(drive, () if bag is None else bag.all_calls, source)
+
+
+def _read_truth(
+    place: Path | None, truth: Trajectory | None, how: SourceConfig
+) -> tuple[LoadedTrajectory, Source | None]:
+    """Read true poses of a file, bag or data set folder, or use those in memory; return also the source of images."""
+    if place is None:
+        assert truth is not None  # by the caller
+        return LoadedTrajectory(Path(IN_MEMORY), truth), None
+    if is_bag(place) or how.truth.source:
+        true, opened = LoadedTrajectory(place, truth_of_path(place, how.truth, how.remap)), None
+        if is_bag(place) or not place.is_file():
+            with suppress(SfrError):  # without images only the true poses are used
+                opened = io.open_source(place, how)
+        return true, opened
+    if place.is_file():
+        return read_trajectory_file(place, how.truth.columns, TRUTH_OPTION), None
+    source = io.open_source(place, how)
+    if source.loc is None or source.loc.ground_truth is None:
+        raise without_truth(place)
+    return LoadedTrajectory(place, source.loc.ground_truth), source
+
+
+def _read_bag(path: Path | None, stats: Sequence[CallStats]) -> BagEstimate | None:
+    """Read the estimate of a bag; None for another file. InputError if a localiser has calls in the bag and in files.
+
+    A call that is in both would count twice.
+    """
+    if path is None or not is_bag(path):
+        return None
+    bag = read_bag_estimate(path)
+    if bag.calls is not None and any(item.has_task(Task.LOCALISATION) for item in stats):
+        raise InputError(
+            f"bag '{path}' has the calls of its localiser, and --stats has calls of a localiser, too: give the calls "
+            "once; --stats EST.stats.csv is the default if the file exists: move the file, or convert the poses with "
+            "sfr convert"
+        )
+    return bag
+
+
+def _estimate_of_bag(bag: BagEstimate, inputs: ScoreInputs, calls: RunCalls) -> tuple[LoadedTrajectory, Estimates]:
+    """Return the estimated poses of a bag with the states of its calls, or of the given calls."""
+    assert inputs.estimate is not None  # the path of the bag
+    check_one_estimate(bag.trajectory, calls.of_estimate)
+    found = calls_of_poses(bag.trajectory, [*calls.here, *bag.all_calls], calls.on_target)
+    return LoadedTrajectory(inputs.estimate, bag.trajectory), estimates_of(bag.trajectory, found, bag.covariance)
+
+
+def _read_estimate(
+    inputs: ScoreInputs, given: Trajectory | None, true: LoadedTrajectory, calls: RunCalls
+) -> tuple[LoadedTrajectory, Estimates]:
+    """Read the estimated poses of a file, or use those in memory; missing stamps are those of the truth."""
+    if inputs.estimate is not None:
+        found = read_trajectory_file(inputs.estimate, inputs.columns, ESTIMATE_OPTION)
+    else:
+        assert given is not None  # by the caller
+        found = LoadedTrajectory(Path(IN_MEMORY), given)
+    if found.by_index:
+        found = found.with_stamps_of(true)
+    check_one_estimate(found.trajectory, calls.of_estimate)
+    estimates = estimates_of_calls(found.trajectory, calls.here, calls.on_target)
+    if found.covariance is not None and estimates.covariance is None:
+        estimates = replace(estimates, covariance=found.covariance[:, *UPPER])
+    return found, estimates
+
+
+def _drive_of(
+    found: LoadedTrajectory,
+    estimates: Estimates,
+    true: LoadedTrajectory,
+    source: Source | None,
+    place: Path | None,
+    how: SourceConfig,
+) -> DriveToScore:
+    """Return the estimate and the truth as a drive; missing stamps of true poses are those of the estimate."""
+    if true.by_index:
+        true = true.with_stamps_of(found)
+    true = _as_declared(true, place, how)
+    rig, images = _images_of(source)
+    notes = tuple(item.text for item in (found, true) if item.is_announced)
+    return DriveToScore(estimates, true.trajectory, rig, images, notes)
+
+
+def _as_declared(true: LoadedTrajectory, place: Path | None, how: SourceConfig) -> LoadedTrajectory:
+    """Return true poses as the configuration declares them.
+
+    The configuration is already applied to a `Truth`, except for a configured standard deviation. Poses of a file or in
+    memory are checked even if the configuration declares nothing about the truth.
+    """
+    poses = true.trajectory
+    if isinstance(poses, Truth):
+        sigma_m, sigma_deg = how.truth.sigma_m or poses.sigma_m, how.truth.sigma_deg or poses.sigma_deg
+        return replace(true, trajectory=replace(poses, sigma_m=sigma_m, sigma_deg=sigma_deg))
+    if how.truth == DEFAULT_SOURCE.truth and place is not None and not place.is_file():
+        return true
+    return replace(true, trajectory=truth_of_rb(RecordedTruth(poses, true.text), how.truth))
+
+
+def _images_of(source: Source | None) -> tuple[StereoRig | None, IntArray | None]:
+    """Return the rig and the stamps of the localisation pairs of a source; None if unknown."""
+    if source is None or source.loc is None:
+        return None, None
+    with suppress(InputError):  # raised without a complete pair
+        return source.loc.rig, source.expected_loc_ns()
+    return source.loc.rig, None

@@ -1,0 +1,57 @@
+"""Read trajectories alone, for pages and comparisons."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sfr_loc_map import io  # readers of sources are loaded when called, because files of trajectories require no images
+from sfr_loc_map.calls.call_stats import estimates_of
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.scoring.bag_estimates import read_bag_estimate
+from sfr_loc_map.scoring.inputs import DriveToScore, ScoreInputs
+from sfr_loc_map.scoring.load import load_run
+from sfr_loc_map.topics import ESTIMATE
+
+
+def load_drive(estimate: Path, truth: Path) -> DriveToScore:
+    """Read estimated and true poses of files."""
+    drive = load_run(ScoreInputs(estimate=estimate, truth=truth)).drive
+    assert drive is not None  # both files are given
+    return drive
+
+
+def load_estimates(path: Path) -> Estimates:
+    """Read estimated poses; lost flags and covariances are those of a bag, and unknown in another file."""
+    if not is_bag(path):
+        return Estimates.of(read_trajectory_file(path).stamped)
+    bag = read_bag_estimate(path)
+    return estimates_of(bag.trajectory, bag.calls, bag.covariance)
+
+
+def load_trajectories(paths: list[Path], truth: Path | None) -> tuple[dict[str, Trajectory], Trajectory | None]:
+    """Return the trajectories for a page by their shortest unique names, and the truth; None if there is no truth.
+
+    Poses without stamps get the stamps of the truth. For a source without estimates, its truth is returned.
+    """
+    file_names = [path.name for path in paths]
+    poses: dict[str, Trajectory] = {}
+    true_poses: Trajectory | None = None
+    for path in paths:
+        name = path.name if file_names.count(path.name) == 1 else str(path)
+        is_source = path.is_dir()
+        if is_bag(path):
+            is_source = truth is None and not io.Bag(path).matches(ESTIMATE)
+        if is_source:
+            poses[name] = io.read_truth(path)
+        elif truth is None:
+            poses[name] = load_estimates(path).trajectory
+        else:
+            drive = load_drive(path, truth)
+            poses[name] = drive.estimates.trajectory
+            true_poses = true_poses or drive.truth
+    if truth is not None and true_poses is None:
+        true_poses = io.read_truth(truth)
+    return poses, true_poses
