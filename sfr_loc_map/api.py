@@ -34,7 +34,10 @@ from sfr_loc_map.metrics.config import aligned_error_config
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.judging.limits_file import load_limits, parse_limits
 from sfr_loc_map.metrics.score.limits import Limits
-from sfr_loc_map.runs import offline
+from sfr_loc_map.runs.drive_start import start_pose
+from sfr_loc_map.runs.localiser_run import Step, localiser_steps, run_localiser
+from sfr_loc_map.runs.mapper_run import run_mapper
+from sfr_loc_map.runs.under_test import UnderTest
 from sfr_loc_map.scoring.conversion import converted_run
 from sfr_loc_map.scoring.inputs import Correction, InMemory, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
@@ -114,17 +117,17 @@ def localise(
     if start not in ("identity", "truth") if isinstance(start, str) else not isinstance(start, Transform | StartPose):
         raise ConfigError(f"start is {start!r:.60}: 'identity', 'truth' or a pose of RB in DS (Transform) is required")
     with naming(opened.path):
-        first = offline.start_pose(drive, start) if isinstance(start, str) else StartPose.of(start)
-    how: LocalisationConfig | offline.UnderTest
+        first = start_pose(drive, start) if isinstance(start, str) else StartPose.of(start)
+    how: LocalisationConfig | UnderTest
     if method == OURS:
         how = _parameters(LocalisationConfig, config, "localisation")
     else:
         how = _under_test(method, Task.LOCALISATION, config, opened)
     if live:
-        steps = _named(opened.path, offline.localiser_steps(drive, how, first))
+        steps = _named(opened.path, localiser_steps(drive, how, first))
         return (step.estimate for step in steps)
     with naming(opened.path):
-        done = offline.run_localiser(drive, how, first)
+        done = run_localiser(drive, how, first)
     if (text := tracking_warning(done.records, opened.path)) is not None:
         warnings.warn(text, UserWarning, stacklevel=2)
     return api_types.Trajectory.of(done.trajectory, records=tuple(done.records), method=done.method)
@@ -145,7 +148,7 @@ def map(
     opened = open(source)
     panorama = panorama_of(opened)
     with naming(opened.path):
-        how: MappingConfig | offline.UnderTest
+        how: MappingConfig | UnderTest
         if method == OURS:
             parameters = _parameters(MappingConfig, config, "mapping")
             how = replace(parameters, refine_poses=True) if refine_poses else parameters
@@ -153,7 +156,7 @@ def map(
             raise ConfigError(f"refine_poses is an option of our mapper: omit it with method {method}")
         else:
             how = _under_test(method, Task.MAPPING, config, opened)
-        run = offline.run_mapper(panorama, how)
+        run = run_mapper(panorama, how)
     for line in run.warnings:
         warnings.warn(line, UserWarning, stacklevel=2)
     cloud = run.fused.cloud if fuse else run.unfused
@@ -236,12 +239,12 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
     return load_run(inputs, fused, InMemory(poses, true, calls=_own_stats(estimate)))
 
 
-def _under_test(method: str, task: Task, config: object, source: Source) -> offline.UnderTest:
+def _under_test(method: str, task: Task, config: object, source: Source) -> UnderTest:
     """Return a method under test; `config` is the file of its configuration, if it has one."""
     if config is not None:
         _check("config", config)
     file = None if config is None else Path(str(config))
-    return offline.UnderTest(find_method(method, task, config_text(file)), hidden=source.truth_paths())
+    return UnderTest(find_method(method, task, config_text(file)), hidden=source.truth_paths())
 
 
 def _own_stats(estimate: object) -> list[CallStats]:
@@ -250,7 +253,7 @@ def _own_stats(estimate: object) -> list[CallStats]:
     return []
 
 
-def _named(path: Path, steps: Iterator[offline.Step]) -> Iterator[offline.Step]:
+def _named(path: Path, steps: Iterator[Step]) -> Iterator[Step]:
     with naming(path):
         yield from steps
 

@@ -27,7 +27,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.tracking import LIMITS
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.motion_size import size_of
-from sfr_loc_map.runs.offline import start_pose
+from sfr_loc_map.runs.drive_start import start_pose
 
 PAIRS = 120  #: Largest number of pairs of a drive.
 SUB_TRAJECTORY_M = 2.0

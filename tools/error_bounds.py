@@ -36,7 +36,7 @@ from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.robust_statistics import MAD_TO_SIGMA
 from sfr_loc_map.mapping.search_range import search_range_of
-from sfr_loc_map.runs.offline import start_pose
+from sfr_loc_map.runs.drive_start import start_pose
 
 EVERY = 10
 """Number of pairs between the starts of sub-trajectories for the bound."""

@@ -21,7 +21,7 @@ from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.runs.offline import start_pose
+from sfr_loc_map.runs.drive_start import start_pose
 
 PAIRS = 70  #: Number of pairs of all runs but the plain run.
 FAULTS = (

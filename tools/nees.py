@@ -30,7 +30,8 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.errors.consistency import relative_covariance, relative_errors, sums_of_steps
 from sfr_loc_map.metrics.frames.association import associate
-from sfr_loc_map.runs.offline import localise, start_pose, trajectory_of
+from sfr_loc_map.runs.drive_start import start_pose
+from sfr_loc_map.runs.localiser_run import localise, trajectory_of
 
 SCENARIOS = ("rocky", "rolling", "crater_rim", "flat", "low_sun", "sample")
 PAIRS, SPEED_M_S = 80, 0.35  #: Pairs and speed of each drive, at most 14 m.

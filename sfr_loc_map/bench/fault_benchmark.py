@@ -26,7 +26,8 @@ from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.runs.offline import localise, start_pose, trajectory_of
+from sfr_loc_map.runs.drive_start import start_pose
+from sfr_loc_map.runs.localiser_run import localise, trajectory_of
 from sfr_loc_map.signals import hold
 
 FAULTS = (

@@ -73,7 +73,7 @@ def localise(
     from sfr_loc_map.bench.method_benchmark import compare_methods, methods_to_compare
     from sfr_loc_map.bench.trials import LocaliserTrial
     from sfr_loc_map.io.sequence import drive_of
-    from sfr_loc_map.runs.offline import true_start
+    from sfr_loc_map.runs.drive_start import true_start
 
     propose("sfr localise SRC -o T.csv --stats S.csv --method NAME", why="runs one method, with files to score")
     if peer_python is None:

@@ -136,7 +136,7 @@ def _convert_pairs(
 ) -> None:
     """Write the pairs of a source for a target board; a drive starts at its first true pose, if known."""
     from sfr_loc_map.io.layouts.board_file import write_pairs
-    from sfr_loc_map.runs.offline import true_start
+    from sfr_loc_map.runs.drive_start import true_start
 
     check_outputs(destination, inputs=files_read(source, config), overwrite=overwrite)
     opened, _ = open_as(source, remap, config)

@@ -34,8 +34,9 @@ from sfr_loc_map.suite_names import OURS, Task
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import LocSequence
     from sfr_loc_map.localisation.estimate import StartPose
-    from sfr_loc_map.runs.offline import DriveRun, UnderTest
+    from sfr_loc_map.runs.localiser_run import DriveRun
     from sfr_loc_map.runs.track_video import FrameObserver
+    from sfr_loc_map.runs.under_test import UnderTest
 
 
 @app.command(
@@ -69,7 +70,7 @@ def localise(
     from sfr_loc_map.calls.call_record import states_text, tracking_warning
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
-    from sfr_loc_map.runs.offline import start_pose, unstamped_start_warning
+    from sfr_loc_map.runs.drive_start import start_pose, unstamped_start_warning
     from sfr_loc_map.runs.track_video import track_video
 
     check_suffix(output, FILE_SUFFIXES)
@@ -105,7 +106,7 @@ def _localised(
     sequence: LocSequence, how: LocalisationConfig | UnderTest, start: StartPose, watch: FrameObserver | None
 ) -> DriveRun:
     """Return the run over a drive while a progress bar counts the pairs; after an interruption, the finished pairs."""
-    from sfr_loc_map.runs.offline import run_localiser
+    from sfr_loc_map.runs.localiser_run import run_localiser
 
     with progress_bar("pairs") as bar:
         task = bar.add_task("localising", total=len(sequence))

@@ -74,7 +74,7 @@ def map_cloud(
     from sfr_loc_map.io.clouds.cloud_file import SUFFIXES
     from sfr_loc_map.io.sequence import panorama_of
     from sfr_loc_map.runs.map_files import MapOutputs, check_dems, save_map
-    from sfr_loc_map.runs.offline import run_mapper
+    from sfr_loc_map.runs.mapper_run import run_mapper
 
     check_suffix(output, SUFFIXES)
     stats = stats_beside(output) if stats is None else stats

@@ -23,7 +23,7 @@ from sfr_loc_map.suite_names import OURS, Task
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
-    from sfr_loc_map.runs.offline import UnderTest
+    from sfr_loc_map.runs.under_test import UnderTest
     from sfr_loc_map.scoring.inputs import Correction
 
 MORE = "More"
@@ -211,7 +211,7 @@ def method_under_test(
     MethodError if there is no such method. ConfigError if an option does not apply to the method.
     """
     from sfr_loc_map.methods.registry import EXTERNAL, MethodLimits, config_text, find_method
-    from sfr_loc_map.runs.offline import UnderTest
+    from sfr_loc_map.runs.under_test import UnderTest
 
     name: str = context.params["method"]
     if name == OURS:

@@ -20,7 +20,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose, TrackingStatistics
 from sfr_loc_map.metrics.frames.association import Estimates
-from sfr_loc_map.runs.offline import localise, trajectory_of
+from sfr_loc_map.runs.localiser_run import localise, trajectory_of
 
 Progress = Callable[[], None]
 

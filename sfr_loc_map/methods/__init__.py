@@ -2,7 +2,7 @@
 
 A method under test (in the documentation also: a candidate) is called through this chain:
 
-    runs/offline.py, bench/method_benchmark.py
+    runs, bench/method_benchmark.py
       isolated_localiser.py, isolated_mapper.py    one call for a pair or a set: checks the values of the answer
         isolated_method.py                         starts a lost process again, at the last known pose
           method_process.py                        starts and ends the process; images in shared memory

@@ -18,7 +18,7 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.score.limits import Limits
-from sfr_loc_map.runs.offline import start_pose
+from sfr_loc_map.runs.drive_start import start_pose
 from sfr_loc_map.scoring.inputs import Correction
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import RESULTS

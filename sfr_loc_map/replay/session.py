@@ -29,7 +29,7 @@ from sfr_loc_map.replay.waiting import ResultWaits
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.processes import ChildProcess, Supervisor, user_command
 from sfr_loc_map.ros.static_transforms import publish_extrinsics
-from sfr_loc_map.runs.offline import check_count
+from sfr_loc_map.runs.mapper_run import check_count
 from sfr_loc_map.suite_names import Task
 from sfr_loc_map.topics import Role, names
 

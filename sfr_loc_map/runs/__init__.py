@@ -2,10 +2,11 @@
 
     run                               result                                     files
     ───                               ──────                                     ─────
-    offline.run_localiser             DriveRun: PoseEstimate, CallRecord a pair  estimate.csv, stats.csv, video
-    offline.run_mapper                MapRun: PairMap a pair, FusedMap, calls    cloud, elevation models, stats.csv
+    localiser_run.run_localiser       DriveRun: PoseEstimate, CallRecord a pair  estimate.csv, stats.csv, video
+    mapper_run.run_mapper             MapRun: PairMap a pair, FusedMap, calls    cloud, elevation models, stats.csv
 
-`calls.call_files` writes stats.csv. `map_files` and `track_video` write the other files.
+Both take the configuration of our localiser or mapper, or a method under test (`under_test`). `drive_start` has the
+pose at which a drive starts. `calls.call_files` writes stats.csv. `map_files` and `track_video` write the other files.
 """
 
 import lazy_loader

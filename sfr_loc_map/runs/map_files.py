@@ -23,7 +23,7 @@ from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.point_covariance import point_covariances
 from sfr_loc_map.mapping.terrain.shaded_relief import shaded_heights
 from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid, terrain_grid
-from sfr_loc_map.runs.offline import MapRun
+from sfr_loc_map.runs.mapper_run import MapRun
 
 DEM_SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png")  #: Suffixes of files of an elevation model.
 

@@ -65,11 +65,13 @@ def configuration_files(how: SourceConfig) -> dict[str, Path | None]:
 
 
 def _states_of(path: Path) -> tuple[FileState, ...]:
+    """Return the state of a file, or of each file that the hash of a folder contains."""
     found: list[FileState] = []
-    with suppress(OSError):
+    with suppress(OSError):  # reported when the file is read or hashed
         for file in visible_files(path) if path.is_dir() else [path]:
-            state = file.stat()
-            found.append(FileState(str(file), state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns))
+            if file.is_file():
+                state = file.stat()
+                found.append(FileState(str(file), state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns))
     return tuple(found)
 
 

@@ -24,7 +24,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.runs.offline import localise
+from sfr_loc_map.runs.localiser_run import localise
 
 SIGMA_M = 0.01
 

@@ -28,7 +28,7 @@ from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method, find_method
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.table.records import MethodKind
-from sfr_loc_map.runs.offline import start_pose, true_start
+from sfr_loc_map.runs.drive_start import start_pose, true_start
 from sfr_loc_map.suite_names import Task
 
 SCORING = TrajectoryScoreConfig(conditions=("frames=3",), spacing=2)

@@ -23,7 +23,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.runs.offline import localise, start_pose
+from sfr_loc_map.runs.drive_start import start_pose
+from sfr_loc_map.runs.localiser_run import localise
 
 MAX_PAIRS = 100
 AMOUNTS = {

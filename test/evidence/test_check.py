@@ -28,7 +28,7 @@ from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.rows import figure_row
-from sfr_loc_map.runs.offline import trajectory_of
+from sfr_loc_map.runs.localiser_run import trajectory_of
 
 
 def test_a_drive_agrees_with_itself_and_every_comparison_is_a_row() -> None:

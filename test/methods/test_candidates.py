@@ -20,7 +20,9 @@ from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.method_process import MethodProcess
 from sfr_loc_map.methods.registry import find_method
-from sfr_loc_map.runs.offline import UnderTest, localise, map_pairs, map_pairs_with
+from sfr_loc_map.runs.localiser_run import localise
+from sfr_loc_map.runs.mapper_run import map_pairs, map_pairs_with
+from sfr_loc_map.runs.under_test import UnderTest
 from sfr_loc_map.suite_names import Task
 
 TAKEN = {"stated_s", "cpu_s", "cpu_between_s", "threads", "processes"}  #: Seen from outside the process.

@@ -21,7 +21,8 @@ from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
-from sfr_loc_map.runs.offline import UnderTest, map_pairs_with
+from sfr_loc_map.runs.mapper_run import map_pairs_with
+from sfr_loc_map.runs.under_test import UnderTest
 from sfr_loc_map.suite_names import Task
 
 Build = Callable[..., Path]

@@ -35,7 +35,7 @@ def table(path: Path) -> list[dict[str, str]]:
 def pairs(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     from sfr_loc_map.io.layouts.board_file import write_pairs
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.runs.offline import start_pose
+    from sfr_loc_map.runs.drive_start import start_pose
 
     path, source = tmp_path_factory.mktemp("target") / "pairs.sfrp", open_source(drive)
     assert source.loc is not None

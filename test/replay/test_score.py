@@ -43,7 +43,7 @@ from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.result import ExternalResult, ReplayResult
 from sfr_loc_map.replay.score import score_replay
 from sfr_loc_map.report.summary import banner_of
-from sfr_loc_map.runs.offline import MapRun, map_pairs
+from sfr_loc_map.runs.mapper_run import MapRun, map_pairs
 from sfr_loc_map.scoring.inputs import Correction, ScoreInputs
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_run import score_files

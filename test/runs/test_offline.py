@@ -23,7 +23,9 @@ from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.localisation.visualisation import STRIP
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_stamps import NS_PER_S
-from sfr_loc_map.runs.offline import localise, map_pairs, run_localiser, start_pose, true_start, unstamped_start_warning
+from sfr_loc_map.runs.drive_start import start_pose, true_start, unstamped_start_warning
+from sfr_loc_map.runs.localiser_run import localise, run_localiser
+from sfr_loc_map.runs.mapper_run import map_pairs
 from sfr_loc_map.runs.track_video import track_video
 
 FIRST_NS = 1_000_000_000_000

@@ -17,7 +17,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.replay.result import ReplayResult
 from sfr_loc_map.replay.score import files_of_source, score_replay
-from sfr_loc_map.runs.offline import map_pairs
+from sfr_loc_map.runs.mapper_run import map_pairs
 from sfr_loc_map.scoring import input_files
 from sfr_loc_map.scoring.inputs import ConvertedRun, ScoreInputs
 from sfr_loc_map.scoring.load import load_run

@@ -35,7 +35,10 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import from_json, to_plain
 from sfr_loc_map.metrics.table.catalogue import KINDS
 from sfr_loc_map.metrics.table.records import Provenance
-from sfr_loc_map.runs.offline import UnderTest, run_localiser, run_mapper, start_pose
+from sfr_loc_map.runs.drive_start import start_pose
+from sfr_loc_map.runs.localiser_run import run_localiser
+from sfr_loc_map.runs.mapper_run import run_mapper
+from sfr_loc_map.runs.under_test import UnderTest
 from sfr_loc_map.scoring.input_files import read_files
 from sfr_loc_map.scoring.inputs import CloudToScore, ConvertedRun, Origin, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run

@@ -1,0 +1,156 @@
+"""A localiser over a complete drive, without ROS; the node makes the same calls of `process`.
+
+    run_localiser ─► localiser_steps ─► localise, localise_with
+
+`localise` calls our localiser in this process, and `localise_with` a method under test in its own process.
+`localiser_steps` yields the estimates of a drive one by one, and `run_localiser` returns the complete drive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate
+from sfr_loc_map.config import changed
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.host_clock import checked_clock
+from sfr_loc_map.io.sequence import LocSequence
+from sfr_loc_map.kernels import load_kernels
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
+from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.methods.config_truth import check_configuration
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
+from sfr_loc_map.methods.registry import record_of_ours
+from sfr_loc_map.metrics.calls.call_meter import CallMeter
+from sfr_loc_map.metrics.table.records import MethodRecord
+from sfr_loc_map.runs.track_video import FrameObserver
+from sfr_loc_map.runs.under_test import Progress, UnderTest
+from sfr_loc_map.signals import stopping
+from sfr_loc_map.suite_names import Task
+
+DEFAULT_STEP_S = 0.1
+
+
+class Step(NamedTuple):
+    """The result of a call of a localiser."""
+
+    estimate: PoseEstimate
+    record: CallRecord  #: State and cost.
+    method: MethodRecord  #: Method that made the call.
+
+
+@dataclass(frozen=True, slots=True)
+class DriveRun:
+    """The steps of a drive, at least one."""
+
+    steps: Sequence[Step]
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The estimated trajectory."""
+        return trajectory_of(step.estimate for step in self.steps)
+
+    @property
+    def records(self) -> list[CallRecord]:
+        """State and cost of each call."""
+        return [step.record for step in self.steps]
+
+    @property
+    def method(self) -> MethodRecord:
+        """The method that made the estimates, from the last step, because the version may be reported late."""
+        return self.steps[-1].method
+
+
+def run_localiser(
+    sequence: LocSequence,
+    how: LocalisationConfig | UnderTest,
+    start: StartPose,
+    watch: FrameObserver | None = None,
+    progress: Progress = lambda done: None,
+    *,
+    keeps_finished: bool = False,
+) -> DriveRun:
+    """Localise the pairs of a drive by our localiser or by a method under test; see `localiser_steps`.
+
+    `progress` is called with the number of localised pairs. With `keeps_finished`, an interruption after the first pair
+    ends the drive, and the run has the localised pairs. Otherwise the interruption is raised.
+    """
+    steps: list[Step] = []
+    try:
+        for step in localiser_steps(sequence, how, start, watch):
+            steps.append(step)
+            progress(len(steps))
+    except KeyboardInterrupt:
+        if not (keeps_finished and steps):
+            raise
+    return DriveRun(steps)
+
+
+def localiser_steps(
+    sequence: LocSequence, how: LocalisationConfig | UnderTest, start: StartPose, watch: FrameObserver | None = None
+) -> Iterator[Step]:
+    """Yield the step of each pair of a drive by our localiser or by a method under test.
+
+    `watch` is called after each pair of our localiser. InputError if the drive has no pair.
+    """
+    if not len(sequence):
+        raise InputError("the drive has no complete pair of images: at least one is required; sfr info SRC shows why")
+    with checked_clock():
+        if isinstance(how, UnderTest):
+            yield from localise_with(how, sequence, start.T_ds_rb)
+            return
+        about = record_of_ours(Task.LOCALISATION, changed(how))
+        for estimate, record in localise(sequence, how, start, watch):
+            yield Step(estimate, record, about)
+
+
+def localise(
+    sequence: LocSequence, config: LocalisationConfig, start: StartPose, watch: FrameObserver | None = None
+) -> Iterator[tuple[PoseEstimate, CallRecord]]:
+    """Yield the estimate and the cost of each pair of a drive by our localiser; `watch` is called after each pair."""
+    localiser = Localiser(sequence.rig, config, start)
+    load_kernels("localisation")
+    meter = CallMeter()
+    for pair in sequence.pairs():
+        with stopping() as stopped, meter.measure() as call:  # an exception out of a kernel ends the process
+            estimate = localiser.process(pair)
+        if stopped():
+            raise KeyboardInterrupt
+        if watch is not None:
+            watch(pair, estimate)
+        yield replace(estimate, tracks=None), call_of_estimate(estimate, call)
+
+
+def localise_with(how: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> Iterator[Step]:
+    """Yield the step of each pair of a drive by a method under test."""
+    check_configuration(how.method.config, sequence.ground_truth)
+    first_ns, *later_ns = sequence.stamps_ns[:2]
+    step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
+    setup = (sequence.rig, T_ds_rb, how.limits)
+    with IsolatedLocaliser(how.method, *setup, rate_hz=1.0 / step_s, hidden=how.hidden) as localiser:
+        for pair in sequence.pairs():
+            estimate, call = localiser.localise(pair, (pair.stamp_ns - first_ns) / NS_PER_S)
+            record = CallRecord(
+                pair.stamp_ns,
+                call.usage.processing_time_s,
+                estimate.state.value,
+                call.usage.peak_rss_bytes,
+                call.usage.above_idle_bytes,
+                statistics=call.statistics,
+                covariance=call.covariance,
+                reason=call.reason,
+                step=call.step,
+                finding=call.finding,
+            )
+            yield Step(estimate, record, localiser.record)
+
+
+def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
+    """Return the trajectory of estimates."""
+    return Trajectory.from_poses((estimate.stamp_ns, estimate.T_ds_rb) for estimate in estimates)

@@ -1,0 +1,205 @@
+"""A mapper over all pairs of a source, without ROS; the node makes the same calls of `process`.
+
+    run_mapper ─► map_pairs, map_pairs_with ─► _map_and_fuse
+
+`map_pairs` calls our mapper in this process, and `map_pairs_with` a method under test in its own process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
+
+from sfr_loc_map.calls.call_record import CallRecord, call_of_fusion, call_of_stages, mapping_call
+from sfr_loc_map.config import changed
+from sfr_loc_map.errors import MappingError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.host_clock import checked_clock
+from sfr_loc_map.io.sequence import NavSequence
+from sfr_loc_map.kernels import load_kernels
+from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
+from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairMap, warnings_of_pairs
+from sfr_loc_map.mapping.search_range import search_range_of
+from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
+from sfr_loc_map.methods.registry import record_of_ours
+from sfr_loc_map.metrics.calls.call_meter import CallMeter
+from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.metrics.table.records import MethodRecord
+from sfr_loc_map.runs.under_test import Progress, UnderTest
+from sfr_loc_map.signals import stopping
+from sfr_loc_map.suite_names import Task
+
+Map = TypeVar("Map", bound=PairMap)
+
+
+@dataclass(frozen=True, slots=True)
+class MapRun:
+    """The map of a source."""
+
+    maps: Sequence[PairMap]
+    fused: FusedMap
+    records: list[CallRecord]  # each pair, the fusion if it is a call, the set; only the set if a method maps sets
+    method: MethodRecord  # method that made the map
+
+    @property
+    def unfused(self) -> PointCloud:
+        """The points of every pair."""
+        stamps_ns = tuple(item.stamp_ns for item in self.maps)
+        return replace(PointCloud.concatenate([item.cloud for item in self.maps]), pair_stamps_ns=stamps_ns)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings about each pair and about the fusion, one line each."""
+        return [*warnings_of_pairs(self.maps), *self.fused.warnings]
+
+
+def run_mapper(
+    sequence: NavSequence,
+    how: MappingConfig | UnderTest,
+    progress: Progress = lambda done: None,
+    *,
+    keeps_finished: bool = False,
+) -> MapRun:
+    """Map the pairs of a source by our mapper or by a method under test; see `map_pairs`.
+
+    `progress` is called with the number of mapped pairs. With `keeps_finished`, an interruption after the first pair
+    ends the run after the current pair, and the map has the mapped pairs. Otherwise the interruption is raised.
+    """
+    done = 0
+
+    def count(mapped: int) -> None:
+        nonlocal done
+        done = mapped
+        progress(mapped)
+
+    def stop() -> None:
+        if not done:
+            raise KeyboardInterrupt
+
+    with checked_clock(), stopping(stop) if keeps_finished else nullcontext(lambda: False) as ended:
+        if isinstance(how, UnderTest):
+            return map_pairs_with(sequence, how, count, ended)
+        return map_pairs(sequence, how, count, ended)
+
+
+def map_pairs(
+    sequence: NavSequence,
+    config: MappingConfig,
+    progress: Progress = lambda done: None,
+    ended: Callable[[], bool] = lambda: False,
+) -> MapRun:
+    """Map the pairs of a source by our mapper and fuse them; once `ended` returns true, only the mapped pairs."""
+    check_count(sequence)
+    mapper = _OwnMapper(sequence.rig, config)
+    pairs = [replace(item, truth=None) for item in sequence.pairs()]  # the call excludes reading, its memory the truth
+    return _map_and_fuse(mapper, pairs, progress, ended)
+
+
+def map_pairs_with(
+    sequence: NavSequence,
+    how: UnderTest,
+    progress: Progress = lambda done: None,
+    ended: Callable[[], bool] = lambda: False,
+) -> MapRun:
+    """Map the pairs of a source by a method under test.
+
+    `ended` is as in `map_pairs`, but a method that maps sets is not stopped.
+    """
+    check_count(sequence)
+    searched = search_range_of(sequence.rig, MappingConfig()).count
+    with IsolatedMapper(how.method, sequence.rig, how.limits, disparities=searched, hidden=how.hidden) as mapper:
+        if not mapper.maps_sets:
+            return _map_and_fuse(_MapperUnderTest(mapper), sequence.pairs(), progress, ended)
+        maps, fused, call = mapper.map_set(list(sequence.pairs()))
+        progress(len(maps))
+        whole = mapping_call(maps[-1].stamp_ns, call.usage, MappingState.MAPPED_SET, fused.statistics, call.finding)
+        return MapRun(maps, fused, [whole], mapper.record)
+
+
+class _MeasuredMapper(Protocol[Map]):
+    """A mapper of single pairs whose calls are measured."""
+
+    @property
+    def record(self) -> MethodRecord:
+        """Method that maps."""
+
+    def map_pair(self, item: PosedStereoPair, index: int) -> tuple[Map, CallRecord]:
+        """Map a pair, which has an index among the pairs of the map."""
+
+    def fuse(self, maps: Sequence[Map], last: StereoPair) -> tuple[FusedMap, CallRecord | None]:
+        """Fuse maps, of which the last is that of a pair; the call is None if the method does not fuse."""
+
+
+class _OwnMapper:
+    """Our mapper, in this process."""
+
+    def __init__(self, rig: StereoRig, config: MappingConfig) -> None:
+        self.record = record_of_ours(Task.MAPPING, changed(config))
+        self._mapper = Mapper(rig, config)
+        load_kernels("mapping")
+        self._meter = CallMeter()
+
+    def map_pair(self, item: PosedStereoPair, index: int) -> tuple[MappedPair, CallRecord]:
+        with self._meter.measure() as usage:
+            done = self._mapper.process(item.pair, item.T_lm_navsb, index)
+        return done, mapping_call(item.pair.stamp_ns, usage, MappingState.MAPPED, done.statistics)
+
+    def fuse(self, maps: Sequence[MappedPair], last: StereoPair) -> tuple[FusedMap, CallRecord]:
+        with self._meter.measure() as usage:
+            fused = self._mapper.fuse(maps)
+        return fused, call_of_fusion(fused, [item.stamp_ns for item in maps], usage, MappingState.FUSED)
+
+
+class _MapperUnderTest:
+    """A method under test, in its own process."""
+
+    def __init__(self, mapper: IsolatedMapper) -> None:
+        self._mapper = mapper
+
+    @property
+    def record(self) -> MethodRecord:
+        return self._mapper.record
+
+    def map_pair(self, item: PosedStereoPair, index: int) -> tuple[PairMap, CallRecord]:
+        done, call = self._mapper.map_pair(item.pair, item.T_lm_navsb, index)
+        record = mapping_call(item.pair.stamp_ns, call.usage, MappingState.MAPPED, done.statistics, call.finding)
+        return done, record
+
+    def fuse(self, maps: Sequence[PairMap], last: StereoPair) -> tuple[FusedMap, CallRecord | None]:
+        fused, call = self._mapper.fuse(maps, last)
+        if call is None:
+            return fused, None
+        return fused, mapping_call(last.stamp_ns, call.usage, MappingState.FUSED, fused.statistics, call.finding)
+
+
+def _map_and_fuse(
+    mapper: _MeasuredMapper[Map], pairs: Iterable[PosedStereoPair], progress: Progress, ended: Callable[[], bool]
+) -> MapRun:
+    """Map pairs one by one and fuse the maps; once `ended` returns true, only the mapped pairs."""
+    maps: list[Map] = []
+    stages: list[CallRecord] = []
+    for index, item in enumerate(pairs):
+        done, record = mapper.map_pair(item, index)
+        maps.append(done)
+        stages.append(record)
+        last = item.pair
+        progress(index + 1)
+        if ended():
+            break
+    fused, fusion = mapper.fuse(maps, last)
+    if fusion is not None:
+        stages.append(fusion)
+    whole = mapping_call(last.stamp_ns, call_of_stages(stages), MappingState.MAPPED_SET)
+    return MapRun(maps, fused, [*stages, whole], mapper.record)
+
+
+def check_count(sequence: NavSequence) -> None:
+    """Raise MappingError if the number of pairs is not valid for a map."""
+    if not 1 <= len(sequence) <= MAX_PAIRS:
+        raise MappingError(
+            f"the source has {len(sequence)} stereo pairs: a source with 1 to {MAX_PAIRS} is required for a map"
+        )
