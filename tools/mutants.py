@@ -247,7 +247,7 @@ MUTATIONS = (
     Mutation(JUDGE, "RowPart(Scope.LIVE) in incomplete or needed_part(limit) in", "RowPart(Scope.LIVE) in"),
     Mutation(SHORTFALLS, '"map points", 0.01', '"map points", 0.1'),
     Mutation("metrics/config.py", "return min(states, key", "return max(states, key"),
-    Mutation(JUDGE, "figure.n < limits.minimum_count", "figure.n <= limits.minimum_count"),
+    Mutation("metrics/score/limits.py", "count >= self.minimum_count", "count > self.minimum_count"),
     Mutation(
         "metrics/statistics/intervals.py",
         "1.0 - 1.0 / count) / (1.0 - 1.0 / independent",
@@ -497,7 +497,7 @@ MUTATIONS = (
     Mutation("metrics/judging/several_scores.py", "if None in items:", "if items == {None, 0}:"),
     Mutation("metrics/judging/several_scores.py", " or value_of(item, score).value is not None", ""),
     Mutation("scoring/call_checks.py", "if len(here) > 1:", "if len(here) > 2:"),
-    Mutation(JUDGE, "(figure.independent or 0.0) >= limits", "(figure.independent or 0.0) > limits"),
+    Mutation("metrics/score/limits.py", "independent >= self.minimum", "independent > self.minimum"),
     Mutation("metrics/score/verdict.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
     Mutation("metrics/judging/limited_value.py", '"mean_plus_3sigma": 3.0, "max"', '"mean_plus_3sigma": 1.0, "max"'),
     Mutation(

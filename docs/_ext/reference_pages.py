@@ -227,7 +227,8 @@ def api() -> str:
 
 def shortfalls() -> str:
     """Return the table of the kinds of missing and wrong data, and when a result is complete."""
-    from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS
+    from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
+    from sfr_loc_map.metrics.table.catalogue import JUDGED
 
     lines = [
         "| part of `judged` | figure | fraction of | complete up to | without limits | allowed by |",

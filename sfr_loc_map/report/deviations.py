@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from sfr_loc_map.config import flatten
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
-from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS
+from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.config import (
     SPACING_FRAMES,
     CallKind,
@@ -33,7 +33,7 @@ from sfr_loc_map.metrics.score.caveats import caveats_of
 from sfr_loc_map.metrics.score.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, STANDING, TOTAL, Subject
+from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, JUDGED, STANDING, TOTAL, Subject
 from sfr_loc_map.metrics.table.records import MethodKind
 from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope, range_of
 from sfr_loc_map.report.verdict_view import VerdictView

@@ -36,9 +36,9 @@ from sfr_loc_map.metrics.completeness.gaps import (
     path_without_images,
     true_path,
 )
-from sfr_loc_map.metrics.completeness.shortfall_kinds import HIDDEN_CONDITIONS, IN_GAPS
 from sfr_loc_map.metrics.config import AssociationMode, Condition
 from sfr_loc_map.metrics.frames.association import has_own, nearness_ns
+from sfr_loc_map.metrics.table.catalogue import HIDDEN_CONDITIONS, IN_GAPS
 from sfr_loc_map.metrics.table.records import Association
 from sfr_loc_map.metrics.table.row_part import DISTANCE, TIME, RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure, figure_row

@@ -29,9 +29,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.metrics.completeness.shortfall_kinds import ANSWERED_TWICE, UNANSWERED, UNMEASURED
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.frames.association import has_own, nearness_ns
+from sfr_loc_map.metrics.table.catalogue import ANSWERED_TWICE, CALLS_MISSING, JUDGED, UNANSWERED, UNMEASURED
 from sfr_loc_map.metrics.table.records import ExternalScore
 from sfr_loc_map.metrics.table.row_part import COUNT, Place, RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
@@ -42,9 +42,8 @@ CALL_TOLERANCE_NS = 1000  #: Difference between stamps that is accepted of a sin
 
 def expected_row(part: RowPart, judged: int, expected: int | None) -> Figure:
     """Return the row of the number of expected items of a part and of the judged fraction; null if unknown."""
-    return figure_row(
-        "judged", part=part.text, n=expected, value=None if expected is None else share_of(judged, expected)
-    )
+    share = None if expected is None else share_of(judged, expected)
+    return figure_row(JUDGED, part=part.text, n=expected, value=share)
 
 
 def share_rows(name: str, count: int | None, total: int) -> Iterator[Figure]:
@@ -144,7 +143,7 @@ def calls_completeness(
         judged, many = judged_calls(kind, given, expected)
         yield expected_row(part, judged, many)
         calls = part.of_calls.text
-        missing = UNMEASURED if scope is Scope.MEMORY else "calls_missing"
+        missing = UNMEASURED if scope is Scope.MEMORY else CALLS_MISSING
         yield figure_row(missing, part=calls, n=many, value=share_of(many - judged, many))
         if scope is Scope.CALLS:
             yield from wrong_calls(calls, given, expected)
@@ -186,7 +185,7 @@ def answers_completeness(node: ExternalScore) -> Iterator[Figure]:
     other = answers.other_stamp, received
     doubled = answers.doubled, received
     yield expected_row(RowPart(Scope.CALLS, kind), answers.answered, answers.pairs)
-    counts = {"calls_missing": missing, "calls_other": other, "calls_doubled": doubled}
+    counts = {CALLS_MISSING: missing, "calls_other": other, "calls_doubled": doubled}
     counts |= {UNANSWERED: missing, ANSWERED_TWICE: doubled}
     for figure, (count, total) in counts.items():
         yield figure_row(figure, part=kind, n=total, value=share_of(count, total))

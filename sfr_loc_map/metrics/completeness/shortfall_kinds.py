@@ -18,7 +18,17 @@ import math
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, STANDING
+from sfr_loc_map.metrics.table.catalogue import (
+    ANSWERED_TWICE,
+    CALLS_MISSING,
+    ERRORS_BEYOND,
+    HIDDEN_CONDITIONS,
+    IN_GAPS,
+    JUDGED,
+    STANDING,
+    UNANSWERED,
+    UNMEASURED,
+)
 from sfr_loc_map.metrics.table.row_part import Scope
 
 
@@ -70,12 +80,6 @@ class ShortfallKind(NamedTuple):
         return math.inf if self.counts_other_items and fraction > 0.0 else fraction
 
 
-JUDGED = "judged"  #: Figure of the fraction of the expected items of a scope that is judged.
-IN_GAPS = "in_gaps"  #: Figure of the fraction of a drive in evident gaps.
-HIDDEN_CONDITIONS = "hidden_conditions"  #: Figure of the fraction of the conditions that are shorter than a gap.
-UNMEASURED = "unmeasured"  #: Figure of the pairs whose call has no measured memory.
-UNANSWERED = "unanswered"  #: Figure of the pairs that an external node has not answered.
-ANSWERED_TWICE = "answered_twice"  #: Figure of the answers of an external node to pairs that had an answer.
 BEYOND_MOST = 0.02  #: Largest fraction of frames whose errors far exceed the judged errors, as in a short loss.
 STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories that a stationary rover adds.
 IMAGES = "images, or true poses if the images are unknown"
@@ -225,7 +229,7 @@ SHORTFALLS = (
     answered_twice(Scope.MAP, CallKind.MAPPING),
     # ---- calls
     ShortfallKind(
-        "calls_missing",
+        CALLS_MISSING,
         Scope.CALLS,
         "pairs",
         0.0,

@@ -16,7 +16,6 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.metrics.completeness.gaps import LongestGap, covered_text
 from sfr_loc_map.metrics.completeness.shortfall_kinds import (
     COVERED,
-    JUDGED,
     SHORTFALLS,
     UNKNOWN_FIGURE,
     UNKNOWN_ITEMS,
@@ -29,7 +28,15 @@ from sfr_loc_map.metrics.judging.limit_scope import judged_parts, tasks_of
 from sfr_loc_map.metrics.score.limits import Limit, LimitSection, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
-from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.table.catalogue import (
+    ERRORS_BEYOND,
+    JUDGED,
+    KINDS,
+    STANDING,
+    Subject,
+    statistic_title,
+    title_of,
+)
 from sfr_loc_map.metrics.table.row_part import (
     DISTANCE,
     MOVING,
@@ -210,9 +217,8 @@ def met_by_standing(kind: ShortfallKind, part: RowPart, score: Score, most: floa
         if share is None or share.value is None or share.value <= most or moving is None:
             continue
         value = moving.statistic(statistic_of(limit))
-        independent = moving.independent or 0.0
-        least = score.active_rules.minimum_independent
-        if value is None or independent < least or not meets(limit, value):
+        is_enough = score.active_rules.has_enough_independent(moving.independent or 0.0)
+        if value is None or not is_enough or not meets(limit, value):
             text = standing_text(limit, share, moving, value)
             yield Shortfall(kind, part, most, share.value, text, score.index_of(share))
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, OF_LIMIT
+from sfr_loc_map.metrics.completeness.shortfall_kinds import OF_LIMIT
 from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.limit_scope import needed_part
@@ -31,7 +31,7 @@ from sfr_loc_map.metrics.score.limits import BOUND, Limit, LimitedNumber, Limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.statistics.intervals import Interval
-from sfr_loc_map.metrics.table.catalogue import KINDS
+from sfr_loc_map.metrics.table.catalogue import JUDGED, KINDS
 from sfr_loc_map.metrics.table.row_part import RowPart, Scope
 from sfr_loc_map.metrics.table.rows import Figure
 
@@ -180,11 +180,9 @@ def is_of_nothing(limit: Limit, row: Figure | None) -> bool:
 
 
 def is_enough(limit: Limit, figure: LimitedValue, limits: Limits) -> bool:
-    """Return whether the limited number has enough values and enough independent values."""
-    if figure.n is not None and figure.n < limits.minimum_count:
-        return False
-    is_of_many = limit.section is LimitSection.TRAJECTORY and figure.independent is not None
-    return not is_of_many or (figure.independent or 0.0) >= limits.minimum_independent
+    """Return whether the limited number has enough values, and for an error enough independent values."""
+    independent = figure.independent if limit.section is LimitSection.TRAJECTORY else None
+    return limits.has_enough_values(figure.n) and limits.has_enough_independent(independent)
 
 
 def is_certain(limit: Limit, value: float, interval: Interval | None) -> bool | None:

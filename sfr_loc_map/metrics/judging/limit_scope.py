@@ -10,7 +10,7 @@ from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.judging.limited_value import value_of
 from sfr_loc_map.metrics.score.limits import OF_MAP, Limit, Limits, LimitSection
 from sfr_loc_map.metrics.score.score import Score
-from sfr_loc_map.metrics.table.catalogue import Subject
+from sfr_loc_map.metrics.table.catalogue import JUDGED, Subject
 from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
 
 
@@ -26,7 +26,7 @@ def tasks_of(score: Score) -> list[Scope]:
     """Return the tasks that a score is about: `drive`, `map`, or both."""
     found = []
     for scope, subject in ((Scope.DRIVE, Subject.TRAJECTORY), (Scope.MAP, Subject.MAP)):
-        if score.has(subject) or score.figure("judged", part=scope) is not None:
+        if score.has(subject) or score.figure(JUDGED, part=scope) is not None:
             found.append(scope)
     return found
 
@@ -54,7 +54,7 @@ def needed_part(limit: Limit) -> RowPart | None:
 def judged_parts(limits: Limits, score: Score) -> list[RowPart]:
     """Return the scopes of a score that limits judge, as in the rows `judged`."""
     found = [RowPart(task) for task in tasks_of(score)]
-    found += [RowPart(Scope.LIVE)] if score.figure("judged", part=Scope.LIVE) else []
+    found += [RowPart(Scope.LIVE)] if score.figure(JUDGED, part=Scope.LIVE) else []
     for limit in limits.limits:
         part = needed_part(limit)
         if part is None or part in found:
@@ -69,4 +69,4 @@ def lacks_calls(limit: Limit, part: RowPart, score: Score) -> bool:
     is_on_calls = limit.section in (LimitSection.TIMING, LimitSection.MEMORY, LimitSection.TARGET)
     if not is_on_calls or task_of(limit) not in tasks_of(score):
         return False
-    return score.figure("judged", part=part._replace(what=Scope.CALLS)) is None
+    return score.figure(JUDGED, part=part._replace(what=Scope.CALLS)) is None

@@ -66,7 +66,7 @@ def why_open(item: Verdict, score: Score) -> str:
         return words_of(item.proof, item.state)
     rules = score.active_rules
     row = score.row_of(item)
-    if item.n and item.n < rules.minimum_count:
+    if item.n and not rules.has_enough_values(item.n):
         return f"too few values: {item.n} ({rules.minimum_count} are required)"
     if item.value is None:
         if not item.n and (unknown := unknown_of_truth(item.figure or "", score)) is not None:
@@ -77,7 +77,7 @@ def why_open(item: Verdict, score: Score) -> str:
             return f"all {row.unknown} values are unknown"
         return f"{row.unknown} of {item.n + row.unknown} values are unknown"
     independent = item.independent
-    if independent is not None and independent < rules.minimum_independent:
+    if not rules.has_enough_independent(independent):
         return (
             f"{item.n} values, of which {independent:.3g} are independent ({rules.minimum_independent:g} are required)"
         )

@@ -23,11 +23,11 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from sfr_loc_map.metrics.completeness.shortfall_kinds import JUDGED, SHORTFALLS
+from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.config import CallKind, is_written_condition
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.statistics.tolerance import CONFIDENCE, THREE_SIGMA
-from sfr_loc_map.metrics.table.catalogue import ALIGNED, CATALOGUE, KINDS, FigureKind, Subject
+from sfr_loc_map.metrics.table.catalogue import ALIGNED, CATALOGUE, JUDGED, KINDS, FigureKind, Subject
 from sfr_loc_map.metrics.table.records import Record
 from sfr_loc_map.metrics.table.row_part import Place, RowPart, Scope
 
@@ -233,6 +233,14 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
     minimum_count: int = MINIMUM_COUNT  #: Minimum number of values for a verdict.
     #: Minimum number of independent sub-trajectories for a verdict.
     minimum_independent: float = MINIMUM_INDEPENDENT
+
+    def has_enough_values(self, count: int | None) -> bool:
+        """Return whether a number of values suffices for a verdict; a figure without it is a single number."""
+        return count is None or count >= self.minimum_count
+
+    def has_enough_independent(self, independent: float | None) -> bool:
+        """Return whether a number of independent sub-trajectories suffices for a verdict, if it is defined."""
+        return independent is None or independent >= self.minimum_independent
 
     @property
     def conditions(self) -> list[str]:

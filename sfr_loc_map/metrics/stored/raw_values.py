@@ -20,7 +20,7 @@ from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.score.limits import LimitSection
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.statistics.intervals import interval95
-from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, KINDS, STANDING, Subject
+from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, JUDGED, KINDS, STANDING, Subject
 from sfr_loc_map.metrics.table.details import CallPlots, Details, SubTrajectoryRows
 from sfr_loc_map.metrics.table.row_part import (
     AFTER_FIRST,
@@ -108,7 +108,7 @@ def _required_details(score: Score) -> Iterator[str]:
 
 def _of_judged(score: Score) -> Iterator[str]:
     """Yield that rows of completeness are absent, and the contradictions between these rows and `judged`."""
-    for row in score.rows("judged"):
+    for row in score.rows(JUDGED):
         part = RowPart.of(row.part)
         if row.value is None:
             continue

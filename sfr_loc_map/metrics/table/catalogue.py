@@ -85,6 +85,13 @@ def of_completeness(name: str, title: str, *, unit: str = "1", is_count: bool = 
     return FigureKind(name, Subject.COMPLETENESS, "", unit, title, is_count=is_count, is_one_number=True)
 
 
+JUDGED = "judged"  #: Fraction of the expected items of a scope that is judged.
+IN_GAPS = "in_gaps"  #: Fraction of a drive in evident gaps.
+HIDDEN_CONDITIONS = "hidden_conditions"  #: Fraction of the conditions that are shorter than a gap.
+CALLS_MISSING = "calls_missing"  #: Fraction of the pairs without a measured call.
+UNMEASURED = "unmeasured"  #: Fraction of the pairs whose call has no measured memory.
+UNANSWERED = "unanswered"  #: Fraction of the pairs that an external node has not answered.
+ANSWERED_TWICE = "answered_twice"  #: Fraction of the answers of an external node to pairs that had an answer.
 ERRORS_BEYOND = "errors_beyond"
 """Fraction of the frames whose error far exceeds the judged errors; no judged sub-trajectory starts or ends at them."""
 STANDING = "standing"  #: Fraction of the sub-trajectories that a stationary rover adds.
@@ -201,10 +208,10 @@ CATALOGUE = (
     FigureKind("heap_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the heap", (), ONE_NUMBER, is_one_number=True),
     FigureKind("stack_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the stack", (), ONE_NUMBER, is_one_number=True),
     # completeness, and the consistency of the covariance: not in the document
-    of_completeness("judged", "judged fraction of the expected items"),
+    of_completeness(JUDGED, "judged fraction of the expected items"),
     of_completeness("missing", "missing"),
-    of_completeness("in_gaps", "evident gaps"),
-    of_completeness("hidden_conditions", "conditions that are shorter than an evident gap"),
+    of_completeness(IN_GAPS, "evident gaps"),
+    of_completeness(HIDDEN_CONDITIONS, "conditions that are shorter than an evident gap"),
     of_completeness("images_without_truth", "images without ground truth"),
     of_completeness("lost", "lost"),
     of_completeness("degraded", "degraded"),
@@ -222,12 +229,12 @@ CATALOGUE = (
     of_completeness("points_repeated", "map points at the pixel or position of another"),
     of_completeness("points_not_finite", "map points that are not finite"),
     of_completeness("pixels_without_point", "true pixels without a map point, worst pair"),
-    of_completeness("calls_missing", "pairs without a measured call"),
+    of_completeness(CALLS_MISSING, "pairs without a measured call"),
     of_completeness("calls_other", "calls with stamps that are not in the source"),
     of_completeness("calls_doubled", "calls with a repeated stamp"),
-    of_completeness("unmeasured", "calls without measured memory"),
-    of_completeness("unanswered", "pairs without an answer"),
-    of_completeness("answered_twice", "answers to pairs that were answered before"),
+    of_completeness(UNMEASURED, "calls without measured memory"),
+    of_completeness(UNANSWERED, "pairs without an answer"),
+    of_completeness(ANSWERED_TWICE, "answers to pairs that were answered before"),
     of_completeness("dropped", "messages dropped"),
     of_completeness("restarts", "restarts of the live score", is_count=True),
     FigureKind("truth_error", Subject.CONSISTENCY, "", "m", "error of the ground truth", is_one_number=True),
