@@ -88,7 +88,7 @@ def _html_cell(cell: Cell, column: Column, *, lean: bool) -> str:
     if cell.key and not lean:
         attributes += f' data-key="{escape(cell.key)}"'
     if cell.mark:
-        text = f'<span title="{cell.mark} of the column">{cell.sign}</span> {text}'
+        text = f'<span title="{cell.mark} of the column">{cell.sign}</span>&nbsp;{text}'
     if isinstance(cell.value, (int, float)) and not lean:
         attributes += f' data-value="{cell.value}" title="{f"{escape(cell.key)} = " if cell.key else ""}{cell.value}"'
     return f"<td{attributes}>{text}</td>"
