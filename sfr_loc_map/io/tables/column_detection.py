@@ -19,6 +19,7 @@ from sfr_loc_map.io.tables.pose_columns import (
     METRES,
     NANOSECONDS,
     POSITION,
+    QUATERNION,
     SECONDS,
     STAMP,
     PoseColumns,
@@ -48,13 +49,14 @@ def detect_columns(lines: Sequence[str], name: str, columns: str, option: str) -
 
 
 def _check_complete(found: PoseColumns, head: TableHead) -> None:
-    """Raise InputError if a column of `REQUIRED`, or a part of a matrix, is missing."""
-    of_matrix = [key for key in MATRIX if key in found]
-    if 0 < len(of_matrix) < len(MATRIX):
-        raise InputError(
-            f"{head.name}: the columns contain {', '.join(of_matrix)} of a matrix: all of {', '.join(MATRIX)} are "
-            "required; name all of them, or x, y, z"
-        )
+    """Raise InputError if a column of `REQUIRED`, or a part of a matrix or of a quaternion, is missing."""
+    for parts, of_what in ((MATRIX, "a matrix"), (QUATERNION, "a quaternion")):
+        named = [key for key in parts if key in found]
+        if 0 < len(named) < len(parts):
+            raise InputError(
+                f"{head.name}: the columns contain only {', '.join(named)} of {of_what}: {', '.join(parts)} are "
+                f"required; name all of them, or only x, y, z, by {head.option}"
+            )
     missing = [] if found.is_matrix else [keys[0] for keys in REQUIRED if not any(key in found for key in keys)]
     if missing:
         raise without_names(head, unknown_header(head.before) or 0, f"{', '.join(missing)} not found")

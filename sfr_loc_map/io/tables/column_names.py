@@ -219,7 +219,7 @@ def _of_header(cells: Sequence[str], found: Mapping[str, int], below: Sequence[s
         index_of[STAMP], units[STAMP] = index_of.pop(SECONDS), "s"
     if {SECONDS, NANOSECONDS} <= index_of.keys():
         index_of.pop(STAMP, None)
-    if not all(key in index_of for key in QUATERNION) or DOWN in index_of:  # attitudes in NED are of another body
+    if DOWN in index_of:  # attitudes in NED are of another body
         index_of = {key: index for key, index in index_of.items() if key not in QUATERNION}
     units = {key: unit for key, unit in units.items() if key in index_of and unit}
     ignored = tuple(cell for index, cell in enumerate(cells) if index not in index_of.values())

@@ -1,7 +1,7 @@
 """Tables of numbers in text files, with a stamp in each row or without.
 
-A table is read in blocks. numpy reads all rows of a block at once, and accepts only cells that `parse_number` accepts.
-A block that numpy rejects is read line by line, so that quotes, decimal commas and missing values are read and invalid
+A table is read in blocks. The numbers in all rows of a block are read at once (`cell_grid`). If this fails, the block
+is read line by line, so that other forms of numbers, quotes, decimal commas and missing values are read, and invalid
 rows are found.
 """
 
@@ -18,6 +18,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.inputs import read_table_text, split_lines
+from sfr_loc_map.io.tables.cell_grid import CellGrid
 from sfr_loc_map.io.tables.decimal_marks import DecimalMarks
 from sfr_loc_map.io.tables.number_text import parse_number
 from sfr_loc_map.io.tables.stamps import STAMP_LENGTH, parse_stamps
@@ -26,6 +27,8 @@ from sfr_loc_map.message_text import counted
 BOM = b"\xef\xbb\xbf"
 COMMENTS = ("#", "%", "//")  #: Beginnings of comment lines.
 _COMMENTS = tuple(sign.encode() for sign in COMMENTS)
+_NUMBER_STARTS = np.frombuffer(b"+-.0123456789", np.uint8)
+_SPACES = np.frombuffer(b" \t\v\f", np.uint8)
 NO_VALUE = ("", "nan", "null", "none", "-")  #: Spellings of a missing value, in lower case.
 MAX_BROKEN = 0.1  #: Largest fraction of invalid lines that are skipped.
 
@@ -50,6 +53,8 @@ class Table:
 
     def without(self, good: Mask, problems: Sequence[str]) -> Table:
         """Return the good rows; `problems` contains the error in each of the other rows."""
+        if good.all():
+            return self
         stamps_ns = self.stamps_ns[good] if len(self.stamps_ns) else self.stamps_ns
         kept = replace(self, lines=self.lines[good], stamps_ns=stamps_ns, values=self.values[good])
         return replace(kept, broken=(*self.broken, *problems))
@@ -103,30 +108,55 @@ def parse_table(
     table = Table(name, np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, reader.value_count)))
     line_count, missing, broken, skipped = 0, 0, list[str](), list[int]()
     for block in blocks:
-        texts = [text.strip() for text in (block if line_count else block.removeprefix(BOM)).splitlines()]
-        is_row = [bool(text) and not text.startswith(_COMMENTS) for text in texts]
-        chosen = [k for k in range(max(skip - line_count, 0), len(texts)) if is_row[k]]
-        rows = reader.read([texts[k] for k in chosen], [line_count + k + 1 for k in chosen])
-        for column, part in (
-            (table.lines, np.array(rows.lines, np.int64)),
-            (table.stamps_ns, rows.stamps_ns),
-            (table.values, rows.values),
-        ):
+        plain, lines, line_count = _rows_of(block.removeprefix(BOM) if not line_count else block, line_count, skip)
+        rows = reader.read(plain, lines)
+        for column, part in ((table.lines, rows.lines), (table.stamps_ns, rows.stamps_ns), (table.values, rows.values)):
             end = len(column)  # in place: concatenating all parts takes twice the memory
             column.resize((end + len(part), *column.shape[1:]), refcheck=False)
             column[end:] = part
         missing += len(rows.skipped) - len(rows.broken)
         broken += rows.broken
         skipped += rows.skipped
-        line_count += len(texts)
     marks.check(name)
     return replace(table, missing=missing, broken=tuple(broken), skipped_lines=tuple(skipped)).checked()
+
+
+def _rows_of(block: bytes, line_count: int, skip: int) -> tuple[bytes, IntArray, int]:
+    """Return the rows of a block, each ended by LF, with their line numbers, and the number of all lines so far.
+
+    `line_count` is the number of lines before the block. Empty lines, comments and the first `skip` lines of the text
+    are not rows.
+    """
+    if line_count >= skip and _has_only_rows(block):
+        count = block.count(b"\n")
+        return block, np.arange(line_count + 1, line_count + count + 1), line_count + count
+    texts = [text.strip() for text in block.splitlines()]
+    numbers = [
+        number
+        for number, text in enumerate(texts, line_count + 1)
+        if text and number > skip and not text.startswith(_COMMENTS)
+    ]
+    rows = b"".join(texts[number - line_count - 1] + b"\n" for number in numbers)
+    return rows, np.array(numbers, np.int64), line_count + len(texts)
+
+
+def _has_only_rows(block: bytes) -> bool:
+    """Return whether each line of a block is certainly a row without spaces around it, ended by LF.
+
+    Such a line begins with a sign, a digit or a point, and is thus neither a comment nor empty.
+    """
+    if b"\r" in block or not block.endswith(b"\n"):
+        return False
+    chars = np.frombuffer(block, np.uint8)
+    line_ends = np.flatnonzero(chars == ord("\n"))
+    firsts, lasts = chars[np.append(0, line_ends[:-1] + 1)], chars[line_ends - 1]
+    return bool(np.isin(firsts, _NUMBER_STARTS).all() and not np.isin(lasts, _SPACES).any())
 
 
 class _Rows(NamedTuple):
     """The rows of a block."""
 
-    lines: list[int]  #: Line number of each row that was read.
+    lines: IntArray  #: Line number of each row that was read.
     stamps_ns: IntArray
     values: FloatArray
     broken: Sequence[str] = ()  #: The error in each invalid row.
@@ -135,7 +165,7 @@ class _Rows(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _RowReader:
-    """Reads the cells of rows, either many rows by numpy, which fails if a single row is invalid, or one row."""
+    """Reads the cells of all rows of a block at once, which fails if a single row is invalid, or of one row."""
 
     name: str
     form: str
@@ -151,40 +181,37 @@ class _RowReader:
         """Number of columns other than the stamp."""
         return len(self.columns) - (self.stamp is not None)
 
-    def read(self, rows: list[bytes], lines: list[int]) -> _Rows:
+    def read(self, rows: bytes, lines: IntArray) -> _Rows:
         """Return the rows with these line numbers; InputError if a row is invalid, unless `tolerant`."""
         try:
             stamps_ns, values = self._all_at_once(rows)
-        except (ValueError, IndexError) as error:
-            found = [self._one(row, line) for row, line in zip(rows, lines, strict=True)]
-            broken = [row for row in found if isinstance(row, str)]
+        except (ValueError, ArithmeticError) as error:
+            numbered = [*zip(lines.tolist(), rows.splitlines(), strict=True)]
+            found = [(line, self._one(row, line)) for line, row in numbered]
+            broken = [row for _, row in found if isinstance(row, str)]
             if broken and not self.tolerant:
                 raise InputError(f"{self.name} {broken[0]}; correct or remove the line") from error
-            good = [(line, row) for line, row in zip(lines, found, strict=True) if isinstance(row, tuple)]
-            skipped = [line for line, row in zip(lines, found, strict=True) if not isinstance(row, tuple)]
+            good = [(line, row) for line, row in found if isinstance(row, tuple)]
+            skipped = [line for line, row in found if not isinstance(row, tuple)]
+            lines = np.array([line for line, _ in good], np.int64)
             stamps_ns = np.array([row[0] for _, row in good] if self.stamp else [], np.int64)
             values = np.array([row[1] for _, row in good], np.float64).reshape(-1, self.value_count)
-            return _Rows([line for line, _ in good], stamps_ns, values, broken, skipped)
+            return _Rows(lines, stamps_ns, values, broken, skipped)
         self.marks.add_numbers(values)
         return _Rows(lines, stamps_ns, values)
 
-    def _all_at_once(self, rows: list[bytes]) -> tuple[IntArray, FloatArray]:
-        """Return stamps and numbers of rows; ValueError or IndexError if a row does not consist of numbers."""
+    def _all_at_once(self, rows: bytes) -> tuple[IntArray, FloatArray]:
+        """Return stamps and numbers of rows; ValueError or ArithmeticError if a row requires `_one`."""
         if not rows:
             return np.zeros(0, np.int64), np.zeros((0, self.value_count))
-        used = list(self.columns) if self.more else None  # None: numpy rejects rows of unequal length
-        stamps_ns = np.zeros(0, np.int64)
-        if self.stamp:
-            kinds = [("stamp", f"S{STAMP_LENGTH}"), ("values", np.float64, (self.value_count,))]
-            found = np.loadtxt(rows, kinds, None, self.separator, usecols=used, ndmin=1, encoding="ascii")
-            stamps_ns, values = parse_stamps(found["stamp"], self.stamp), found["values"]
-        else:
-            values = np.loadtxt(rows, np.float64, None, self.separator, usecols=used, ndmin=2, encoding="ascii")
-        if values.shape[1] != self.value_count:
-            raise ValueError("a row has additional columns")
-        if not np.isfinite(values).all():
-            raise ValueError("a number is not finite")
-        return stamps_ns, values
+        grid = CellGrid.of(rows, self.separator)
+        width = max(self.columns) + 1
+        if grid.width < width or (grid.width > width and not self.more):
+            raise ValueError(f"the rows have {grid.width} columns")
+        if self.stamp is None:
+            return np.zeros(0, np.int64), grid.numbers(self.columns)
+        stamps_ns = parse_stamps(grid.texts(self.columns[0], STAMP_LENGTH), self.stamp)
+        return stamps_ns, grid.numbers(self.columns[1:])
 
     def _one(self, row: bytes, line: int) -> tuple[int, list[float]] | str | None:
         """Return the stamp and numbers of a row, or the error in the row, or None if a value is missing."""

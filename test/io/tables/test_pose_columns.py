@@ -254,7 +254,8 @@ REFUSED = {
         "",
         "line 2: the stamp is 1700000000.250000000 s, and another column",
     ),
-    "a part of a matrix": ("1.5,2,3,4,5\n", "t[s],x,y,z,m11", "m11 of a matrix: all of m11, m12"),
+    "a part of a matrix": ("1.5,2,3,4,5\n", "t[s],x,y,z,m11", "only m11 of a matrix: m11, m12"),
+    "a part of a quaternion": ("t,x,y,z,qx,qy,qz\n1.5,2,3,4,0,0,0\n", "", "only qx, qy, qz of a quaternion"),
     "unknown units below the header without a unit of time": (
         "t,x,y,z\n-,ft,ft,ft\n1.5,2,3,4\n",
         "",

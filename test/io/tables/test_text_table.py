@@ -77,6 +77,26 @@ def test_the_line_that_is_wrong_is_named(line: str, words: str) -> None:
         parse_table([f"#\n1,2\n{line}\n".encode()], "x", "t, x", (0, 1), stamp=parse_stamp_ns, separator=",")
 
 
+@pytest.mark.parametrize(
+    ("rows", "separator", "more"),
+    [
+        ("5\t1.5\t\n6\t-0\t\n", "\t", False),
+        ("5;x;1.5\n6;y;-0\n", ";", True),
+        ('5;"x";1,5\n6;"y";-0\n', ";", True),
+        ("5   1.5\n6    -0\n", None, False),
+        ("5, 1.5\r\n6, -0\r\n", ",", False),
+        ("+5,+1.5\n6.,-.0\n", ",", False),
+        ("5,1.5\n6,-0", ",", False),
+        ("5,1.5,1\n6,-0\n", ",", True),
+    ],
+)
+def test_the_form_of_a_table_does_not_change_its_numbers(rows: str, separator: str | None, more: bool) -> None:
+    columns = (0, 2) if rows[2] in 'x"' else (0, 1)
+    table = parse_table([rows.encode()], "x", "t, x", columns, stamp=parse_seconds, separator=separator, more=more)
+    assert table.stamps_ns.tolist() == [5 * 10**9, 6 * 10**9]
+    assert [value.hex() for value in table.values[:, 0].tolist()] == [(1.5).hex(), (-0.0).hex()]
+
+
 @pytest.mark.parametrize("text", ["1_0", "infinity", "\u0661"])
 def test_only_decimal_numbers_are_detected_as_numbers(text: str) -> None:
     assert math.isnan(number_or_nan(text))
