@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import difflib
-import heapq
 import logging
 import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +17,8 @@ from rosbags.rosbag2.errors import ReaderError
 
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.io.bag.encoding import TYPESTORE, readable
-from sfr_loc_map.io.bag.files import ZSTD_MAGIC, is_unfinished, reader_paths, unnamed_files
-from sfr_loc_map.io.bag.readers import BagReader, reader_of
+from sfr_loc_map.io.bag.files import ZSTD_MAGIC, bag_files, is_unfinished
+from sfr_loc_map.io.bag.readers import BagReader, message_count, messages_of_readers, opened_readers
 from sfr_loc_map.message_stamps import NS_PER_S, serialised_stamp
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.message_types import (
@@ -67,16 +66,17 @@ class Bag:
         """
         self.path = path
         self._by_record = stamps == "record"
-        self._files = reader_paths(path)
-        self.unfinished = any(is_unfinished(file) for file in self._files if file.is_file())
+        self._files = bag_files(path)
+        self.unfinished = not self._files.has_metadata and any(is_unfinished(file) for file in self._files.paths)
         if self.unfinished:
             _log.warning(f"bag '{path}' was not closed: it is read up to its last complete record")
+        if self._files.unnamed:
+            _log.warning(
+                f"bag '{path}': {', '.join(self._files.unnamed)} ignored: metadata.yaml does not name these files; run "
+                "'ros2 bag reindex' if they belong to the bag"
+            )
         with self._reading() as readers:
-            if self._files == [path] and path.is_dir() and (unnamed := unnamed_files(path)):
-                _log.warning(
-                    f"bag '{path}': {', '.join(unnamed)} ignored: metadata.yaml does not name these files; run 'ros2 "
-                    "bag reindex' if they belong to the bag"
-                )
+            self._check_count(message_count(readers), self._files.message_count)
             connections = readable([c for reader in readers for c in reader.connections])
             self.topics: dict[str, str] = {c.topic: c.msgtype for c in connections}
             types = {name: {c.msgtype for c in connections if c.topic == name} for name in self.topics}
@@ -154,19 +154,16 @@ class Bag:
         """
         by_name = {topic.bag_name: topic for topic in topics}
         with self._reading() as readers:
-            wanted = [(reader, [c for c in reader.connections if c.topic in by_name]) for reader in readers]
-            expected, count = sum(c.msgcount for _, connections in wanted for c in connections), 0
-            streams = [reader.messages(connections) for reader, connections in wanted if connections]
-            for connection, recorded_ns, raw in heapq.merge(*streams, key=lambda message: message[1]):
+            expected, count = sum(c.msgcount for reader in readers for c in reader.connections if c.topic in by_name), 0
+            are_compressed = self._files.compression == "message"
+            messages = messages_of_readers(readers, by_name.keys(), are_compressed=are_compressed)
+            for connection, recorded_ns, raw in messages:
                 topic = by_name[connection.topic]
                 count += 1
                 if self._by_record and topic.msgtype in HEADER_FIRST:
                     raw = restamped(raw, recorded_ns)
                 yield topic, serialised_stamp(raw) if topic.msgtype in STAMPED else recorded_ns, raw
-            if count < expected:
-                raise InputError(
-                    f"bag '{self.path}' is truncated: {count} of {expected} messages could be read; copy it again"
-                )
+            self._check_count(count, expected)
 
     def messages(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, Any]]:
         """Yield topic, stamp (as in `stream`) and deserialised message in the order of recording."""
@@ -197,6 +194,13 @@ class Bag:
                     break
         return found
 
+    def _check_count(self, count: int, expected: int) -> None:
+        """Raise InputError if fewer messages than expected were found."""
+        if count < expected:
+            raise InputError(
+                f"bag '{self.path}' is truncated: {count} of {expected} messages could be read; copy it again"
+            )
+
     def _names_by(self, remap: Mapping[str, str]) -> dict[str, str]:
         """Return the new name of each topic."""
         wanted = {old.strip("/"): new.strip("/") for old, new in remap.items()}
@@ -223,10 +227,7 @@ class Bag:
     def _reading(self) -> Iterator[list[BagReader]]:
         """Open the files; any exception that corrupt data causes (KeyError, sqlite3.Error, ...) becomes InputError."""
         try:
-            with ExitStack() as stack:
-                readers = [reader_of(file) for file in self._files]
-                for reader in readers:
-                    stack.enter_context(reader)
+            with opened_readers(self._files) as readers:
                 yield readers
         except InputError as error:
             if str(self.path) in str(error):

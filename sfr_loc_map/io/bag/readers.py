@@ -1,4 +1,4 @@
-"""The readers of bags: the readers of rosbags with limits on decompressed sizes, and our own reader of MCAP files.
+"""The readers of the files of a bag: our own of MCAP files, and those of rosbags for sqlite3 and ROS 1.
 
 Decompressed sizes are checked before or during decompression. Messages of ROS 1 (format 2.0) are returned as CDR,
 without the sequence number of their headers.
@@ -6,97 +6,29 @@ without the sequence number of their headers.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Generator
-from functools import lru_cache
-from pathlib import Path, PurePath
-from types import MappingProxyType
+import heapq
+from collections.abc import Collection, Generator, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
 
 from rosbags import rosbag1
 from rosbags.interfaces import Connection
 from rosbags.rosbag1.reader import Chunk, ChunkInfo, decompressors
 from rosbags.rosbag1.reader import ReaderError as Ros1Error
-from rosbags.rosbag2 import Reader
-from rosbags.rosbag2 import reader as rosbag2_reader
-from rosbags.rosbag2.errors import ReaderError
-from rosbags.rosbag2.reader import DirectoryReader
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from ruamel.yaml import YAML
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import check_regular, read_text
 from sfr_loc_map.io.bag.encoding import OLD_TYPES, cdr_of_ros1
-from sfr_loc_map.io.bag.files import is_ros1_bag
+from sfr_loc_map.io.bag.files import BagFiles, is_ros1_bag
 from sfr_loc_map.io.bag.mcap_file import McapFile, RecoveringMcapFile
-from sfr_loc_map.io.bag.unpacking import check_zstd_file, unpack_bz2, unpack_lz4, unpack_zstd
-from sfr_loc_map.json_yaml import parse_yaml
+from sfr_loc_map.io.bag.unpacking import unpack_bz2, unpack_lz4, unpack_zstd, unpack_zstd_file
 
-METADATA = "rosbag2_bagfile_information"
 BOUNDED = {decompressors["bz2"]: unpack_bz2, decompressors["lz4"]: unpack_lz4}
 """Decompressors of ROS 1 chunks with a size limit, by the decompressors of rosbags that they replace."""
 _ROS1 = get_typestore(Stores.ROS1_NOETIC)
-
-
-_parsed_metadata = lru_cache(maxsize=4)(parse_yaml)
-"""Content of `metadata.yaml`, which callers do not change. A command opens a bag twenty times."""
-
-
-class _RosbagsYaml:
-    """Replaces the YAML parser of rosbags, which would parse `metadata.yaml` again each time a bag is opened."""
-
-    def __init__(self, typ: str) -> None:
-        self._typ = typ
-
-    def load(self, text: str) -> Any:  # noqa: ANN401 - any YAML
-        """Return the content of a text, which rosbags does not change."""
-        return _loaded_by_rosbags(text, self._typ)
-
-
-@lru_cache(maxsize=4)
-def _loaded_by_rosbags(text: str, typ: str) -> Any:  # noqa: ANN401 - any YAML
-    return YAML(typ=typ).load(text)
-
-
-rosbag2_reader.YAML = _RosbagsYaml  # type: ignore[attr-defined, assignment]
-
-
-class _BoundedDirectoryReader(DirectoryReader):
-    """Reads the folder of a bag with limits on its metadata and its compressed files."""
-
-    STORAGE_PLUGINS = MappingProxyType({**DirectoryReader.STORAGE_PLUGINS, "mcap": McapFile})
-    _messages_compressed = False
-
-    def open(self) -> None:
-        """Check the metadata and the files before they are read."""
-        path = Path(str(self.path))
-        content = _parsed_metadata(read_text(path / "metadata.yaml"))
-        information = content.get(METADATA) if isinstance(content, dict) else None
-        if not isinstance(information, dict) or not isinstance(information.get("relative_file_paths"), list):
-            raise ReaderError("metadata.yaml does not name the files of the bag")
-        mode = str(information.get("compression_mode", "")).lower()
-        for name in information["relative_file_paths"]:
-            file = path / PurePath(str(name)).name
-            if file.exists():  # rosbags reports missing files
-                check_regular(file)
-                if mode == "file":
-                    check_zstd_file(file)
-        super().open()
-        self._messages_compressed = self.metadata.compression_mode == "message"
-        self.metadata = self.metadata._replace(compression_mode=None)
-
-    def messages(
-        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
-    ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        for connection, time_ns, data in super().messages(connections, start, stop):
-            yield connection, time_ns, unpack_zstd(data) if self._messages_compressed else data
-
-
-class Ros2Reader(Reader):
-    """Reader of a ROS 2 bag; a context manager."""
-
-    STORAGE_PLUGINS = MappingProxyType(
-        {**Reader.STORAGE_PLUGINS, "dir": _BoundedDirectoryReader, ".mcap": RecoveringMcapFile}
-    )
 
 
 class Ros1Reader(rosbag1.Reader):
@@ -152,9 +84,70 @@ def _fields(definition: Any) -> list[tuple[str, Any]]:  # noqa: ANN401 - a type 
     return [(name.lower(), kind) for name, kind in definition[1]]
 
 
-BagReader: TypeAlias = Ros2Reader | Ros1Reader
+BagReader: TypeAlias = McapFile | Sqlite3Reader | Ros1Reader
 
 
-def reader_of(file: Path) -> BagReader:
-    """Return the reader of a file or folder of `files.reader_paths`."""
-    return Ros1Reader(file) if is_ros1_bag(file) else Ros2Reader(file)
+@contextmanager
+def opened_readers(files: BagFiles) -> Iterator[list[BagReader]]:
+    """Open the files of a bag; files that are compressed as a whole are decompressed to a temporary folder."""
+    with ExitStack() as stack:
+        paths = [*files.paths]
+        if files.compression == "file":
+            folder = Path(stack.enter_context(TemporaryDirectory()))
+            paths = [unpack_zstd_file(path, folder) for path in paths]
+        readers = [_reader_of(path, is_finished=files.has_metadata) for path in paths]
+        for reader in readers:
+            reader.open()
+            stack.callback(reader.close)
+        yield readers
+
+
+def _reader_of(path: Path, *, is_finished: bool) -> BagReader:
+    """Return the reader of a storage file; `is_finished`: its recording has ended, so that the file is complete."""
+    if is_ros1_bag(path):
+        return Ros1Reader(path)
+    if path.suffix == ".mcap":
+        return McapFile(path) if is_finished else RecoveringMcapFile(path)
+    if path.suffix == ".db3":
+        return Sqlite3Reader(path)
+    raise InputError(f"'{path.name}' ends in '{path.suffix}': .mcap, .db3 or .bag is required")
+
+
+def messages_of_readers(
+    readers: Sequence[BagReader], topics: Collection[str], *, are_compressed: bool
+) -> Iterator[tuple[Connection, int, bytes]]:
+    """Yield connection, time (ns) and content of the messages on topics, in the order of time.
+
+    `are_compressed`: each message is compressed by zstd. Files that do not overlap in time, as those of a split
+    recording, are read one after the other, so that only one of them is in memory.
+    """
+    last_ns = -1
+    groups: list[list[Iterator[tuple[Connection, int, bytes]]]] = []
+    for reader in sorted(readers, key=_start_ns):
+        wanted = [each for each in reader.connections if each.topic in topics]
+        if not wanted:
+            continue
+        if _start_ns(reader) > last_ns:
+            groups.append([])
+        groups[-1].append(reader.messages(wanted))
+        last_ns = max(last_ns, _end_ns(reader))
+    for group in groups:
+        for connection, time_ns, data in heapq.merge(*group, key=lambda message: message[1]):
+            yield connection, time_ns, unpack_zstd(data) if are_compressed else data
+
+
+def _start_ns(reader: BagReader) -> int:
+    """Return the time of the first message of a file."""
+    return int(reader.start_time if isinstance(reader, Ros1Reader) else reader.metadata.start_time)
+
+
+def _end_ns(reader: BagReader) -> int:
+    """Return the time after the last message of a file."""
+    return int(reader.end_time if isinstance(reader, Ros1Reader) else reader.metadata.end_time)
+
+
+def message_count(readers: Sequence[BagReader]) -> int:
+    """Return the number of messages in files, with any encoding."""
+    return sum(
+        reader.message_count if isinstance(reader, Ros1Reader) else reader.metadata.message_count for reader in readers
+    )

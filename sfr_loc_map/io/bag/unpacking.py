@@ -56,12 +56,15 @@ def unpack_zstd(data: bytes, size: int | None = None) -> bytes:
     return unpack(data, zstd.ZstdDecompressor, size)
 
 
-def check_zstd_file(path: Path) -> None:
-    """Raise ValueError if the decompressed size of a Zstandard file exceeds the limit."""
+def unpack_zstd_file(path: Path, folder: Path) -> Path:
+    """Decompress a Zstandard file to a file without its suffix in a folder; ValueError if it exceeds the limit."""
+    unpacked = folder / path.stem
     limit = expansion_limit(path.stat().st_size)
     total = 0
-    with path.open("rb") as raw, zstd.open(raw, "rb") as stream:
+    with path.open("rb") as raw, zstd.open(raw, "rb") as stream, unpacked.open("wb") as output:
         while part := stream.read(2**20):
             total += len(part)
             if total > limit:
                 raise ValueError(f"'{path.name}' exceeds {limit} bytes when decompressed")
+            output.write(part)
+    return unpacked

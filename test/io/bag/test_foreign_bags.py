@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.encoding import TYPESTORE
-from sfr_loc_map.io.bag.files import reader_paths
+from sfr_loc_map.io.bag.files import bag_files
 from sfr_loc_map.io.images.codec import samples_of
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
@@ -223,7 +223,7 @@ def test_a_mosaic_of_unknown_order_is_not_taken_for_a_grey_image() -> None:
 def test_parts_of_a_bag_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     for number in range(12):
         (tmp_path / f"drive_{number}.mcap").touch()
-    assert [file.stem for file in reader_paths(tmp_path)] == [f"drive_{number}" for number in range(12)]
+    assert [file.stem for file in bag_files(tmp_path).paths] == [f"drive_{number}" for number in range(12)]
 
 
 def transform(stamp: int, parent: str, child: str, xyz: Any, quat: Any) -> Any:
@@ -250,14 +250,60 @@ def two_types(path: Path) -> Path:
 
 
 def compressed_messages(path: Path) -> Path:
+    write_compressed(path, CompressionMode.MESSAGE)
+    (path / "metadata.yaml").unlink()
+    return path
+
+
+def write_compressed(path: Path, mode: CompressionMode) -> None:
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
-    writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
         topic = writer.add_connection("/gt", "geometry_msgs/msg/PoseStamped", typestore=TYPESTORE)
         for row in rows_of_drive():
             writer.write(topic, row[0], TYPESTORE.serialize_cdr(pose(*row), topic.msgtype))
-    (path / "metadata.yaml").unlink()
-    return path
+
+
+@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_a_compressed_bag_is_read(tmp_path: Path, mode: CompressionMode) -> None:
+    write_compressed(tmp_path / "x", mode)
+    found = read_truth(tmp_path / "x", TruthConfig(source="/gt"))
+    np.testing.assert_array_equal(found.positions, drive().positions)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("relative_file_paths", "file_paths", "relative_file_paths"),
+        ("  - x.mcap\n", "  - other.mcap\n", "names 'other.mcap', which is missing"),
+        ("compression_mode: ''", "compression_mode: file", "compressed by '': zstd is required"),
+        (f"  message_count: {COUNT}\n  relative", "  message_count: 1000\n  relative", f"{COUNT} of 1000 messages"),
+    ],
+)
+def test_metadata_that_contradict_the_files_are_one_line(tmp_path: Path, old: str, new: str, words: str) -> None:
+    entries = [("/gt", row[0], pose(*row)) for row in rows_of_drive()]
+    metadata = write_messages(tmp_path / "x", entries) / "metadata.yaml"
+    (storage,) = (file for file in metadata.parent.iterdir() if file != metadata)
+    text = metadata.read_text().replace(storage.name, "x.mcap")
+    storage.rename(metadata.with_name("x.mcap"))
+    assert old in text
+    metadata.write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=f"^[^\n]*{tmp_path}[^\n]*{words}[^\n]*$"):
+        read_truth(metadata.parent, TruthConfig(source="/gt"))
+
+
+def test_files_of_a_split_recording_are_read_in_the_order_of_time(tmp_path: Path) -> None:
+    """The second file overlaps the third in time, and the names are not in the order of time."""
+    (tmp_path / "x").mkdir()
+    parts = {"x_2": slice(0, 5), "x_0": slice(5, 12, 2), "x_1": slice(6, None, 1)}
+    for name, part in parts.items():
+        bag = write_messages(tmp_path / name, [("/gt", row[0], pose(*row)) for row in rows_of_drive()[part]])
+        storage = next(file for file in bag.iterdir() if file.name != "metadata.yaml")
+        storage.rename(tmp_path / "x" / f"{name}{storage.suffix}")
+    bag = Bag(tmp_path / "x")
+    times = [stamp_ns for _, stamp_ns, _ in bag.stream([bag.find("/gt")])]
+    assert times == sorted(times)
+    assert len(times) == 5 + 4 + COUNT - 6
 
 
 def frames(*edges: tuple[str, str]) -> Callable[[Path], Path]:
