@@ -198,10 +198,11 @@ def _choose_rig(choices: _Choices, task: str, rigs: Sequence[_Rig], seen: Sequen
     if "infra" in left.name.lower():
         choices.remarks.append(EMITTER)
     how = "sure" if basis is not _Basis.NUMBER and len(ranked) == 1 else "likely"
-    for side, image, other in (("left", left, right), ("right", right, left)):
+    for side, image in (("left", left), ("right", right)):
         reason = f"{basis.text} {word}/{RIGHT_OF[word]}, frame {image.frame or 'unknown'}; {how}"
         choices.take(f"{task}/{side}/{_kind(image)}", [image], reason)
-        choices.take(f"{task}/{side}/camera_info", _infos(image, other, seen), f"nearest to {image.name}; {how}")
+        info = _infos(best[0], image, seen)
+        choices.take(f"{task}/{side}/camera_info", info, f"nearest to {image.name}; {how}")
 
 
 def _choose_double_image(choices: _Choices, images: Sequence[SeenTopic]) -> str:
@@ -306,13 +307,29 @@ def _can_be_pair(left: SeenTopic, right: SeenTopic) -> bool:
     return few >= FEWEST * many and len(sizes) < 2
 
 
-def _infos(image: SeenTopic, other: SeenTopic, seen: Sequence[SeenTopic]) -> list[SeenTopic]:
-    def shared(one: SeenTopic) -> int:
-        return len(commonprefix([re.split("[/_]", plain_name(topic.name)) for topic in (one, image)]))  # noqa: RUF071 - words
+def _infos(rig: _Rig, image: SeenTopic, seen: Sequence[SeenTopic]) -> list[SeenTopic]:
+    """Return the camera_info of an image of a rig; empty if none belongs to the image.
 
-    infos = [topic for topic in seen if topic.msgtype == CAMERA_INFO and shared(topic) > shared(other)]
+    It is that with the most initial words of the image, which must be more than those of the other image. Otherwise it
+    is one beside the image with the same side word. Its last side word is never that of the other image.
+    """
+    own_word, other, other_word = rig.word, rig.right, RIGHT_OF[rig.word]
+    if image == rig.right:
+        own_word, other, other_word = other_word, rig.left, own_word
+    pattern = NUMBERS if rig.basis is _Basis.NUMBER else SIDE_WORDS
+
+    def shared(topic: SeenTopic) -> int:
+        return len(commonprefix([re.split("[/_]", plain_name(each.name)) for each in (topic, image)]))  # noqa: RUF071 - words
+
+    def last_word(topic: SeenTopic) -> str:
+        return next((str(match[1]) for match in reversed([*pattern.finditer(plain_name(topic.name))])), "")
+
+    infos = [topic for topic in seen if topic.msgtype == CAMERA_INFO and last_word(topic) != other_word]
     infos = [topic for topic in infos if topic.size in ((0, 0), image.size) or image.size == (0, 0)]
-    return sorted(infos, key=lambda info: (-shared(info), _kind(info) != _kind(image), len(info.name)))[:1]
+    near = [topic for topic in infos if shared(topic) > shared(other)]
+    folder = image.name.rpartition("/")[0]
+    beside = [topic for topic in infos if last_word(topic) == own_word and topic.name.rpartition("/")[0] == folder]
+    return sorted(near or beside, key=lambda info: (-shared(info), _kind(info) != _kind(image), len(info.name)))[:1]
 
 
 def _truths(seen: Sequence[SeenTopic]) -> list[SeenTopic]:

@@ -299,6 +299,14 @@ CASES = {
         truth="/kitti/oxts/gps/fix",
         remark="camera_color_left",
     ),
+    "side words at the end of names": Case(
+        """
+        Image 640x480 /stereo/image_{left,right}
+        Info 640x480 /stereo/camera_info_{left,right}
+        """,
+        "raw /stereo/image_{}",
+        "/stereo/camera_info_{}",
+    ),
     "names in camel case": Case(
         """
         Jpeg 1024x544 /rig/leftCamera/imageRect/compressed /rig/rightCamera/imageRect/compressed
@@ -472,6 +480,12 @@ def test_a_letter_of_a_side_is_replaced_only_where_it_is_a_word() -> None:
     topics = seen("Image 640x480 /oak_l/color_l/image_rect /oak_r/color_r/image_rect")
     found = guess_topics(topics).topics
     assert [found[f"loc/{side}/image_rect"] for side in ("left", "right")] == [topic.name for topic in topics]
+
+
+def test_a_camera_info_of_the_other_side_is_not_chosen() -> None:
+    topics = seen("Image /left/image_raw /right/image_raw\nInfo /left/camera_info_right /right/camera_info")
+    found = guess_topics(topics).topics
+    assert [topic for name, topic in found.items() if "camera_info" in name] == ["/right/camera_info"]
 
 
 def test_topics_without_a_message_are_left_out() -> None:
