@@ -11,7 +11,7 @@ import difflib
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -89,8 +89,8 @@ def changed(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - 
     return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
 
-_KINDS: Mapping[type, str] = {bool: "true or false", int: "a whole number", float: "a number", tuple: "a list"}
-"""Words for the types of parameters in a message. Other parameters are texts."""
+_KINDS: Mapping[type, str] = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+"""Words for the types of parameters in a message."""
 
 
 def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "configuration") -> C:
@@ -127,8 +127,7 @@ def _converted(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parame
     try:
         value = msgspec.convert(value, info.type)
     except msgspec.ValidationError as error:
-        kind = _KINDS.get(type(info.default), "text")
-        raise ConfigError(f"'{info.name}' is {value!r:.40}: {kind} is required") from error
+        raise ConfigError(f"'{info.name}' is {value!r:.40}: {_kind_of(info.type)} is required") from error
     for item in value if isinstance(value, tuple) else (value,):
         if info.low is not None and info.high is not None and not info.low <= item <= info.high:
             limits = f"{info.low} to {info.high} {info.unit}".rstrip()
@@ -138,8 +137,18 @@ def _converted(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parame
     return value
 
 
+def _kind_of(parameter_type: type) -> str:
+    """Return the type of a parameter in words; `tuple[float, float, float]` is a list of 3 numbers."""
+    if get_origin(parameter_type) is not tuple:
+        return _KINDS[parameter_type]
+    items = get_args(parameter_type)
+    return "a list" if Ellipsis in items else f"a list of {len(items)} numbers"
+
+
 def checked(config: C) -> C:
-    """Return a configuration with the checks and conversions of `build`."""
+    """Return a configuration with the checks and conversions of `build`; ConfigError for another object."""
+    if not is_dataclass(config) or isinstance(config, type):
+        raise ConfigError(f"config has the type {type(config).__name__}: a configuration object is required")
     return build(type(config), flatten(config), origin=type(config).__name__)
 
 

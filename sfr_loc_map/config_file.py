@@ -47,6 +47,7 @@ SIMILAR = 0.8
 as similar to a prefix."""
 SIMILAR_NODES = 0.9
 """Minimum similarity (`difflib`) of an unknown node to the node of the suite that it misspells: one or two letters."""
+STAMP_TOLERANCE = "stamp_tolerance_s"  #: Parameter of a node's input that the section `sync` has, too.
 ROS_PARAMETERS = "ros__parameters"  #: Name of the parameters of a node in a ROS parameter file.
 ALL_NODES = "**"  #: Name of all nodes in a ROS parameter file.
 _SECTION_OF_PREFIX = {known.prefix: name for name, known in NODE_SECTIONS.items() if known.prefix}
@@ -95,9 +96,24 @@ def _has_nodes(flat: Mapping[str, Any]) -> bool:
 def _sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Return the sections of a ROS parameter file; values of a node have priority over those of all nodes (`/**`).
 
-    Other parameters of nodes are ignored. ConfigError for a misspelt prefix or node, for several nodes with the name of
-    one node of the suite, and for values that do not belong to a node.
+    Other parameters of nodes are ignored. Raises the errors of `_by_node` and `_by_suite_node`.
     """
+    parameters = _by_suite_node(_by_node(flat, path), path)
+    sections: dict[str, Any] = {}
+    for name in (ALL_NODES, *SUITE_NODES):
+        for parameter, value in parameters.get(name, {}).items():
+            prefix, _, key = parameter.partition(".")
+            section = _SECTION_OF_PREFIX.get(prefix)
+            if section is None or name not in (ALL_NODES, NODE_SECTIONS[section].nodes[0]):
+                continue
+            if section == "sync" and key != STAMP_TOLERANCE:  # nodes have other settings of their inputs
+                continue
+            sections.setdefault(section, {})[key] = value
+    return sections
+
+
+def _by_node(flat: Mapping[str, Any], path: Path) -> dict[str, dict[str, Any]]:
+    """Return the parameters of each node by its name in the file; ConfigError for a value of no node."""
     nodes: dict[str, dict[str, Any]] = {}
     for key, value in flat.items():
         node, is_parameter, name = key.partition(f".{ROS_PARAMETERS}.")
@@ -105,28 +121,29 @@ def _sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
             nodes.setdefault(node, {})[name] = value
         elif value is not None:
             raise ConfigError(
-                f"{path}: '{key}' is not in {ROS_PARAMETERS}: a file contains either parameters of nodes or sections "
-                "of sfr.yaml: give two files"
+                f"{path}: '{key}' is not in {ROS_PARAMETERS}, but the file has parameters of nodes: move '{key}' to a "
+                "file without parameters of nodes"
             )
-    by_name: dict[str, str] = {}
+    return nodes
+
+
+def _by_suite_node(nodes: Mapping[str, dict[str, Any]], path: Path) -> dict[str, dict[str, Any]]:
+    """Return the parameters of all nodes and of the nodes of the suite, by their names without a namespace.
+
+    ConfigError for a misspelt prefix or node, and for several nodes with one name.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    node_of_name: dict[str, str] = {}
     for node, values in nodes.items():
         name = node.replace(".", "/").rpartition("/")[2]
         _check_spelling(node, name, values, path)
         if name not in (ALL_NODES, *SUITE_NODES):
             continue
-        other = by_name.setdefault(name, node)
+        other = node_of_name.setdefault(name, node)
         if other != node:
             raise ConfigError(f"{path}: '{other}' and '{node}' are nodes of one name: give a file for each of them")
-    sections: dict[str, Any] = {}
-    for name in (ALL_NODES, *SUITE_NODES):
-        for parameter, value in nodes.get(by_name.get(name, ""), {}).items():
-            prefix, _, key = parameter.partition(".")
-            section = _SECTION_OF_PREFIX.get(prefix)
-            if section is None or (section == "sync" and key != "stamp_tolerance_s"):
-                continue
-            if name in (ALL_NODES, NODE_SECTIONS[section].nodes[0]):
-                sections.setdefault(section, {})[key] = value
-    return sections
+        found[name] = values
+    return found
 
 
 def _check_spelling(node: str, name: str, values: Mapping[str, Any], path: Path) -> None:

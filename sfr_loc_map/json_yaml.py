@@ -17,7 +17,11 @@ MAX_DEPTH = 64  #: Maximum nesting depth of JSON and YAML.
 MAX_NODES = 100_000  #: Maximum number of values of a YAML file after expansion of its aliases.
 MAX_DIGITS = 20  #: Maximum length of an integer in JSON and YAML: 64 bits have 19 digits and a sign.
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
-_EXPONENT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
+_INTEGER = re.compile(r"[-+]?(?:0b[01_]+|0x[0-9a-fA-F_]+|[0-9][0-9_]*)$")
+_DECIMAL = re.compile(r"[-+]?(?:[0-9][0-9_]*\.[0-9_]*|\.[0-9][0-9_]*|\.(?:inf|Inf|INF))$|\.(?:nan|NaN|NAN)$")
+_EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
+"""Plain scalars that are numbers. Unlike in YAML 1.1, `1:30` is a string (in base 60, it would be 90), and `1e-3` is a
+number, as in YAML 1.2 and in other programs."""
 
 
 def parse_json(text: str | bytes, parse_constant: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401 - any JSON
@@ -103,23 +107,22 @@ class _BoundedLoader(yaml.SafeLoader):
                 keys.add((key.tag, key.value))
         return node
 
-    def number_of_int(self, node: yaml.ScalarNode) -> int | str:
-        if ":" in node.value:  # `1:30` is a string in YAML 1.2, 90 in 1.1
-            return str(node.value)
+    def bounded_int(self, node: yaml.ScalarNode) -> int:
         if len(node.value) > 4 * MAX_DIGITS:
             raise yaml.YAMLError(f"an integer of {len(node.value)} digits is too long")
         if node.value.lstrip("+-").isdecimal():  # `030` is 30 in YAML 1.2, 24 in 1.1
             return int(node.value)
         return int(super().construct_yaml_int(node))
 
-    def number_of_float(self, node: yaml.ScalarNode) -> float | str:
-        return str(node.value) if ":" in node.value else float(super().construct_yaml_float(node))
 
-
-_BoundedLoader.add_constructor("tag:yaml.org,2002:int", _BoundedLoader.number_of_int)
-_BoundedLoader.add_constructor("tag:yaml.org,2002:float", _BoundedLoader.number_of_float)
-# `1e-3` is a number in YAML 1.2 and in other programs, but a string in YAML 1.1.
-_BoundedLoader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
+_INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
+_BoundedLoader.add_constructor(_INT, _BoundedLoader.bounded_int)
+_BoundedLoader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag not in (_INT, _FLOAT)]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+for _tag, _pattern in ((_INT, _INTEGER), (_FLOAT, _DECIMAL), (_FLOAT, _EXPONENT)):
+    _BoundedLoader.add_implicit_resolver(_tag, _pattern, list("-+.0123456789"))
 
 
 def _expanded(node: yaml.Node, sizes: dict[int, int], depth: int) -> int:

@@ -31,6 +31,7 @@ class Whole:
     voxel_m: float = param(0.05, unit="m", doc="Edge of a voxel.", low=0.001, high=10.0)
     fill: bool = param(False, doc="Close holes.")
     ranges_m: tuple[float, ...] = param((1.0, 2.0), unit="m", doc="Bounds of ranges.", low=0.0, high=100.0)
+    centre_m: tuple[float, float] = param((0.0, 0.0), unit="m", doc="Centre.", low=-1.0, high=1.0)
     labels: tuple[str, ...] = param(("a",), doc="Words.")
     matcher: Matcher = field(default_factory=Matcher)
 
@@ -77,6 +78,7 @@ def test_nested_names_in_both_forms_and_whole_numbers_where_they_mean_the_same()
         ({"ranges_m": [1.0, -1.0]}, "'ranges_m' is -1.0: 0.0 to 100.0 m is required"),
         ({"voxel_m": 10**400}, "a number is required"),
         ({"ranges_m": 1.0}, "a list is required"),
+        ({"centre_m": [1.0]}, "'centre_m' is [1.0]: a list of 2 numbers is required"),
         ({"voxel": 1.0, "fill": 1}, "unknown key 'voxel' (did you mean 'voxel_m'?); 'fill' is 1"),
     ],
 )
@@ -124,11 +126,12 @@ def test_files_that_are_no_mapping(tmp_path: Path, content: bytes | None, words:
 def test_names_and_merged_maps_of_yaml(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
     lines = ["a: &a {x: 1}", "b: &b {y: 1e-3}", "c: {<<: *a, <<: *b, x: 2}"]
-    lines += ["d: {1e-3: 1.5e3, 1: one, '1': text}", "e: [1:30, 1:30.5]"]
+    lines += ["d: {1e-3: 1.5e3, 1: one, '1': text}", "e: [1:30, 1:30.5]", "f: [030, 08, -.5, 0x1F, .inf]"]
     path.write_text("\n".join(lines))
     content = load_yaml(path)
     assert content["c"] == {"x": 2, "y": 0.001}
     assert content["e"] == ["1:30", "1:30.5"], "not numbers of base 60"
+    assert content["f"] == [30, 8, -0.5, 31, math.inf], "not octal"
     assert content["d"] == {"1e-3": 1500.0, 1: "one", "1": "text"}
 
 

@@ -29,10 +29,10 @@ class FramesConfig:
     )
     pan_joint: str = param("", doc="Pan joint of the head, positive to the left; empty: the joint named '*pan*'.")
     tilt_joint: str = param("", doc="Tilt joint of the head, positive down; empty: the joint named '*tilt*'.")
-    head_to_navsb_m: tuple[float, ...] = param(
+    head_to_navsb_m: tuple[float, float, float] = param(
         (0.0, 0.0, 0.0), unit="m", doc="Position of NAVSB in the head that the joints move.", low=-10.0, high=10.0
     )
-    head_to_navsb_quat_xyzw: tuple[float, ...] = param(
+    head_to_navsb_quat_xyzw: tuple[float, float, float, float] = param(
         (0.0, 0.0, 0.0, 0.0), doc="Orientation of NAVSB in the head; all zero: that of the head.", low=-1.01, high=1.01
     )
 
@@ -56,10 +56,10 @@ class CalibrationConfig:
 class ExtrinsicsConfig:
     """Pose of the localisation stereo rig on the rover."""
 
-    translation_m: tuple[float, ...] = param(
+    translation_m: tuple[float, float, float] = param(
         (0.0, 0.0, 0.0), unit="m", doc="Origin of LOCSB in RB: x, y, z.", low=-100.0, high=100.0
     )
-    quat_xyzw: tuple[float, ...] = param(
+    quat_xyzw: tuple[float, float, float, float] = param(
         (0.0, 0.0, 0.0, 0.0),
         doc="Orientation of LOCSB in RB: x, y, z, w; converts components in LOCSB to RB. All zero: not given. The "
         "extrinsics are then read from /tf_static: the pose of LOCSB, or of the frame that the left camera_info "
@@ -71,8 +71,6 @@ class ExtrinsicsConfig:
 
     def transform(self, name: str = "extrinsics") -> Transform | None:
         """Return `T_rb_locsb`, None if it is not given; error messages name the section or parameter `name`."""
-        if len(self.translation_m) != 3 or len(self.quat_xyzw) != 4:
-            raise ConfigError(f"{name} requires translation_m [x, y, z] and quat_xyzw [x, y, z, w]")
         if not any(self.quat_xyzw):
             if any(self.translation_m):
                 raise ConfigError(f"{name}.translation_m is given but quat_xyzw is not: give both")

@@ -64,8 +64,9 @@ def _tracked_body(source: Source) -> dict[str, Any]:
     if not isinstance(truth, Truth):
         return {}
     unknown = {(True, True): "none", (False, True): "height", (True, False): "tilt", (False, False): "planar"}
+    x, y, z = truth.lever_arm_m
     body = TrackedBodyConfig(
-        truth.lever_arm_m,
+        (x, y, z),
         sigma_m=truth.sigma_m,
         sigma_deg=truth.sigma_deg,
         attitude="auto" if truth.has_attitude else "no",

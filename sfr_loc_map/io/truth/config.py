@@ -22,10 +22,10 @@ ORIGIN_SETTINGS = ("truth.source", "truth.frame")  #: Settings of the origin of 
 class TrackedBodyConfig:
     """The body that a truth tracks, and the accuracy of the truth."""
 
-    lever_arm_m: tuple[float, ...] = param(
+    lever_arm_m: tuple[float, float, float] = param(
         NO_LEVER, unit="m", doc="Position of the tracked body (prism, antenna, marker) in RB.", low=-100.0, high=100.0
     )
-    lever_quat_xyzw: tuple[float, ...] = param(
+    lever_quat_xyzw: tuple[float, float, float, float] = param(
         NO_TURN, doc="Orientation of the tracked body in RB, as in ROS messages.", low=-1.01, high=1.01
     )
     clock_offset_s: float = param(
@@ -54,8 +54,6 @@ class TrackedBodyConfig:
     )
 
     def __post_init__(self) -> None:
-        if len(self.lever_arm_m) != 3 or len(self.lever_quat_xyzw) != 4:
-            raise ConfigError("truth.lever_arm_m requires [x, y, z] and truth.lever_quat_xyzw requires [x, y, z, w]")
         if abs(float(np.linalg.norm(self.lever_quat_xyzw)) - 1.0) > 1e-2:
             raise ConfigError(f"truth.lever_quat_xyzw is {self.lever_quat_xyzw}: a unit quaternion is required")
 
@@ -117,8 +115,9 @@ def with_lever_of(config: TrackedBodyConfig, T_rb_body: Transform | None) -> Tra
     """Return the configuration with the source's pose of the tracked body, unless a pose is configured."""
     if config.has_lever or T_rb_body is None:
         return config
-    lever_arm_m, lever_quat_xyzw = (tuple(part.tolist()) for part in (T_rb_body.translation, T_rb_body.quat_xyzw))
-    return replace(config, lever_arm_m=lever_arm_m, lever_quat_xyzw=lever_quat_xyzw)
+    x, y, z = T_rb_body.translation.tolist()
+    qx, qy, qz, qw = T_rb_body.quat_xyzw.tolist()
+    return replace(config, lever_arm_m=(x, y, z), lever_quat_xyzw=(qx, qy, qz, qw))
 
 
 DEFAULT_TRUTH = TruthConfig()  #: The truth of the source itself, which tracks RB.
