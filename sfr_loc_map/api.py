@@ -12,8 +12,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Unpack, get_type_hints, overload
 
+import numpy as np
+
 from sfr_loc_map import api_types
-from sfr_loc_map.api_types import PathLike
+from sfr_loc_map.api_types import PathLike, path_of, wrong_type
 from sfr_loc_map.calls.call_record import tracking_warning
 from sfr_loc_map.calls.call_stats import CallStats, stats_of
 from sfr_loc_map.config import build
@@ -22,13 +24,13 @@ from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source, drive_of, panorama_of
 from sfr_loc_map.io.source_settings import source_config
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.methods.registry import config_text, find_method
 from sfr_loc_map.metrics.config import aligned_error_config
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
@@ -54,7 +56,7 @@ Truth = PathLike | Trajectory | Source
 
 
 def open(
-    source: SourceLike, remap: Mapping[str, str] | None = None, config: str | Path | None = None
+    source: SourceLike, remap: Mapping[str, str] | None = None, config: PathLike | None = None
 ) -> api_types.Source:
     """Open a data set folder, ROS bag, KITTI or EuRoC sequence. The format is detected from the content.
 
@@ -65,15 +67,9 @@ def open(
         if remap is not None or config is not None:
             raise ConfigError("remap and config apply to a path: give the path instead of an open source")
         return source if isinstance(source, api_types.Source) else api_types.Source.of(source)
-    _check("source", source, Source)
-    if config is not None:
-        _check("config", config)
-    if not isinstance(remap, Mapping | None):
-        raise ConfigError(
-            f"remap has the type {type(remap).__name__}: topics by name are required, {{FOUND: EXPECTED}}"
-        )
-    how = source_config(Path(source), None if config is None else Path(config), remap)
-    return api_types.Source.of(open_source(Path(source), how))
+    place = path_of(source, "source", "a path or an open source")
+    how = source_config(place, None if config is None else path_of(config, "config"), remap)
+    return api_types.Source.of(open_source(place, how))
 
 
 @overload
@@ -112,17 +108,15 @@ def localise(
     `PoseEstimate` as soon as it is estimated. `config` contains the parameters of the localiser. For another `method`,
     `config` is the configuration file of that method.
     """
+    _check_flag("live", live)
     opened = open(source)
     drive = drive_of(opened)
-    if start not in ("identity", "truth") if isinstance(start, str) else not isinstance(start, Transform | StartPose):
+    is_named = isinstance(start, str) and start in ("identity", "truth")
+    if not is_named and not isinstance(start, Transform | StartPose):
         raise ConfigError(f"start is {start!r:.60}: 'identity', 'truth' or a pose of RB in DS (Transform) is required")
     with naming(opened.path):
         first = start_pose(drive, start) if isinstance(start, str) else StartPose.of(start)
-    how: LocalisationConfig | UnderTest
-    if method == OURS:
-        how = _parameters(LocalisationConfig, config, "localisation")
-    else:
-        how = _under_test(method, Task.LOCALISATION, config, opened)
+    how = _parameters_or_method(LocalisationConfig, Task.LOCALISATION, method, config, opened)
     if live:
         steps = _named(opened.path, localiser_steps(drive, how, first))
         return (step.estimate for step in steps)
@@ -145,17 +139,16 @@ def map(
 
     `config` contains the parameters of the mapper. For another `method`, it is the configuration file of that method.
     """
+    _check_flag("fuse", fuse)
+    _check_flag("refine_poses", refine_poses)
     opened = open(source)
     panorama = panorama_of(opened)
     with naming(opened.path):
-        how: MappingConfig | UnderTest
-        if method == OURS:
-            parameters = _parameters(MappingConfig, config, "mapping")
-            how = replace(parameters, refine_poses=True) if refine_poses else parameters
-        elif refine_poses:
-            raise ConfigError(f"refine_poses is an option of our mapper: omit it with method {method}")
-        else:
-            how = _under_test(method, Task.MAPPING, config, opened)
+        how = _parameters_or_method(MappingConfig, Task.MAPPING, method, config, opened)
+        if refine_poses:
+            if not isinstance(how, MappingConfig):
+                raise ConfigError(f"refine_poses is an option of our mapper: omit it with method {method}")
+            how = replace(how, refine_poses=True)
         run = run_mapper(panorama, how)
     for line in run.warnings:
         warnings.warn(line, UserWarning, stacklevel=2)
@@ -195,56 +188,48 @@ def score(
         raise ConfigError(f"sfr.score has no setting '{unknown[0]}': the settings are {', '.join(known)}")
     of_score: Any = {name: value for name, value in settings.items() if name in get_type_hints(ScoreSettings)}
     config = score_settings(None if conditions is None else _texts("conditions", conditions), **of_score)
-    convention = PoseConvention.parse(_texts("convention", settings.get("convention", ())))
-    correction = Correction(convention, settings.get("apply_diagnosis", False))
-    files = [stats] if isinstance(stats, (str, os.PathLike)) or not isinstance(stats, Iterable) else [*stats]
-    for file in files:
-        _check("stats", file)
-    run = _run(estimate, truth, tuple(Path(file) for file in files), settings.get("fused"))
-    if correction.is_wanted and run.drive is None:
-        raise ConfigError("convention and apply_diagnosis apply only to trajectories: omit them for a cloud")
-    if settings.get("fused") is not None and run.cloud is None:
-        raise ConfigError("fused applies only to clouds: omit it for a trajectory")
     further = {"max_difference_s": settings.get("max_difference"), "rpe_delta": settings.get("rpe_delta")}
     aligned = aligned_error_config(align, further)
-    if isinstance(limits, Mapping):
-        limits = parse_limits(limits, "limits")
-    elif limits is not None and not isinstance(limits, Limits):
-        _check("limits", limits, dict)
-        limits = load_limits(Path(limits))
-    return api_types.Score.of(score_run(converted_run(run, config, correction), config, limits, aligned))
+    fused, apply_diagnosis = settings.get("fused"), settings.get("apply_diagnosis", False)
+    _check_flag("apply_diagnosis", apply_diagnosis)
+    if fused is not None:
+        _check_flag("fused", fused)
+    correction = Correction(PoseConvention.parse(_texts("convention", settings.get("convention", ()))), apply_diagnosis)
+    judged_by = _limits(limits)
+    run = _run(estimate, truth, tuple(path_of(file, "stats") for file in _items(stats)), fused)
+    if correction.is_wanted and run.drive is None:
+        raise ConfigError("convention and apply_diagnosis apply only to trajectories: omit them for a cloud")
+    if fused is not None and run.cloud is None:
+        raise ConfigError("fused applies only to clouds: omit it for a trajectory")
+    return api_types.Score.of(score_run(converted_run(run, config, correction), config, judged_by, aligned))
 
 
 def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool | None) -> Run:
-    """Return the run to be scored. Files are read as by the command."""
-    _check("estimate", estimate, Trajectory, PointCloud)
-    _check("truth", truth, Trajectory, Source)
-    place, config = (truth.path, truth.config) if isinstance(truth, Source) else (truth, None)
+    """Return the run to be scored. Files are read as by the command, and objects are treated like their files."""
+    if not isinstance(estimate, Trajectory | PointCloud):
+        estimate = path_of(estimate, "estimate", "a path, a Trajectory or a PointCloud")
+    config = truth.config if isinstance(truth, Source) else None
+    place = truth.path if isinstance(truth, Source) else truth
+    if not isinstance(place, Trajectory):
+        place = path_of(place, "truth", "a path, a Trajectory or an open source")
+    if isinstance(estimate, Path) and isinstance(place, Path):
+        return load_run(replace(ScoreInputs.of(estimate, place, stats or None), config=config), fused)
+    calls = _own_stats(estimate)
     if isinstance(estimate, PointCloud):
         if isinstance(place, Trajectory):
             raise ConfigError("a cloud requires a source with mapping pairs and truth; a trajectory was given")
-        inputs = ScoreInputs(map_truth=Path(place), stats=stats, config=config)
-        return load_run(inputs, fused, InMemory(cloud=estimate, calls=_own_stats(estimate)))
-    if not isinstance(estimate, Trajectory) and not isinstance(place, Trajectory):
-        inputs = ScoreInputs.of(Path(estimate), Path(place), stats or None)
-        return load_run(replace(inputs, config=config), fused)
-    poses = estimate if isinstance(estimate, Trajectory) else None
-    true = place if isinstance(place, Trajectory) else None
+        loaded = estimate.loaded if isinstance(estimate, api_types.PointCloud) else LoadedCloud.of(estimate)
+        inputs = ScoreInputs(map_truth=place, stats=stats, config=config)
+        return load_run(inputs, fused, InMemory(cloud=loaded, calls=calls))
     inputs = ScoreInputs(
-        estimate=None if isinstance(estimate, Trajectory) else Path(estimate),
-        truth=None if isinstance(place, Trajectory) else Path(place),
+        estimate=estimate if isinstance(estimate, Path) else None,
+        truth=place if isinstance(place, Path) else None,
         stats=stats,
         config=config,
     )
-    return load_run(inputs, fused, InMemory(poses, true, calls=_own_stats(estimate)))
-
-
-def _under_test(method: str, task: Task, config: object, source: Source) -> UnderTest:
-    """Return a method under test; `config` is the file of its configuration, if it has one."""
-    if config is not None:
-        _check("config", config)
-    file = None if config is None else Path(str(config))
-    return UnderTest(find_method(method, task, config_text(file)), hidden=source.truth_paths())
+    poses = estimate if isinstance(estimate, Trajectory) else None
+    true_poses = place if isinstance(place, Trajectory) else None
+    return load_run(inputs, fused, InMemory(poses, true_poses, calls=calls))
 
 
 def _own_stats(estimate: object) -> list[CallStats]:
@@ -258,9 +243,42 @@ def _named(path: Path, steps: Iterator[Step]) -> Iterator[Step]:
         yield from steps
 
 
-def _texts(name: str, items: Sequence[str]) -> Sequence[str]:
+def _limits(given: PathLike | Mapping[str, object] | Limits | None) -> Limits | None:
+    """Return the limits in a file or in its content."""
+    if given is None or isinstance(given, Limits):
+        return given
+    if isinstance(given, Mapping):
+        return parse_limits(given, "limits")
+    return load_limits(path_of(given, "limits", "a path, the content of a file of limits, or Limits"))
+
+
+def _parameters_or_method(kind: type[C], task: Task, method: str, config: object, source: Source) -> C | UnderTest:
+    """Return the parameters of our localiser or mapper, or another method with the text of its configuration file."""
+    if not isinstance(method, str):
+        raise wrong_type("method", method, "the name of a method")
+    if method != OURS:
+        text = config_text(None if config is None else path_of(config, "config"))
+        return UnderTest(find_method(method, task, text), hidden=source.truth_paths())
+    if config is None:
+        return kind()
+    if isinstance(config, kind):
+        return config
+    if isinstance(config, Mapping):
+        return build(kind, config, origin="config")
+    file = path_of(config, "config", f"a path, parameters by name, or a {kind.__name__}")
+    return read_config(kind, file, task.value)
+
+
+def _items(values: object) -> list[Any]:
+    """Return the items of an argument; a text, a path or another single value becomes a list of one item."""
+    if isinstance(values, str | os.PathLike) or not isinstance(values, Iterable):
+        return [values]
+    return [*values]
+
+
+def _texts(name: str, values: Sequence[str]) -> Sequence[str]:
     """Return the strings of an argument; a single string becomes a list of one string."""
-    texts = [items] if isinstance(items, str) or not isinstance(items, Iterable) else [*items]
+    texts = _items(values)
     wrong = [text for text in texts if not isinstance(text, str)]
     if wrong:
         raise ConfigError(
@@ -269,18 +287,7 @@ def _texts(name: str, items: Sequence[str]) -> Sequence[str]:
     return texts
 
 
-def _check(name: str, value: object, *kinds: type) -> None:
-    """Raise ConfigError with the name of the argument if its value is neither a path nor one of `kinds`."""
-    if not isinstance(value, (str, os.PathLike, *kinds)):
-        known = alternatives(kind.__name__ for kind in kinds)
-        wanted = f"a path or a {known}" if kinds else "a path"
-        raise ConfigError(f"{name} has the type {type(value).__name__}: {wanted} is required")
-
-
-def _parameters(kind: type[C], config: object, section: str) -> C:
-    if config is None or isinstance(config, kind):
-        return kind() if config is None else config
-    if isinstance(config, Mapping):
-        return build(kind, config, origin="config")
-    _check("config", config, kind, dict)
-    return read_config(kind, Path(str(config)), section)
+def _check_flag(name: str, value: object) -> None:
+    """Raise ConfigError with the name of the argument unless its value is a boolean: `"no"` would be true."""
+    if not isinstance(value, bool | np.bool_):
+        raise ConfigError(f"{name} is {value!r:.60}: True or False is required")

@@ -25,7 +25,7 @@ from sfr_loc_map.config import build, suggestion
 from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError
 from sfr_loc_map.geometry import cloud, trajectory
 from sfr_loc_map.io import sequence
-from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
+from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud, save_cloud
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.message_stamps import NS_PER_S
@@ -45,6 +45,18 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 PathLike = str | os.PathLike[str]
+
+
+def path_of(value: object, name: str = "path", required: str = "a path") -> Path:
+    """Return an argument as a path; ConfigError, which states what is `required`, if it has another type."""
+    if not isinstance(value, str | os.PathLike):
+        raise wrong_type(name, value, required)
+    return Path(value)
+
+
+def wrong_type(name: str, value: object, required: str) -> ConfigError:
+    """Return the error for the argument `name`, which has the wrong type."""
+    return ConfigError(f"{name} has the type {type(value).__name__}: {required} is required")
 
 
 class Shown:
@@ -95,18 +107,22 @@ class Trajectory(Shown, trajectory.Trajectory):
 
     @staticmethod
     def load(path: PathLike) -> Trajectory:
-        """Read a file; the format is detected from the content: csv of the suite, TUM, KITTI, EuRoC."""
-        return Trajectory.of(read_trajectory_file(Path(path)).trajectory)
+        """Read a file; the format is detected from the content: csv of the suite, TUM, KITTI, EuRoC.
+
+        KITTI poses require a file with their times. InputError for poses without stamps: give their path to
+        `sfr.score`, which uses the stamps of the other trajectory.
+        """
+        return Trajectory.of(read_trajectory_file(path_of(path)).stamped)
 
     def save(self, path: PathLike) -> None:
         """Write a file; the suffix selects the format: `.csv`, `.txt` or `.tum`, `.kitti`, `.euroc.csv`."""
-        save_trajectory(Path(path), self)
+        save_trajectory(path_of(path), self)
 
     def to_stats(self, path: PathLike) -> None:
         """Write one row per call (time, memory, state, covariance) as `sfr localise --stats` does."""
         if not self.records:
             raise ConfigError("these poses have no calls: to_stats() requires a trajectory that sfr.localise returned")
-        save_stats(Path(path), self.records, self.method, self)
+        save_stats(path_of(path), self.records, self.method, self)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a pandas DataFrame, one row per pose, indexed by `stamp_ns`; with `state` and `reason` if known."""
@@ -166,18 +182,26 @@ class PointCloud(Shown, cloud.PointCloud):
 
     records: tuple[CallRecord, ...] = ()  #: The calls that produced the points; empty if unknown.
     method: MethodRecord | None = None  #: The method that produced the points; None if unknown.
+    #: Width and height of an organised cloud file whose pixels follow from the order of its points; None for others.
+    grid: tuple[int, int] | None = None
+    not_finite: int = 0  #: Number of points of a file that were omitted because a coordinate is not finite.
 
     @staticmethod
     def load(path: PathLike) -> PointCloud:
-        """Read a cloud file of the suite: .ply, .pcd or .npz."""
-        found = load_cloud(Path(path)).cloud
-        if found is None:
+        """Read a cloud file: .ply, .pcd or .npz, with the pixel and pair of each point, or organised."""
+        found = load_cloud(path_of(path))
+        if found.cloud is None:
             raise InputError(f"'{path}' has points without pixels (u, v, pair): give the path itself to sfr.score")
-        return PointCloud.of(found)
+        return PointCloud.of(found.cloud, grid=found.grid, not_finite=found.not_finite)
+
+    @property
+    def loaded(self) -> LoadedCloud:
+        """The cloud as its file is read, so that the scores of both are equal."""
+        return replace(LoadedCloud.of(self), grid=self.grid, not_finite=self.not_finite)
 
     def save(self, path: PathLike) -> None:
         """Write the cloud: .ply, .pcd or .npz."""
-        save_cloud(Path(path), self)
+        save_cloud(path_of(path), self)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a pandas DataFrame with one row per point."""
@@ -229,7 +253,7 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
     @staticmethod
     def load(path: PathLike) -> Score:
         """Read the JSON of a score."""
-        return Score.of(load_score(Path(path)))
+        return Score.of(load_score(path_of(path)))
 
     def number(
         self,
@@ -257,13 +281,13 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
 
     def save(self, path: PathLike) -> None:
         """Write the JSON."""
-        write_text(self.to_json(), Path(path))
+        write_text(self.to_json(), path_of(path))
 
     def report(self, path: PathLike) -> None:
         """Write the report page that `sfr score --html` writes."""
         from sfr_loc_map.report.page import write_page
 
-        write_page(self, Path(path))
+        write_page(self, path_of(path))
 
     def to_markdown(self) -> str:
         """Return all tables as Markdown."""

@@ -15,6 +15,7 @@ from sfr_loc_map.io.source_config import DEFAULT_SOURCE, SourceConfig, file_in, 
 from sfr_loc_map.io.truth.config import TruthConfig
 
 NAME = "sfr.yaml"
+_REMAP_FORM = "{FOUND: EXPECTED}"  #: Form of a remapping in messages.
 FILE_SETTINGS: Mapping[str, Callable[[str, Path], str]] = {
     "calibration.file": file_in,
     "truth.source": file_or_topic,
@@ -59,10 +60,8 @@ def changed_sections(
     given = dict(values)
     if calibration is not None:
         given["calibration.file"] = str(calibration)
-    for topic, name in (remap or {}).items():
-        topics = changed.get("topics", {}).items()
-        others = {other: named for other, named in topics if str(named).strip("/") != topic.strip("/")}
-        changed["topics"] = others | {name.strip("/"): topic}
+    if remap:
+        changed["topics"] = _renamed_topics(changed.get("topics", {}), remap)
     for key, value in given.items():
         section, _, name = key.partition(".")
         if section not in SECTIONS:
@@ -75,6 +74,26 @@ def changed_sections(
     return changed
 
 
+def _renamed_topics(topics: Mapping[str, Any], remap: Mapping[str, str]) -> dict[str, Any]:
+    """Return the section `topics`, topics of the bag by name in the suite, changed by a mapping of the inverse order.
+
+    A topic that is remapped, or a name that is given to another topic, loses its entry. ConfigError if `remap` does not
+    map names of topics, or gives one name to several topics.
+    """
+    by_name: dict[str, str] = {}
+    for topic, name in remap.items():
+        if not isinstance(topic, str) or not isinstance(name, str):
+            raise ConfigError(f"remap has {topic!r:.40}: {name!r:.40}: names of topics are required, {_REMAP_FORM}")
+        other = by_name.setdefault(name.strip("/"), topic)
+        if other != topic:
+            raise ConfigError(
+                f"remap names '{other}' and '{topic}' both '{name}': one topic is required, {_REMAP_FORM}"
+            )
+    remapped = {topic.strip("/") for topic in remap}
+    kept = {name: topic for name, topic in topics.items() if str(topic).strip("/") not in remapped}
+    return kept | by_name
+
+
 def _in_working_directory(key: str, value: Any) -> Any:  # noqa: ANN401 - any value of a setting
     """Return the value of a setting with the absolute paths of the files that it names (`FILE_SETTINGS`)."""
     if isinstance(value, Mapping):
@@ -84,20 +103,22 @@ def _in_working_directory(key: str, value: Any) -> Any:  # noqa: ANN401 - any va
 
 
 def check_remap(source: Path, remap: Mapping[str, str]) -> None:
-    """Raise ConfigError if topics of a source without topics are remapped."""
+    """Raise ConfigError if `remap` is not a mapping, or if topics of a source without topics are remapped."""
+    if not isinstance(remap, Mapping):
+        raise ConfigError(f"remap has the type {type(remap).__name__}: names of topics are required, {_REMAP_FORM}")
     if remap and source.exists() and not is_bag(source):
         raise ConfigError(f"'--remap' applies only to topics of a bag, but '{source}' is not a bag: omit it")
 
 
 def source_config(source: Path, path: Path | None = None, remap: Mapping[str, str] | None = None) -> SourceConfig:
     """Return the configuration in a file, by default the `sfr.yaml` beside the source; `remap` overrides topics."""
-    check_remap(source, remap or {})
+    if remap is not None:
+        check_remap(source, remap)
     path = path or config_beside(source)
-    config = DEFAULT_SOURCE if path is None else SourceConfig.of(read_sections(path), path)
-    if not remap:
-        return config
-    kept = {topic: name for topic, name in config.remap.items() if name not in remap.values()}
-    return replace(config, remap={**kept, **remap})
+    if path is None and not remap:
+        return DEFAULT_SOURCE
+    sections = {} if path is None else read_sections(path)
+    return SourceConfig.of(changed_sections(sections, {}, remap=remap), path)
 
 
 def truth_config(truth: Path, path: Path | None, settings: Mapping[str, Any], columns: str) -> SourceConfig | None:

@@ -10,7 +10,6 @@ from typing import NamedTuple
 from sfr_loc_map.calls.call_files import stats_beside
 from sfr_loc_map.calls.call_stats import CallStats
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.hashes import hash_arrays
@@ -77,7 +76,7 @@ class InMemory:
 
     estimate: Trajectory | None = None
     truth: Trajectory | None = None
-    cloud: PointCloud | None = None
+    cloud: LoadedCloud | None = None
     calls: Sequence[CallStats] = ()
 
     def hashes(self) -> dict[str, str]:
@@ -88,8 +87,8 @@ class InMemory:
             for role, poses in trajectories.items()
             if poses is not None
         }
-        if self.cloud is not None:
-            found["cloud"] = hash_arrays([self.cloud.to_structured()])
+        if self.cloud is not None and self.cloud.cloud is not None:
+            found["cloud"] = hash_arrays([self.cloud.cloud.to_structured()])
         return found
 
 

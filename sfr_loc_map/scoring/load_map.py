@@ -11,7 +11,6 @@ import numpy as np
 from sfr_loc_map import io  # readers of sources are loaded when called, because files of trajectories require no images
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.source_config import SourceConfig
@@ -20,7 +19,7 @@ from sfr_loc_map.scoring.inputs import CloudToScore, ScoreInputs
 
 
 def read_cloud(
-    inputs: ScoreInputs, given: PointCloud | None, fused: bool | None
+    inputs: ScoreInputs, given: LoadedCloud | None, fused: bool | None
 ) -> tuple[CloudToScore | None, IntArray | None]:
     """Read a cloud, or use that in memory; also the truth of its pairs, and the stamps of all pairs of the source."""
     if inputs.map_truth is None or (inputs.cloud or given) is None:
@@ -29,7 +28,7 @@ def read_cloud(
         loaded, name = load_cloud(inputs.cloud), f"cloud '{inputs.cloud}'"
     else:
         assert given is not None  # as checked above
-        loaded, name = LoadedCloud(given.xyz.astype(np.float64), given), "the cloud"
+        loaded, name = given, "the cloud"
     loaded = with_fusion_flag(loaded, fused, name)
     stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
     truths, nav_stamps_ns = load_map_truth(inputs.map_truth, stamps_ns, inputs.config)

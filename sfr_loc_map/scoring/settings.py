@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypedDict, Unpack
 
+import numpy as np
+
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import ScoreConfig, score_config
 
@@ -35,7 +37,7 @@ def score_settings(conditions: Sequence[str] | None, **settings: Unpack[ScoreSet
     """Return the configuration of a score; raise ConfigError for values out of range or contradictory values."""
     values: dict[str, object] = {FIELDS[name]: value for name, value in settings.items() if name in FIELDS}
     if "scored_range" in settings:
-        values["map.scored_from_m"], values["map.scored_to_m"] = settings["scored_range"]
+        values["map.scored_from_m"], values["map.scored_to_m"] = _interval(settings["scored_range"])
     frames = settings.get("frames", "truth")
     if frames not in ("truth", "images"):
         raise ConfigError(f"frames is '{frames}': truth or images is required")
@@ -46,3 +48,11 @@ def score_settings(conditions: Sequence[str] | None, **settings: Unpack[ScoreSet
             )
         values[FIELDS["associate"]] = "interpolate"
     return score_config(conditions, values)
+
+
+def _interval(scored_range: object) -> tuple[object, object]:
+    """Return the two ends of an interval; their values are checked with the other settings."""
+    if not isinstance(scored_range, Sequence | np.ndarray) or len(scored_range) != 2 or isinstance(scored_range, str):
+        raise ConfigError(f"scored_range is {scored_range!r:.60}: two ranges in metres, (FROM, TO), are required")
+    first, last = scored_range
+    return first, last

@@ -148,7 +148,7 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.score(cloud, folder, apply_diagnosis=True), "omit them for a cloud"),
         (lambda: suite.score(cloud, folder, [5]), "conditions has 5: strings are required"),  # type: ignore[list-item]
         (lambda: suite.score(cloud, folder, 5), "conditions has 5: strings are required"),  # type: ignore[arg-type]
-        (lambda: suite.score(3, folder), "estimate has the type int: a path or a Trajectory or PointCloud"),  # type: ignore[arg-type]
+        (lambda: suite.score(3, folder), "estimate has the type int: a path, a Trajectory or a PointCloud"),  # type: ignore[arg-type]
         (lambda: suite.score(cloud, [1]), "truth has the type list"),  # type: ignore[arg-type]
         (lambda: suite.score(cloud, folder, limits=[1]), "limits has the type list"),  # type: ignore[arg-type]
         (lambda: suite.open(None), "source has the type NoneType"),  # type: ignore[arg-type]
@@ -158,6 +158,11 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.localise(folder, config=MappingConfig()), "config has the type MappingConfig"),  # type: ignore[call-overload]
         (lambda: suite.score(folder, folder, stats=5), "stats has the type int: a path is required"),  # type: ignore[arg-type]
         (lambda: suite.score(truth, folder, fused=True), "fused applies only to clouds"),
+        (lambda: suite.score(truth, folder, apply_diagnosis="no"), "apply_diagnosis is 'no'"),  # type: ignore[arg-type]
+        (lambda: suite.score(cloud, folder, scored_range=5), "scored_range is 5: two ranges"),  # type: ignore[arg-type]
+        (lambda: suite.map(folder, fuse="no"), "fuse is 'no'"),  # type: ignore[arg-type]
+        (lambda: suite.map(folder, method=None), "method has the type NoneType"),  # type: ignore[arg-type]
+        (lambda: suite.PointCloud.load(3), "path has the type int"),  # type: ignore[arg-type]
         (lambda: scored.number("positio", "mean"), "no figure 'positio' .did you mean 'position'"),
         (lambda: scored.number("position", "meen"), "no statistic 'meen' .did you mean 'mean'"),
         (lambda: scored.number("longest_gap"), "has no row without a part: give part=, one of distance, time"),
@@ -231,6 +236,32 @@ def test_a_bag_is_scored_with_the_topics_with_which_it_was_opened(tmp_path: Path
     assert source.truth is not None
     score = suite.score(source.truth, source, ["frames=1"], spacing=1)
     assert score.number("position", "mean_plus_3sigma") == 0.0
+
+
+@pytest.mark.parametrize(("remap", "words"), [({"/a": 3}, "'/a': 3"), ({"/a": "x", "/b": "/x"}, "both"), (5, "int")])
+def test_a_remapping_that_maps_no_names_is_refused(tmp_path: Path, remap: Any, words: str) -> None:
+    with pytest.raises(ConfigError, match=f"^remap .*{words}"):
+        suite.open(tmp_path / "drive.mcap", remap)
+
+
+def test_poses_without_stamps_are_not_given_any(estimate: suite.Trajectory, tmp_path: Path) -> None:
+    estimate.save(tmp_path / "poses.kitti")
+    assert np.array_equal(suite.Trajectory.load(tmp_path / "poses.kitti").stamps_ns, estimate.stamps_ns)
+    (tmp_path / "poses.times.txt").unlink()
+    with pytest.raises(InputError, match="has no stamps"):
+        suite.Trajectory.load(tmp_path / "poses.kitti")
+
+
+def test_an_organised_cloud_is_scored_like_its_file(folder: Path, tmp_path: Path) -> None:
+    """The order of its points gives pixels, but those of smaller images than the images of the pair."""
+    truth = next(suite.open(folder).nav.pairs()).truth[::2, ::2]
+    height, width = truth.shape[:2]
+    lines = [" ".join(map(str, point)) for point in truth.reshape(-1, 3).tolist()]
+    head = f"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {width}\nHEIGHT {height}\n"
+    file = tmp_path / "cloud.pcd"
+    file.write_text(f"VERSION 0.7\n{head}POINTS {width * height}\nDATA ascii\n" + "\n".join(lines) + "\n")
+    scores = [suite.score(cloud, folder) for cloud in (file, suite.PointCloud.load(file))]
+    assert scores[0].figures == scores[1].figures
 
 
 def test_a_truth_in_memory_is_checked_like_its_file(tmp_path: Path) -> None:

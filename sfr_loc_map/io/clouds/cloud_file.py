@@ -45,6 +45,11 @@ class LoadedCloud:
     not_finite: int = 0
     """Number of omitted points that have a coordinate that is not finite; 0 for an organised cloud."""
 
+    @classmethod
+    def of(cls, cloud: PointCloud) -> LoadedCloud:
+        """Return a cloud with known pixels as if it were read from a file."""
+        return cls(cloud.xyz.astype(np.float64), cloud)
+
     def of_images(self, width: int, height: int, name: str) -> LoadedCloud:
         """Return the cloud for images of a size; pixels from the order of the points are kept only for this size."""
         if self.grid is None or self.grid == (width, height):
