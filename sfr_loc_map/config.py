@@ -133,7 +133,8 @@ def _converted(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parame
             limits = f"{info.low} to {info.high} {info.unit}".rstrip()
             raise ConfigError(f"'{info.name}' is {item}: {limits} is required")
     if info.choices and value not in info.choices:
-        raise ConfigError(f"'{info.name}' is '{value}': one of {', '.join(info.choices)} is required")
+        choices = ", ".join(filter(None, info.choices))  # the empty text is the choice of a missing value
+        raise ConfigError(f"'{info.name}' is '{value}': one of {choices} is required")
     return value
 
 

@@ -203,7 +203,8 @@ class BagNavSequence(_BagPairs):
         if not bag.matches(NAV_POSE):
             stamps = tuple(self._image_pairs)
             poses = head_poses(bag, self._rig.frame, self.rig.baseline_m, stamps, config.frames)
-            self._poses, self.is_adapted = dict(zip(stamps, poses, strict=True)), True
+            self._poses = dict(zip(stamps, poses, strict=True))
+            self.is_adapted = True
             return
         topic = require_topic(bag, NAV_POSE, POSE)
         repeated = 0

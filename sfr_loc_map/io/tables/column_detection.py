@@ -54,8 +54,8 @@ def _check_complete(found: PoseColumns, head: TableHead) -> None:
         named = [key for key in parts if key in found]
         if 0 < len(named) < len(parts):
             raise InputError(
-                f"{head.name}: the columns contain only {', '.join(named)} of {of_what}: {', '.join(parts)} are "
-                f"required; name all of them, or only x, y, z, by {head.option}"
+                f"{head.name}: the columns contain only {', '.join(named)} of {of_what}: {', '.join(parts)}, or x, y, "
+                f"z alone, are required: {head.named_by('t=#NUMBER[s],x=#NUMBER,y=#NUMBER,z=#NUMBER')}"
             )
     missing = [] if found.is_matrix else [keys[0] for keys in REQUIRED if not any(key in found for key in keys)]
     if missing:
