@@ -376,11 +376,9 @@ MUTATIONS = (
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
     Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),
     # edited scores
-    Mutation("metrics/stored/raw_values.py", "(*_required(score), *_of_sub", "(*_of_sub"),
-    Mutation(
-        "metrics/stored/raw_values.py", "(*_of_pairs(score), *_of_first_calls(score), ", "(*_of_first_calls(score), "
-    ),
-    Mutation("metrics/stored/raw_values.py", "(*_of_pairs(score), *_of_first_calls(score), ", "(*_of_pairs(score), "),
+    Mutation("metrics/stored/raw_values.py", "    _required,\n", ""),
+    Mutation("metrics/stored/raw_values.py", "    _of_pairs,\n", ""),
+    Mutation("metrics/stored/raw_values.py", "    _of_first_calls,\n", ""),
     Mutation("metrics/stored/raw_values.py", "    yield from _required_details(score)\n", ""),
     Mutation("metrics/stored/raw_values.py", "        yield from _of_memory(score, kind, plots)\n", ""),
     Mutation("metrics/stored/raw_values.py", 'for name in ("lost", "degraded"):', 'for name in ("degraded",):'),

@@ -7,7 +7,7 @@ value, the statistics must be consistent with this sample. A count and its fract
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -52,9 +52,7 @@ WITHOUT_RESULT: dict[str, tuple[str, Subject]] = {
 
 def fault_of_raw_values(score: Score) -> str | None:
     """Return the first contradiction between the figures and the raw values of a score; None if there is none."""
-    of_raw = (*_required(score), *_of_sub_trajectories(score), *_of_points(score), *_of_calls(score), *_of_axes(score))
-    of_table = (*_of_pairs(score), *_of_first_calls(score), *_of_counts(score), *_of_judged(score), *_of_answers(score))
-    return next(iter((*of_raw, *of_table)), None)
+    return next((problem for check in CHECKS for problem in check(score)), None)
 
 
 def _required(score: Score) -> Iterator[str]:
@@ -355,30 +353,60 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
 
 
 def _of_counts(score: Score) -> Iterator[str]:
-    """Yield the contradictions between fractions, their counts, and the counts of the association."""
+    """Yield the contradictions between fractions of completeness and their counts."""
     for name in [kind.figure for kind in SHORTFALLS]:
         share, count = score.figure(name, part=None), score.figure(name, part=COUNT)
         if share is None or count is None or count.value is None or not count.n:
             continue
         if share.value is None:
             yield f"{name} is null, but its count is {count.value:.9g} of {count.n}"
-        elif share.value is not None and abs(share.value * count.n - count.value) > EXACT * count.n:
+        elif abs(share.value * count.n - count.value) > EXACT * count.n:
             yield f"{name} is {share.value:.9g} of {count.n}, but its count is {count.value:.9g}"
+
+
+def _of_standing(score: Score) -> Iterator[str]:
+    """Yield the contradictions between the fraction of a stationary rover and the errors of the moving rover."""
     for share in score.rows(STANDING, part=SUB_TRAJECTORIES):
         moving = score.figure("position", condition=share.condition, part=MOVING)
         given = 0 if moving is None else (moving.n or 0) + (moving.unknown or 0)
-        stands = (share.value or 0.0) * (share.n or 0)
-        if 0.0 < stands < (share.n or 0) and abs(stands + given - (share.n or 0)) > EXACT * (share.n or 0):
+        total = share.n or 0
+        standing = (share.value or 0.0) * total
+        if 0.0 < standing < total and abs(standing + given - total) > EXACT * total:
             yield f"{share.label} is {_text(share.value)} of {share.n}, but there are {given} errors of a moving rover"
-    for name in ("lost", "degraded"):
-        row, drive = score.figure(name, part=COUNT), score.association
-        if row is not None and drive is not None and row.value not in (None, getattr(drive, name)):
-            yield f"{name} is {_text(row.value)}, but {getattr(drive, name)} frames are {name}"
+
+
+def _of_association(score: Score) -> Iterator[str]:
+    """Yield the contradictions between the counts of poses and those of the association."""
     drive = score.association
+    if drive is None:
+        return
+    for name in ("lost", "degraded"):
+        row = score.figure(name, part=COUNT)
+        if row is not None and row.value not in (None, getattr(drive, name)):
+            yield f"{name} is {_text(row.value)}, but {getattr(drive, name)} frames are {name}"
     doubled = score.figure("doubled", part=COUNT)
-    if drive is not None and doubled is not None and doubled.value != drive.estimate_duplicates:
+    if doubled is not None and doubled.value != drive.estimate_duplicates:
         yield f"doubled is {_text(doubled.value)}, but {drive.estimate_duplicates} estimates have a repeated stamp"
 
 
 def _text(value: float | None) -> str:
     return "null" if value is None else f"{value:.9g}"
+
+
+CHECKS: tuple[Callable[[Score], Iterator[str]], ...] = (
+    # against the errors, the points and the calls that the score contains
+    _required,
+    _of_sub_trajectories,
+    _of_points,
+    _of_calls,
+    # against other rows and records of the score
+    _of_axes,
+    _of_pairs,
+    _of_first_calls,
+    _of_counts,
+    _of_standing,
+    _of_association,
+    _of_judged,
+    _of_answers,
+)
+"""The checks, in the order in which their contradictions are reported."""
