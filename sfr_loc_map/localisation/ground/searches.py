@@ -39,9 +39,10 @@ decreases with the square root of this number, and the time increases with it.""
 
 
 def main_motion(pair: ComparedPair, tracks: Tracks) -> Motion:
-    """Return the motion of the main tracks. If many landmarks are unexplained, all are tracked again from its pose.
+    """Return the motion of the main tracks.
 
-    The new tracks are used if clearly more landmarks agree.
+    If many landmarks are unexplained, all landmarks are tracked again from the pose of this motion. The new tracks are
+    used if clearly more landmarks agree.
     """
     main = pair.motion(tracks)
     if not tracks.is_trusted or main.agreement.unexplained_fraction <= MIN_EXCESS:
@@ -51,11 +52,12 @@ def main_motion(pair: ComparedPair, tracks: Tracks) -> Motion:
 
 
 def motion_off_body(pair: ComparedPair, main: Motion, memory: GroundMemory) -> Motion | None:
-    """Return the motion of the landmarks outside stationary cells if the stationary cells show the rover; or None.
+    """Return the motion of the landmarks outside stationary cells; None if the stationary cells do not show the rover.
 
-    They show the rover if the landmarks outside agree on another motion, which the image does not contradict. If the
-    rover was at rest and the ground is not identified, the stationary cells may also show the ground, beside an object
-    that begins to move. They then count as the rover only if the minority of the landmarks follows them.
+    Stationary cells show the rover if the landmarks outside agree on another motion, which the image does not
+    contradict. If the rover was at rest and the ground is not identified, stationary cells may also show the ground,
+    beside an object that begins to move. The cells then count as the rover only if more landmarks follow the motion
+    outside the cells than the main motion.
     """
     on_stationary = main.agreement.on_stationary
     if np.count_nonzero(on_stationary) < MIN_STATIONARY_LANDMARKS:
@@ -66,7 +68,7 @@ def motion_off_body(pair: ComparedPair, main: Motion, memory: GroundMemory) -> M
     apart_px = _image_motion_between(pair, main, found)
     if main.tracks.is_trusted and apart_px < MIN_DIFFERENCE_PX:
         return None
-    if found.agreement.contradicting_fraction >= MAX_CONTRADICTING_FIRST:
+    if found.agreement.contradicting_fraction > MAX_CONTRADICTING_FIRST:
         return None
     may_be_object = not memory.is_identified and _was_at_rest(pair, main, memory)
     if may_be_object and found.tracks.inlier_count <= main.tracks.inlier_count:
@@ -84,7 +86,7 @@ def other_motion(pair: ComparedPair, main: Motion, *, is_contradicted: bool) -> 
     if found is None:
         return None
     if is_contradicted:
-        return found if found.agreement.contradicting_fraction <= MAX_CONTRADICTING_FIRST else None
+        return None if found.agreement.contradicting_fraction > MAX_CONTRADICTING_FIRST else found
     if found.tracks.inlier_count > CONVINCING * len(found.tracks.inliers):
         return found
     least_px = max(MIN_DIFFERENCE_PX, MIN_DIFFERENCE_RATIO * main.agreement.motion_px)

@@ -73,14 +73,19 @@ class TwoMotions(NamedTuple):
 
 
 def weighed(pair: ComparedPair, main: Motion, other: Motion) -> TwoMotions:
-    """Compare the main motion with another motion."""
+    """Return the main motion and another motion, with their weights compared."""
     of_main = _weight(pair, main.tracks, other.tracks)
     of_other = _weight(pair, other.tracks, main.tracks)
     return TwoMotions(main, other, of_main / of_other, _has_standstill(pair, main.tracks, other.tracks))
 
 
 def _weight(pair: ComparedPair, tracks: Tracks, rival: Tracks) -> float:
-    """Return the number of landmarks that follow a motion, weighted by the evidence that it is the ground's."""
+    """Return the number of landmarks that follow a motion, weighted by the evidence that it is the ground's.
+
+        weight = (new inliers + OLD_WEIGHT old inliers) (REPEATED_WEIGHT if the motion repeats the last motion, else 1)
+
+    An inlier is new if the newest keyframe hosts it.
+    """
     newest_host = max(tracks.landmarks.newest_host, rival.landmarks.newest_host)
     are_old = tracks.landmarks.host != newest_host
     old = float(np.count_nonzero(tracks.inliers & are_old))
