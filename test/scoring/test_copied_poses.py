@@ -43,7 +43,7 @@ def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_move
         save_trajectory(paths[0], Trajectory(*columns))
         for option in ((), ("--partial",)) if name == "itself" else (("--partial",),):
             done = sfr("score", *paths, "--limits", limits(tmp_path, LOOSE), *option)
-            assert (done.code, "of the steps are those of the ground truth" in done.out) == (3, True), (name, done.err)
+            assert (done.code, "of the steps equal those of the ground truth" in done.out) == (3, True), (name, done.err)
     save_trajectory(paths[0], truth)
     assert sfr("score", *paths).code == 0, "without limits there is no verdict"
     labelled = limits(tmp_path, {**LOOSE, "completeness": {"poses_of_truth_max_share": 1.0}})
@@ -89,7 +89,7 @@ def test_a_copy_of_eight_poses_is_found(tmp_path: Path, sfr: Sfr) -> None:
     rules.write_text("trajectory:\n  - {condition: frames=1, position_max_m: 1}\n", encoding="utf-8")
     done = sfr("score", *paths, "--limits", rules, "--spacing", 1)
     assert done.code == 3
-    assert "are those of the ground truth" in done.out
+    assert "equal those of the ground truth" in done.out
 
 
 @pytest.mark.parametrize("kept", [10, 2])
