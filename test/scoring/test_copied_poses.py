@@ -43,7 +43,10 @@ def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_move
         save_trajectory(paths[0], Trajectory(*columns))
         for option in ((), ("--partial",)) if name == "itself" else (("--partial",),):
             done = sfr("score", *paths, "--limits", limits(tmp_path, LOOSE), *option)
-            assert (done.code, "of the steps equal those of the ground truth" in done.out) == (3, True), (name, done.err)
+            assert (done.code, "of the steps equal those of the ground truth" in done.out) == (3, True), (
+                name,
+                done.err,
+            )
     save_trajectory(paths[0], truth)
     assert sfr("score", *paths).code == 0, "without limits there is no verdict"
     labelled = limits(tmp_path, {**LOOSE, "completeness": {"poses_of_truth_max_share": 1.0}})
