@@ -17,6 +17,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.stereo import CAMERA, StereoRig
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
+from sfr_loc_map.methods.point_bounds import check_points
 
 if TYPE_CHECKING:
     from sfr_loc_map.methods.child.loop import Answer, Order, Setup
@@ -40,7 +41,11 @@ POINT = np.dtype([("x", "f4"), ("y", "f4"), ("z", "f4"), ("sigma", "f4"), ("u", 
 MAP_POINT = np.dtype([*POINT.descr, ("pair", "u2"), ("reserved", "u2")])
 
 Image = NDArray[np.uint8]
-Pointer = ctypes.c_void_p
+Pointer, Size = ctypes.c_void_p, ctypes.c_size_t
+# candidate, pairs, pair_count, T_lm_navsb, points, capacity, count, fused
+OF_SET = (Pointer, Pointer, Size, Pointer, Pointer, Size, Pointer, Pointer)  #: Arguments of `sfr_candidate_map_pairs`.
+# candidate, pair, T_lm_navsb, points, capacity, count
+OF_PAIR = (Pointer, Pointer, Pointer, Pointer, Size, Pointer)  #: Arguments of `sfr_candidate_map`.
 
 
 def room_for(dtype: np.dtype[Any], count: int = 1) -> tuple[NDArray[Any], Image]:
@@ -67,7 +72,7 @@ class Library:
         stated = self.function("version", ctypes.c_char_p)()
         self.version = "not stated" if stated is None else stated.decode("utf-8", "replace")
         self.function("destroy", None, Pointer)  # required but never called, because the process exits
-        create = self.function("create", Pointer, Pointer, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_size_t)
+        create = self.function("create", Pointer, Pointer, ctypes.c_char_p, ctypes.c_char_p, Size)
         message, rig = ctypes.create_string_buffer(MESSAGE_SIZE), np.zeros(1, RIG)
         rig["size"] = RIG.itemsize
         camera = StereoRig(**setup["camera"])
@@ -138,10 +143,9 @@ class LibraryMapper(Library):
     def __init__(self, setup: Setup) -> None:
         super().__init__(setup)
         self.maps_sets = self.abi > 1 and hasattr(self.functions, "sfr_candidate_map_pairs")
-        self._name, self._point = ("map_pairs", MAP_POINT) if self.maps_sets else ("map", POINT)
-        count = (ctypes.c_size_t,) * self.maps_sets
-        types = (Pointer, Pointer, *count, Pointer, Pointer, ctypes.c_size_t, *(Pointer,) * (1 + self.maps_sets))
-        self._map = self.function(self._name, ctypes.c_int32, *types)
+        self._name = "map_pairs" if self.maps_sets else "map"
+        self._point = MAP_POINT if self.maps_sets else POINT
+        self._map = self.function(self._name, ctypes.c_int32, *(OF_SET if self.maps_sets else OF_PAIR))
         pairs = MAX_PAIRS if self.maps_sets else 1
         pixels = setup["camera"]["width"] * setup["camera"]["height"]
         self._room = np.zeros(pairs * pixels * self._point.itemsize + len(MARK), np.uint8)
@@ -150,7 +154,7 @@ class LibraryMapper(Library):
         """Return the call."""
         items, height, width = order["pairs"], *left.shape[-2:]
         lefts, rights = left.reshape(-1, height, width), right.reshape(-1, height, width)
-        about = [
+        structs = [
             (PAIR.itemsize, item["index"], item["stamp_ns"], lefts[number].ctypes.data, rights[number].ctypes.data)
             for number, item in enumerate(items)
         ]
@@ -158,7 +162,7 @@ class LibraryMapper(Library):
         points, mark = self._room[:size].view(self._point), self._room[size : size + len(MARK)]
         mark[:] = MARK
         poses = np.concatenate([(item["T_lm_navsb"] or [])[:12] for item in items])
-        given, count, fused = (np.array(about, PAIR), poses), np.zeros(1, np.uintp), np.ones(1, np.int32)
+        given, count, fused = (np.array(structs, PAIR), poses), np.zeros(1, np.uintp), np.ones(1, np.int32)
         pairs, T_lm_navsb = (array.ctypes.data for array in given)
         output = (points.ctypes.data, len(points), count.ctypes.data)
         words: tuple[int, ...] = (pairs, T_lm_navsb, *output)
@@ -177,12 +181,8 @@ class LibraryMapper(Library):
         if count > len(points):
             raise ValueError(f"the library returned {count} points: at most {len(points)} are allowed")
         points = points[: int(count)]
-        pairs, height, width = lefts.shape
-        if len(points) and not (points["u"].max() < width and points["v"].max() < height):
-            raise ValueError(f"the pixel of a point is outside of the image of {width} x {height} pixels")
         pair = points["pair"] if self.maps_sets else np.zeros(len(points), np.uint16)
-        if len(points) and not pair.max() < pairs:
-            raise ValueError(f"a point has the pair number {pair.max()}: 0 to {pairs - 1} is required")
+        check_points(points["u"], points["v"], pair, lefts.shape)
         if fused not in (0, 1):
             raise ValueError(f"fused is {fused}: 0 or 1 is required")
         cloud = np.zeros(len(points), PointCloud.dtype())

@@ -2,6 +2,9 @@
 
 Pyramidal Lucas-Kanade flow matches Shi-Tomasi corners to the right image, which gives their depth, and tracks them to
 the next left image and back. The motion is estimated by PnP with RANSAC and refined on the inliers.
+
+Without a motion the pair is lost, and the odometry continues from the last known pose: later poses lack the motion of
+the lost pairs. A pair without corners, such as black images, loses two motions, that to the pair and that from it.
 """
 
 from __future__ import annotations

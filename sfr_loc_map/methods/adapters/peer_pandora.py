@@ -23,7 +23,10 @@ PIPELINE: dict[str, dict[str, Any]] = {
     "filter": {"filter_method": "median", "filter_size": 3},
     "validation": {"validation_method": "cross_checking_accurate"},
 }
-INVALID = 0b01111000011  #: Bits of the validity mask that mark pixels without a disparity.
+INVALID = sum(1 << bit for bit in (0, 1, 6, 7, 8, 9))
+"""Bits of the validity mask that mark pixels without a disparity: no data or border (0, left image), no data or no
+disparity range (1, right image), masked (6, 7), occluded (8) and mismatched (9). Pandora 1.9.0 has the same bits as
+`Criteria.PANDORA_MSK_PIXEL_INVALID`, older versions as a constant of the module `pandora.constants`."""
 
 
 class Pandora:
