@@ -55,15 +55,14 @@ def run_pass(
     results: list[Result] = []
     with checked_clock(), trial.open(method) as opened:
         is_paced = trial.is_paced(method)
-        rate_scale = trial.rate_scale if is_paced else 1.0
         begin_s, first_ns = time.monotonic(), None
-        for index, (stamp_ns, item) in enumerate(trial.items()):
+        for stamp_ns, item in trial.items():
             first_ns = stamp_ns if first_ns is None else first_ns
-            since_start_s = (stamp_ns - first_ns) / NS_PER_S / rate_scale
             if is_paced:
+                since_start_s = (stamp_ns - first_ns) / NS_PER_S / trial.rate_scale
                 time.sleep(max(0.0, begin_s + since_start_s - time.monotonic()))
-            result, call = trial.call(opened, item, index, since_start_s)
-            if not opened.is_alive:
+            result, call = trial.call(opened, item)
+            if not opened.is_running:
                 raise MethodError(f"method {method.name}: {call.finding}")
             calls.append(call)
             results.append(result)

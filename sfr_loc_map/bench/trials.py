@@ -11,6 +11,7 @@ from typing import ClassVar, Generic, TypeVar
 import numpy as np
 
 from sfr_loc_map.bench.figure_rows import ACCURACY, FigureRow
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -34,6 +35,8 @@ from sfr_loc_map.metrics.score.score import Score
 LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)
 """Limits of a method in a comparison; some dense matchers take minutes per pair."""
 DEFAULT_RATE_HZ = 10.0  #: Rate of the pairs if the stamps of a source do not define a rate.
+
+MAX_MAPPED_PAIRS = 256  #: Number of pairs that the pair index of a point (uint8) can distinguish.
 
 Item = TypeVar("Item")
 Opened = TypeVar("Opened", bound=IsolatedMethod)
@@ -72,11 +75,8 @@ class Trial(ABC, Generic[Item, Opened, Result]):
         """Start a method."""
 
     @abstractmethod
-    def call(self, opened: Opened, item: Item, index: int, since_start_s: float) -> tuple[Result, MethodCall]:
-        """Pass a pair, its index and its time since the first pair to a method.
-
-        Return the result and the record of the call.
-        """
+    def call(self, opened: Opened, item: Item) -> tuple[Result, MethodCall]:
+        """Pass a pair to a method. Return the result and the record of the call."""
 
     @abstractmethod
     def figures(self, results: Sequence[Result]) -> Iterator[FigureRow]:
@@ -111,7 +111,7 @@ class LocaliserTrial(Trial[StereoPair, IsolatedLocaliser, Transform | None]):
 
     def is_paced(self, method: Method) -> bool:
         """Return whether the method works in the background between its calls."""
-        return method.background
+        return method.is_paced
 
     @property
     def rate_scale(self) -> float:
@@ -128,22 +128,21 @@ class LocaliserTrial(Trial[StereoPair, IsolatedLocaliser, Transform | None]):
     def open(self, method: Method) -> IsolatedLocaliser:
         """Start a localiser. The rover's frame is the left camera, so that all methods estimate the same pose."""
         rig = replace(self.sequence.rig, T_rb_sb=self.sequence.rig.T_sb_left.inverse())
-        rate_hz = self.rate_hz or self.recorded_rate_hz
+        is_paced = self.is_paced(method)
         return IsolatedLocaliser(
             method,
             rig,
             Transform.identity(),
             LIMITS,
-            rate_hz=rate_hz,
-            keeps_rate=self.is_paced(method),
+            rate_hz=self.rate_hz or self.recorded_rate_hz,
+            rate_scale=self.rate_scale if is_paced else 1.0,
+            keeps_rate=is_paced,
             hidden=self.hidden,
         )
 
-    def call(
-        self, opened: IsolatedLocaliser, item: StereoPair, index: int, since_start_s: float
-    ) -> tuple[Transform | None, MethodCall]:
+    def call(self, opened: IsolatedLocaliser, item: StereoPair) -> tuple[Transform | None, MethodCall]:
         """Localise a pair."""
-        estimate, done = opened.localise(item, since_start_s)
+        estimate, done = opened.localise(item)
         return None if estimate.state is TrackingState.LOST else estimate.T_ds_rb, done
 
     def figures(self, results: Sequence[Transform | None]) -> Iterator[FigureRow]:
@@ -195,8 +194,12 @@ class MapperTrial(Trial[PosedStereoPair, IsolatedMapper, PointCloud]):
 
     @classmethod
     def of(cls, sequence: NavSequence, config: MappingConfig, hidden: Sequence[Path]) -> MapperTrial:
-        """Return the trial of a source with the disparity range of a configuration."""
+        """Return the trial of a source with the disparity range of a configuration; InputError for too many pairs."""
         truths = [PairTruth.of(item, sequence.rig) for item in sequence.pairs()]
+        if len(truths) > MAX_MAPPED_PAIRS:
+            raise InputError(
+                f"the source has {len(truths)} mapping pairs: at most {MAX_MAPPED_PAIRS} are allowed in a benchmark"
+            )
         disparities = search_range_of(sequence.rig, config).count
         return cls(sequence=sequence, disparities=disparities, truths=truths, hidden=hidden)
 
@@ -216,11 +219,9 @@ class MapperTrial(Trial[PosedStereoPair, IsolatedMapper, PointCloud]):
         """Start a mapper."""
         return IsolatedMapper(method, self.sequence.rig, LIMITS, disparities=self.disparities, hidden=self.hidden)
 
-    def call(
-        self, opened: IsolatedMapper, item: PosedStereoPair, index: int, since_start_s: float
-    ) -> tuple[PointCloud, MethodCall]:
-        """Map a pair."""
-        made, done = opened.map_pair(item.pair, item.T_lm_navsb, index)
+    def call(self, opened: IsolatedMapper, item: PosedStereoPair) -> tuple[PointCloud, MethodCall]:
+        """Map a pair as a map of its own."""
+        made, done = opened.begin_map().map_pair(item.pair, item.T_lm_navsb)
         return made.cloud, done
 
     def figures(self, results: Sequence[PointCloud]) -> Iterator[FigureRow]:
@@ -229,7 +230,8 @@ class MapperTrial(Trial[PosedStereoPair, IsolatedMapper, PointCloud]):
         known = [truth for truth in self.truths if truth is not None]
         if len(known) < len(self.truths):
             return
-        cloud = replace(PointCloud.concatenate(results), fused=False)
+        numbered = [replace(cloud, pair=np.full(len(cloud), number, np.uint8)) for number, cloud in enumerate(results)]
+        cloud = replace(PointCloud.concatenate(numbered), fused=False)
         score = Score(figures=score_map(cloud, known, MapScoreConfig()).figures)
         yield FigureRow((ACCURACY, "coverage"), score.number("coverage"))
         for statistic in ("mean", "mean_plus_3sigma"):

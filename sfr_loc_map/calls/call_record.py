@@ -54,7 +54,7 @@ class CallRecord:
     #: `(48,)`: upper triangle of the covariance of the motion since the previous pose, in RB at that pose (21); one
     #: standard deviation of the error that all motions share (6); upper triangle of the pose noise (21). None: unknown.
     step: FloatArray | None = None
-    finding: str = ""  #: Error of the method in this call (`CallFinding`).
+    finding: str = ""  #: Errors of the method in this call (`CallFinding`).
     pair_stamps_ns: tuple[int, ...] = ()  #: Stamps of the pairs of a fused cloud, in the order of the points' `pair`.
     fused: bool | None = None  #: Whether the cloud contains each surface once; None if the mapper does not report it.
     #: Times around the call, s: decoding, latencies. `times` and `counts` are shown live but not written to files.
@@ -167,12 +167,10 @@ class FindingCounts:
         self._counted: dict[FindingKind, FindingRecord] = {}
 
     def add(self, text: str, stamp_ns: int) -> None:
-        """Add the `KIND: text` of a call; other texts are ignored."""
-        if (found := CallFinding.parse(text)) is None:
-            return
-        kind = found.kind
-        first = self._counted.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=found.text)
-        self._counted[kind] = msgspec.structs.replace(first, count=first.count + 1)
+        """Add the findings in the text of a call; other texts are ignored."""
+        for kind, rest in CallFinding.all_in(text):
+            first = self._counted.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=rest)
+            self._counted[kind] = msgspec.structs.replace(first, count=first.count + 1)
 
     @property
     def records(self) -> tuple[FindingRecord, ...]:

@@ -4,6 +4,7 @@ A method under test (in the documentation also: a candidate) is called through t
 
     runs, bench/method_benchmark.py
       isolated_localiser.py, isolated_mapper.py    one call for a pair or a set: checks the values of the answer
+        map_arrays.py                              clouds and disparity images in the answer of a mapper
         isolated_method.py                         starts a lost process again, at the last known pose
           method_process.py                        starts and ends the process; images in shared memory
             channel.py                             messages as lines of JSON, with a timeout
@@ -16,8 +17,8 @@ A method under test (in the documentation also: a candidate) is called through t
                   the method
 
 `registry.py` finds a method by its name. `method_call.py` has the result of a call, and the failures.
-`config_truth.py` refuses a configuration that contains the ground truth. `ours.py` is our method with the interface
-of a candidate.
+`point_bounds.py` has the bounds of points for both sides of the boundary. `config_truth.py` refuses a configuration
+that contains the ground truth. `ours.py` is our method with the interface of a candidate.
 
 Another interface requires a module in `adapters/` with `open_method(setup)`, which returns an object as described in
 `child/loop.py`, and a row in `registry.py` (`_BUILT_IN`, or `_PEERS` for a method of another interpreter). A user's own

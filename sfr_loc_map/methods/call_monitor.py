@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from sfr_loc_map.memory_mark import peak_of, reset_peak
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.methods.method_call import MethodFailureError
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
-from sfr_loc_map.metrics.table.records import FindingKind
+from sfr_loc_map.metrics.table.records import CallFinding, FindingKind
 from sfr_loc_map.process_tree import ProcessTree, TreeUsage
 
 MB = 1_000_000
@@ -37,18 +37,16 @@ BETWEEN_S = 0.002
 end a call."""
 
 
-def leak_in(resident: Sequence[int]) -> str:
-    """Return the finding of a leak, from the memory after each of the last calls; empty without a leak."""
+def leak_in(resident: Sequence[int]) -> CallFinding | None:
+    """Return the finding of a leak, from the memory after each of the last calls; None without a leak."""
     if len(resident) < LEAK_CALLS:
-        return ""
+        return None
     least = np.array(resident)[-LEAK_CALLS:].reshape(5, -1).min(axis=1)
     growth = int(least[-1] - least[0])
     if growth <= LEAK_BYTES or (np.diff(least) < LEAK_SHARE * growth).any():
-        return ""
-    return (
-        f"{FindingKind.LEAKING}: memory grows by {growth / (0.8 * LEAK_CALLS) / MB:.1f} MB per call "
-        f"over {LEAK_CALLS} calls"
-    )
+        return None
+    per_call_mb = growth / (0.8 * LEAK_CALLS) / MB
+    return CallFinding(FindingKind.LEAKING, f"memory grows by {per_call_mb:.1f} MB per call over {LEAK_CALLS} calls")
 
 
 def is_misstated(measured_s: float, stated_s: float, calls: int, waited_s: float = 0.0) -> bool:
@@ -78,17 +76,48 @@ def waits_for_processor_s(pid: int) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True)
+class ProcessMemory:
+    """Resident memory of the processes of a method and of the files that they can write, which has a limit."""
+
+    tree: ProcessTree
+    file_bytes: Callable[[], int]  #: Returns the memory of the files.
+    limit_mb: int
+
+    def usage(self) -> TreeUsage:
+        """Return the present resource use with the files; MethodFailureError beyond the limit."""
+        usage = self.tree.usage()
+        usage = replace(usage, rss_bytes=usage.rss_bytes + self.file_bytes())
+        self.check(usage.rss_bytes, "has")
+        return usage
+
+    def check(self, resident_bytes: int, verb: str) -> None:
+        """Raise MethodFailureError if the limit is exceeded."""
+        if resident_bytes > self.limit_mb * MB:
+            text = f"{verb} {resident_bytes // MB} MB resident: at most {self.limit_mb} MB is allowed"
+            raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text, ended=True)
+
+
+@dataclass(frozen=True, slots=True)
+class CallEnd:
+    """The time at which a call ended, and the processor time of all processes at that time, s."""
+
+    clock_s: float  #: By the monotonic clock.
+    cpu_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Measurement:
     """Resource use of one call."""
 
-    seconds: float  #: From the copy of the images to the complete answer.
-    usage: CallUsage  #: Its time includes the work of the method before the call.
+    answer_s: float  #: From the copy of the images to the complete answer.
+    usage: CallUsage  #: Its time is `answer_s` and the work of the method before the call.
     tree: TreeUsage  #: Resource use of all processes after the call.
     cpu_s: float  #: Processor time of the call.
     cpu_between_s: float  #: Processor time since the previous call.
     #: Time in which the calling process or the method waited for a processor during the call. The larger of both times
     #: counts, because the processes may wait at the same time.
     waited_s: float
+    end: CallEnd
 
     @property
     def figures(self) -> dict[str, float]:
@@ -102,75 +131,83 @@ class Measurement:
 
 
 class CallMonitor:
-    """Measures the calls of one process, whose memory must not exceed a limit."""
+    """Measures the calls of a process, one at a time; a monitor is made after the warm-up of the method."""
 
-    def __init__(self, tree: ProcessTree, file_bytes: Callable[[], int], memory_mb: int, *, keeps_rate: bool) -> None:
-        """Measure a process tree and the memory of its files.
+    def __init__(self, memory: ProcessMemory, pid: int, *, keeps_rate: bool) -> None:
+        """Measure the process `pid`, which is the method itself without its children.
 
         `keeps_rate` states that pairs arrive at their rate, so that the method may work between its calls.
         """
-        self._tree, self._file_bytes = tree, file_bytes
-        self._memory_mb, self._keeps_rate = memory_mb, keeps_rate
-        self.idle_bytes: int | None = None  #: Resident memory after warm-up; None if unknown.
-        self._pid = 0  # of the method itself, without its children
-        self._peak_bytes = 0  # largest sampled memory of the current call
-        self._clock = CallClock()
-        self._begun = TreeUsage()
-        self._between_s = self._worked_s = 0.0
-        self._waits_s = np.zeros(2)  # of the calling process and the method, before the call
-        self._answered_s: float | None = None  # end of the last call, by the monotonic clock
-        self._answered_cpu_s = 0.0  # processor time of all processes at that time
-
-    def start(self, pid: int) -> None:
-        """Begin after the warm-up of the method, which is this process."""
-        self._pid = pid
+        self.memory = memory
+        self.pid = pid
+        self.clock = CallClock()
+        self._keeps_rate = keeps_rate
         idle_bytes = reset_peak(pid)
-        self.idle_bytes = None if idle_bytes is None else idle_bytes + self._file_bytes()
-        self._tree.usage()
-        self._answered_cpu_s = self._tree.cpu_s()
+        #: Resident memory after warm-up; None if unknown.
+        self.idle_bytes = None if idle_bytes is None else idle_bytes + memory.file_bytes()
+        memory.tree.usage()
+        self._warm_cpu_s = memory.tree.cpu_s()  # processor time of the warm-up
 
-    def check_memory(self) -> TreeUsage:
-        """Return the resource use of the processes and their files; MethodFailureError beyond the memory limit."""
-        usage = self._tree.usage()
-        usage = replace(usage, rss_bytes=usage.rss_bytes + self._file_bytes())
-        self._peak_bytes = max(self._peak_bytes, usage.rss_bytes)
-        if usage.rss_bytes > self._memory_mb * MB:
-            text = f"has {usage.rss_bytes // MB} MB resident: at most {self._memory_mb} MB is allowed"
-            raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text, ended=True)
-        return usage
+    def begin_call(self, previous: CallEnd | None) -> RunningCall:
+        """Begin a call before its images are shared, because the method could already work on them.
 
-    def begin_call(self) -> None:
-        """Begin before the images are shared, because the method could already work on them."""
-        self._begun = self._tree.usage()
-        self._peak_bytes = 0
-        reset_peak(self._pid)
-        self._between_s = max(self._tree.cpu_s() - self._answered_cpu_s, 0.0)
-        self._worked_s = self._worked_since_last_call()
-        self._waits_s = waits_for_processor_s(self._pid)
-        self._clock.begin()
+        `previous` is the end of the previous call, None at the first call.
+        """
+        begin = self.memory.tree.usage()
+        reset_peak(self.pid)
+        before_cpu_s = self._warm_cpu_s if previous is None else previous.cpu_s
+        between_s = max(self.memory.tree.cpu_s() - before_cpu_s, 0.0)
+        charged_s = self._charged_s(between_s, previous)
+        waits_s = waits_for_processor_s(self.pid)
+        self.clock.begin()
+        return RunningCall(self, begin, between_s, charged_s, waits_s)
 
-    def end_call(self) -> Measurement:
-        """Return the measurement of the call, after its answer and its files were read."""
-        seconds = self._clock.end()
-        waited_s = float(np.max(waits_for_processor_s(self._pid) - self._waits_s, initial=0.0))
-        self._answered_s, self._answered_cpu_s = time.monotonic(), self._tree.cpu_s()
-        now = self.check_memory()
-        # the peak covers only the method itself; the sampled sum includes its child processes
-        peak = peak_of(self._pid)
-        peak = None if peak is None else max(peak, self._peak_bytes)
-        above = None if peak is None or self.idle_bytes is None else max(peak - self.idle_bytes, 0)
-        usage = CallUsage(seconds + self._worked_s, peak, above)
-        return Measurement(seconds, usage, now, now.cpu_s - self._begun.cpu_s, self._between_s, waited_s)
-
-    def _worked_since_last_call(self) -> float:
+    def _charged_s(self, between_s: float, previous: CallEnd | None) -> float:
         """Return the time that the method worked since the last call, s.
 
         This time is at most the processor time of all processes, and at most the time that passed. Before the first
         call the method has no images.
         """
-        if self._answered_s is None or self._keeps_rate or self._between_s <= BETWEEN_S:
+        if previous is None or self._keeps_rate or between_s <= BETWEEN_S:
             return 0.0
-        return min(self._between_s, time.monotonic() - self._answered_s)
+        return min(between_s, time.monotonic() - previous.clock_s)
+
+
+@dataclass(slots=True, eq=False)
+class RunningCall:
+    """A call that has begun and whose answer is not yet complete."""
+
+    monitor: CallMonitor
+    begin: TreeUsage
+    between_s: float  #: Processor time since the previous call.
+    charged_s: float  #: Work of the method since the previous call, which is added to this call.
+    waits_s: FloatArray  #: Waiting times of the calling process and the method before the call.
+    sampled_bytes: int = field(default=0, init=False)  #: Largest sampled memory of all processes.
+
+    def check_memory(self) -> TreeUsage:
+        """Return a sample of the resource use; MethodFailureError beyond the memory limit."""
+        usage = self.monitor.memory.usage()
+        self.sampled_bytes = max(self.sampled_bytes, usage.rss_bytes)
+        return usage
+
+    def end(self) -> Measurement:
+        """Return the measurement, after the answer and its files were read.
+
+        MethodFailureError if the peak was beyond the memory limit, also between two samples.
+        """
+        answer_s = self.monitor.clock.end()
+        waited_s = float(np.max(waits_for_processor_s(self.monitor.pid) - self.waits_s, initial=0.0))
+        end = CallEnd(time.monotonic(), self.monitor.memory.tree.cpu_s())
+        now = self.check_memory()
+        # the peak covers only the method itself; the sampled sum includes its child processes
+        peak = peak_of(self.monitor.pid)
+        peak = None if peak is None else max(peak, self.sampled_bytes)
+        if peak is not None:
+            self.monitor.memory.check(peak, "had")
+        idle_bytes = self.monitor.idle_bytes
+        above_idle = None if peak is None or idle_bytes is None else max(peak - idle_bytes, 0)
+        usage = CallUsage(answer_s + self.charged_s, peak, above_idle)
+        return Measurement(answer_s, usage, now, now.cpu_s - self.begin.cpu_s, self.between_s, waited_s, end)
 
 
 class CallFindings:
@@ -181,25 +218,25 @@ class CallFindings:
         self._measured_s = self._stated_s = self._waited_s = 0.0  # summed over the calls since the last finding
         self._calls = 0
 
-    def add(self, measured: Measurement, stated_s: float) -> str:
-        """Add a call, whose time the method stated; return the finding, which is empty without one."""
+    def add(self, measured: Measurement, stated_s: float) -> tuple[CallFinding, ...]:
+        """Add a call, whose time the method stated; return the findings."""
         self._resident_bytes.append(measured.tree.rss_bytes)
-        self._measured_s += measured.seconds
+        self._measured_s += measured.answer_s
         self._stated_s += stated_s
         self._waited_s += measured.waited_s
         self._calls += 1
-        return self._leak() or self._misstatement()
+        return tuple(finding for finding in (self._leak(), self._misstatement()) if finding is not None)
 
-    def _leak(self) -> str:
+    def _leak(self) -> CallFinding | None:
         finding = leak_in(self._resident_bytes)
-        if finding:
+        if finding is not None:
             self._resident_bytes.clear()  # each growth is reported once
         return finding
 
-    def _misstatement(self) -> str:
+    def _misstatement(self) -> CallFinding | None:
         if not is_misstated(self._measured_s, self._stated_s, self._calls, self._waited_s):
-            return ""
+            return None
         text = f"reports {self._stated_s:.3f} s for calls that took {self._measured_s:.3f} s from request to answer"
         self._measured_s = self._stated_s = self._waited_s = 0.0
         self._calls = 0
-        return f"{FindingKind.MISSTATED}: {text}"
+        return CallFinding(FindingKind.MISSTATED, text)

@@ -12,6 +12,7 @@ from typing import TypeVar
 import msgspec
 
 from sfr_loc_map.methods.child.loop import Order, Setup
+from sfr_loc_map.methods.child.supervisor import Rules
 from sfr_loc_map.methods.method_call import MethodFailureError
 from sfr_loc_map.metrics.table.records import FindingKind
 
@@ -26,39 +27,42 @@ class ClosedChannelError(Exception):
 
 
 class Channel:
-    """The pipes of a process. `check` is called periodically while an answer is awaited, and may raise an error."""
+    """The pipes of a process."""
 
-    def __init__(self, orders: int, answers: int, check: Callable[[], object]) -> None:
+    def __init__(self, orders: int, answers: int) -> None:
         """Use the descriptors of the process's standard input and output."""
         os.set_blocking(orders, False)  # a method that does not read must not delay the timeout
         self._orders, self._answers = orders, answers
-        self._check = check
         self._unread = b""
 
-    def exchange(self, message: Setup | Order, kind: type[T], timeout_s: float) -> T:
-        """Send a message and return the answer. MethodFailureError if the answer is late or not of this kind."""
-        line = self.line(timeout_s, json.dumps(message).encode() + b"\n")
+    def exchange(
+        self, message: Rules | Setup | Order, kind: type[T], timeout_s: float, check: Callable[[], object]
+    ) -> T:
+        """Send a message and return the answer; `check` is called periodically meanwhile, and may raise an error.
+
+        MethodFailureError if the answer is late or not of this kind.
+        """
+        line = self._answer(json.dumps(message).encode() + b"\n", timeout_s, check)
         try:
             return msgspec.convert(json.loads(line), kind)
         except (ValueError, RecursionError) as error:
             text = f"invalid answer of the adapter ({error}): {line[:80]!r}"
             raise MethodFailureError(FindingKind.INVALID_RESULT, text, ended=True) from error
 
-    def line(self, timeout_s: float, request: bytes = b"") -> bytes:
+    def _answer(self, request: bytes, timeout_s: float, check: Callable[[], object]) -> bytes:
         """Send a request, and return the next line of the output.
 
         Check and timeout depend on the clock only, whatever the method reads or writes meanwhile.
         """
         streams = select.poll()
         streams.register(self._answers, select.POLLIN)
-        if request:
-            streams.register(self._orders, select.POLLOUT)
+        streams.register(self._orders, select.POLLOUT)
         now_s = time.monotonic()
         end_s, check_s = now_s + timeout_s, now_s + CHECK_S
         while request or b"\n" not in self._unread:
             now_s = time.monotonic()
             if now_s >= check_s:
-                self._check()
+                check()
                 check_s = time.monotonic() + CHECK_S
             if now_s > end_s:
                 text = f"has not answered for {timeout_s:g} s"

@@ -13,9 +13,11 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.methods.child.loop import Answer, OrderedPair, Pose
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
+from sfr_loc_map.methods.method_process import ProcessSettings
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.table.records import FindingKind
 
@@ -48,22 +50,36 @@ class IsolatedLocaliser(IsolatedMethod):
         limits: MethodLimits | None = None,
         *,
         rate_hz: float = 0.0,
+        rate_scale: float = 1.0,
         keeps_rate: bool = False,
         hidden: Sequence[Path],
     ) -> None:
         """Start the localiser, which cannot read `hidden`, at a pose.
 
-        The pairs were recorded at `rate_hz`. `keeps_rate` states that they also arrive at this rate.
+        The pairs arrive at `rate_hz`, which is `rate_scale` times the rate of their stamps; `keeps_rate` states that
+        they are not sent earlier. A rate of 0 is unknown.
         """
-        super().__init__(method, rig, limits, T_ds_rb=T_ds_rb, rate_hz=rate_hz, keeps_rate=keeps_rate, hidden=hidden)
+        settings = ProcessSettings(
+            method=method,
+            rig=rig,
+            limits=limits or MethodLimits(),
+            rate_hz=rate_hz,
+            keeps_rate=keeps_rate,
+            hidden=hidden,
+        )
+        super().__init__(settings, T_ds_rb)
+        self._rate_scale = rate_scale
+        self._first_ns: int | None = None  # stamp of the first pair
 
-    def localise(self, pair: StereoPair, since_start_s: float = 0.0) -> tuple[PoseEstimate, MethodCall]:
+    def localise(self, pair: StereoPair) -> tuple[PoseEstimate, MethodCall]:
         """Localise one pair. Return the estimate and the record of the call.
 
         If the result is invalid, the state of the estimate is lost.
         """
-        about = OrderedPair(stamp_ns=pair.stamp_ns, index=0, T_lm_navsb=None)
-        call, result = self._checked(_read, "pair", [pair], [about], since_start_s)
+        self._first_ns = pair.stamp_ns if self._first_ns is None else self._first_ns
+        since_start_s = (pair.stamp_ns - self._first_ns) / NS_PER_S / self._rate_scale
+        ordered = OrderedPair(stamp_ns=pair.stamp_ns, index=0, T_lm_navsb=None)
+        call, result = self.call(_read, "pair", [pair], [ordered], since_start_s=since_start_s)
         if result is None:
             return self._lost(pair, call)
         call = replace(call, reason=result.reason)

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
-from pathlib import Path
 from types import MappingProxyType
 from typing import Self, TypeVar
 
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.methods.child.loop import Answer, OrderedPair
+from sfr_loc_map.methods.child.loop import Answer, Order, OrderedPair
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError, NotStartedAgainError
-from sfr_loc_map.methods.method_process import MethodProcess
-from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, MethodRecord
+from sfr_loc_map.methods.method_process import MethodProcess, ProcessSettings
+from sfr_loc_map.metrics.table.records import FindingKind, MethodRecord
 
 T = TypeVar("T")
 
@@ -23,27 +20,16 @@ T = TypeVar("T")
 class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
     """The process of a method; the common part of localisers and mappers."""
 
-    def __init__(
-        self,
-        method: Method,
-        rig: StereoRig,
-        limits: MethodLimits | None,
-        *,
-        T_ds_rb: Transform,
-        rate_hz: float = 0.0,
-        disparities: int = 0,
-        keeps_rate: bool = False,
-        hidden: Sequence[Path],
-    ) -> None:
-        """Start the process, which cannot read the hidden paths; `keeps_rate` as for `MethodProcess`."""
-        self._method, self._rig, self._hidden = method, rig, hidden
-        self._limits = limits or MethodLimits()
-        self._rate_hz, self._disparities, self._keeps_rate = rate_hz, disparities, keeps_rate
-        self._starts = 0
+    def __init__(self, settings: ProcessSettings, T_ds_rb: Transform) -> None:
+        """Start the process; `T_ds_rb` is the pose at which a localiser starts."""
+        self._settings = settings
+        self.rig = settings.rig
+        self._starts_left = 1 + settings.limits.restarts
         self._last_pose = T_ds_rb
+        self._orders = 0  # number of orders so far
         self._process: MethodProcess | None = None
         process = self._running_process()
-        self.record: MethodRecord = method.record(process.version, process.isolation)
+        self.record: MethodRecord = settings.method.record(process.version, process.isolation)
         self.idle_bytes: int | None = process.idle_bytes  # resident memory after warm-up, None if unknown
 
     def __enter__(self) -> Self:
@@ -53,73 +39,68 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         self.close()
 
     @property
-    def is_alive(self) -> bool:
-        """Whether the process exists."""
+    def is_running(self) -> bool:
+        """Whether the process is running; the next call starts a lost process again, unless it was lost too often."""
         return self._process is not None
 
     def close(self) -> None:
-        """End the process."""
+        """End the process; later calls do not start it again."""
+        self._starts_left = 0
         if self._process is not None:
             self._process.close()
-
-    @property
-    def _is_given_up(self) -> bool:
-        return self._process is None and self._starts > self._limits.restarts
+            self._process = None
 
     def _running_process(self) -> MethodProcess:
         """Return the process, which is started if there is none; after a loss, it starts at the last known pose."""
-        if self._is_given_up:
-            raise NotStartedAgainError
         if self._process is None:
-            self._starts += 1
-            self._process = MethodProcess(
-                self._method,
-                self._rig,
-                self._limits,
-                T_ds_rb=self._last_pose,
-                rate_hz=self._rate_hz,
-                disparities=self._disparities,
-                keeps_rate=self._keeps_rate,
-                hidden=self._hidden,
-            )
+            if not self._starts_left:
+                raise NotStartedAgainError
+            self._starts_left -= 1
+            self._process = MethodProcess(self._settings, self._last_pose)
         return self._process
 
-    def _checked(
+    def call(
         self,
         read: Callable[[Answer, Mapping[str, bytes]], T],
         kind: str,
         pairs: Sequence[StereoPair],
-        about: Sequence[OrderedPair],
+        ordered: Sequence[OrderedPair],
+        *,
         since_start_s: float = 0.0,
-        arrays: Mapping[str, int] = MappingProxyType({}),
+        begins_map: bool = False,
+        largest_files: Mapping[str, int] = MappingProxyType({}),
     ) -> tuple[MethodCall, T | None]:
         """Make a call. Return its record, and what `read` makes of the answer and of the files of its arrays.
 
-        If `read` rejects the answer, the result is None and the record contains the finding, the time and the memory
-        of the call. `arrays` as for `MethodProcess.call`; the files of the previous call are removed.
+        If the call fails or `read` rejects the answer, the result is None, and the record has the failure beside what
+        is known of the call. `ordered` describes the pairs for the method, and `largest_files` is as for
+        `MethodProcess.call`.
         """
         call = MethodCall()
         try:
             process = self._running_process()
-            for suffix in arrays:
-                Path(f"{process.output}.{suffix}.npy").unlink(missing_ok=True)
-            call, answer, contents = process.call(kind, pairs, about, since_start_s, arrays)
+            self._orders += 1
+            order = Order(
+                number=self._orders,
+                call=kind,
+                pairs=list(ordered),
+                begins_map=begins_map,
+                since_start_s=since_start_s,
+                output=process.output,
+            )
+            call, returned = process.call(order, pairs, largest_files)
+            answer, contents = returned.result()
             _check_stamp(pairs[-1], answer)
             return call, read(answer, contents)
+        except NotStartedAgainError as error:  # a call that was not made has no finding
+            return MethodCall(reason=str(error)), None
         except MethodFailureError as error:
-            return replace(self._failed(error), usage=call.usage), None
-
-    def _failed(self, error: MethodFailureError) -> MethodCall:
-        """Return a call with the finding of an error; drop the process if it has ended.
-
-        A call that was not made has no finding.
-        """
-        if isinstance(error, NotStartedAgainError):
-            return MethodCall(reason=str(error))
-        if error.ended:
-            self._process = None
-        again = f"; not started again after {self._starts} starts" if error.ended and self._is_given_up else ""
-        return MethodCall(finding=str(CallFinding(error.kind, f"{error}{again}")), reason=error.kind.value)
+            text = str(error)
+            if error.ended:
+                self._process = None
+            if error.ended and not self._starts_left:
+                text += f"; not started again after {1 + self._settings.limits.restarts} starts"
+            return call.failed(error.kind, text), None
 
 
 def _check_stamp(pair: StereoPair, answer: Answer) -> None:

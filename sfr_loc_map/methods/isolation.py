@@ -17,31 +17,34 @@ from glob import glob
 from pathlib import Path
 
 from sfr_loc_map.child_process import LIBRARY_PATH, child_environment, inherited_environment
+from sfr_loc_map.methods.child.supervisor import Rules
 from sfr_loc_map.methods.own_code import code_of
 from sfr_loc_map.methods.registry import Isolation, Method
 from sfr_loc_map.metrics.table.records import MethodKind
 
 OWN_FILES = "SFR_METHOD_FILES"  #: Variable with additional readable paths, separated as in PATH.
 VARIABLES = (
-    *(
-        "PATH",
-        "HOME",
-        "USER",
-        "LOGNAME",
-        "SHELL",
-        "LANG",
-        "LC_",
-        "TZ",
-        "TMPDIR",
-        "XDG_",
-        "PYTHON",
-        LIBRARY_PATH,
-        OWN_FILES,
-    ),
-    *("NUMBA_", "OMP_", "OPENBLAS_", "MKL_", "BLIS_", "NVPL_", "CUDA_", "NVIDIA_", "OPENCV_", "VIRTUAL_ENV", "CONDA_"),
+    "PATH",
+    "HOME",
+    "USER",
+    "LOGNAME",
+    "SHELL",
+    "LANG",
+    "LANGUAGE",
+    "TZ",
+    "TZDIR",
+    "TMPDIR",
+    "VIRTUAL_ENV",
+    LIBRARY_PATH,
+    OWN_FILES,
 )
-"""Beginnings of the names of the variables that a method receives. Other variables could configure a method without a
-trace in the score; the configuration of a method is a file (`--config`)."""
+"""Variables that a method receives, beside those that begin with one of `PREFIXES`. Other variables could configure a
+method without a trace in the score; the configuration of a method is a file (`--config`)."""
+PREFIXES = (
+    *("LC_", "XDG_", "PYTHON", "CONDA_"),
+    *("NUMBA_", "OMP_", "OPENBLAS_", "MKL_", "BLIS_", "NVPL_", "CUDA_", "NVIDIA_", "OPENCV_"),
+)
+"""Beginnings of the names of variables of the system, of Python and of numerical libraries."""
 SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/snap", "/sys")
 FACTS = ("cpuinfo", "meminfo", "stat", "version", "filesystems", "loadavg", "sys/kernel", "sys/vm", "driver")
 DEVICES = ("null", "zero", "full", "random", "urandom", "tty", "dri", "kfd", "nvidia*")
@@ -57,7 +60,7 @@ def isolation_of(restrictions: str, *, can_read_all_files: bool) -> Isolation:
     return Isolation(restrictions + exception, can_read_all_files, readable)
 
 
-def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, list[str]]:
+def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> Rules:
     """Return the paths that a method may list, read and write, with the scratch folder and without hidden paths."""
     code = code_of(method.kind, method.adapter, method.target)
     pythons = [method.python, method.python.resolve()]
@@ -80,19 +83,19 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, 
     read.append(Path("/proc/self"))  # read-only, so that the process cannot reset its peak memory
     devices = [path for name in DEVICES for path in glob(f"/dev/{name}")]
     write = [folder, *(part for path in devices for part in _without(Path(path), hidden))]
-    return {"names": list(map(str, names)), "read": list(map(str, read)), "write": list(map(str, write))}
+    return Rules(names=list(map(str, names)), read=list(map(str, read)), write=list(map(str, write)))
 
 
 def environment_of(method: Method, folder: Path) -> dict[str, str]:
     """Return the environment of a method's process, which finds code and compiled kernels where this process does.
 
-    A method under test receives only the variables that `VARIABLES` permits; a peer receives all.
+    A method under test receives only the variables of `VARIABLES` and `PREFIXES`; a peer receives all.
     """
     if method.kind is MethodKind.PEER:
         return {**inherited_environment(), "TMPDIR": str(folder)}
     found = child_environment()
     found |= {"TMPDIR": str(folder), "NUMBA_CACHE_DIR": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
-    found = {name: value for name, value in found.items() if name.startswith(VARIABLES)}
+    found = {name: value for name, value in found.items() if name in VARIABLES or name.startswith(PREFIXES)}
     found["NUMBA_CACHE_LOCATOR_CLASSES"] = f"{KERNELS}.BesideSources,{KERNELS}.OfUser,UserProvidedCacheLocator"
     if method.kind is MethodKind.PYTHON:  # this process's working directory is searched first
         found["PYTHONPATH"] = os.pathsep.join((str(Path.cwd()), found["PYTHONPATH"]))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
-from sfr_loc_map.metrics.table.records import FindingKind
+from sfr_loc_map.metrics.table.records import FINDING_SEPARATOR, CallFinding, FindingKind
 
 
 class MethodFailureError(MethodError):
@@ -32,8 +32,17 @@ class MethodCall:
     """Resource use, result and findings of one call of a method under test."""
 
     usage: CallUsage = field(default_factory=lambda: CallUsage(math.nan))  #: NaN if the call did not return.
-    finding: str = ""  #: Misbehaviour, `KIND: text`; empty if there is none.
+    findings: tuple[CallFinding, ...] = ()  #: Faults of the method, first the one because of which there is no result.
     reason: str = ""  #: Why the pose is degraded or lost.
     statistics: Mapping[str, float] = field(default_factory=dict)
     covariance: FloatArray | None = None  #: `(6, 6)` covariance of the pose.
     step: FloatArray | None = None  #: `(48,)` uncertainty of the step.
+
+    @property
+    def finding(self) -> str:
+        """The findings as one text, for the file of the calls."""
+        return FINDING_SEPARATOR.join(map(str, self.findings))
+
+    def failed(self, kind: FindingKind, text: str) -> MethodCall:
+        """Return this call with the fault because of which it has no valid result."""
+        return replace(self, findings=(CallFinding(kind, text), *self.findings), reason=kind.value)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import mmap
 import os
 import shutil
 import signal
 import subprocess
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,9 +21,10 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_bytes
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.methods.call_monitor import CallFindings, CallMonitor
+from sfr_loc_map.methods.call_monitor import CallEnd, CallFindings, CallMonitor, Measurement, ProcessMemory
 from sfr_loc_map.methods.channel import Channel, ClosedChannelError
-from sfr_loc_map.methods.child.loop import Answer, Camera, Hello, Order, OrderedPair, Pose, Reply, Setup
+from sfr_loc_map.methods.child.loop import Answer, Camera, Hello, Order, Pose, Reply, Setup
+from sfr_loc_map.methods.child.supervisor import Rules, Started
 from sfr_loc_map.methods.isolation import environment_of, isolation_of, rules_of
 from sfr_loc_map.methods.method_call import MethodCall, MethodFailureError
 from sfr_loc_map.methods.registry import ADAPTERS, CHILD, Method, MethodLimits
@@ -34,11 +35,67 @@ from sfr_loc_map.suite_names import Task
 EXIT_TIMEOUT_S = 10.0
 SHARED_MEMORY = Path("/dev/shm")
 
+T = TypeVar("T")
+
 
 def numbers_of(pose: Transform) -> Pose:
     """Return the matrix `(4, 4)` of a transform, row by row, for a method."""
     numbers: Pose = pose.matrix.ravel().tolist()
     return numbers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProcessSettings:
+    """The settings of all processes of one method."""
+
+    method: Method
+    rig: StereoRig
+    limits: MethodLimits
+    rate_hz: float = 0.0  #: Rate of the pairs; not used by a mapper.
+    keeps_rate: bool = False  #: Whether the pairs also arrive at this rate, so that the method may work between calls.
+    disparities: int = 0  #: Number of disparities that a matcher searches; not used by a localiser.
+    hidden: Sequence[Path]  #: Paths that the process cannot read.
+
+    def setup(self, images: Path, T_ds_rb: Transform) -> Setup:
+        """Return the parameters of the adapter: the file of the images, and the initial pose of RB."""
+        method, rig = self.method, self.rig
+        camera = Camera(
+            width=rig.width, height=rig.height, fx=rig.fx, fy=rig.fy, cx=rig.cx, cy=rig.cy, baseline_m=rig.baseline_m
+        )
+        return Setup(
+            task=method.task.value,
+            target=method.target,
+            config=method.config,
+            images=str(images),
+            camera=camera,
+            T_rb_sb=None if rig.T_rb_sb is None else numbers_of(rig.T_rb_sb),
+            T_rb_left=numbers_of(rig.T_rb_left if method.task is Task.LOCALISATION else Transform.identity()),
+            T_ds_rb=numbers_of(T_ds_rb),
+            rate_hz=self.rate_hz,
+            disparities=self.disparities,
+            vocabulary=method.vocabulary,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Returned:
+    """What a process returned in a call: the reply, and the content of each file that was asked for and exists."""
+
+    reply: Reply
+    contents: Mapping[str, bytes | MethodFailureError]  #: The error is the reason why a file cannot be read.
+
+    def result(self) -> tuple[Answer, dict[str, bytes]]:
+        """Return the answer of the adapter and the files of its arrays; MethodFailureError without a valid result."""
+        if "fault" in self.reply:
+            raise MethodFailureError(FindingKind(self.reply["fault"]), self.reply.get("text", ""))
+        if "result" not in self.reply or "seconds" not in self.reply:
+            raise MethodFailureError(FindingKind.INVALID_RESULT, "the adapter returned no result")
+        contents: dict[str, bytes] = {}
+        for suffix, content in self.contents.items():
+            if isinstance(content, MethodFailureError):
+                raise content
+            contents[suffix] = content
+        return self.reply["result"], contents
 
 
 class MethodProcess:
@@ -48,84 +105,49 @@ class MethodProcess:
     be false. Arrays of the results are at `output` plus a suffix for their kind.
     """
 
-    def __init__(
-        self,
-        method: Method,
-        rig: StereoRig,
-        limits: MethodLimits,
-        *,
-        T_ds_rb: Transform,
-        rate_hz: float = 0.0,
-        disparities: int = 0,
-        keeps_rate: bool = False,
-        hidden: Sequence[Path],
-    ) -> None:
-        """Start the process without access to `hidden`, and wait for its warm-up; `T_ds_rb` is the initial pose.
-
-        `keeps_rate` states that pairs are sent at `rate_hz`, so that the method may work between its calls.
-        """
-        self._limits = limits
-        shared = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
-        self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
-        # open in this process, so that the kernel grants no lease of the log
-        self._log = (self._folder / "log").open("w+b", buffering=0)
-        self.output = str(self._folder / "result")
-        self._is_in_memory = shared is not None  # whether the files of the folder use memory
-        images = self._folder / "images"
-        self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(MAX_PAIRS, 2, rig.height, rig.width)))
-        setup = Setup(
-            task=method.task.value,
-            target=method.target,
-            config=method.config,
-            images=str(images),
-            camera=Camera(
-                width=rig.width,
-                height=rig.height,
-                fx=rig.fx,
-                fy=rig.fy,
-                cx=rig.cx,
-                cy=rig.cy,
-                baseline_m=rig.baseline_m,
-            ),
-            T_rb_sb=None if rig.T_rb_sb is None else numbers_of(rig.T_rb_sb),
-            T_rb_left=numbers_of(rig.T_rb_left if method.task is Task.LOCALISATION else Transform.identity()),
-            T_ds_rb=numbers_of(T_ds_rb),
-            rate_hz=rate_hz,
-            disparities=disparities,
-            vocabulary=method.vocabulary,
-        )
-        self._process = self._start(method, hidden)
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        tree = ProcessTree(self._process.pid, is_supervisor=True)
-        self._monitor = CallMonitor(tree, self._file_bytes, limits.memory_mb, keeps_rate=keeps_rate)
+    def __init__(self, settings: ProcessSettings, T_ds_rb: Transform) -> None:
+        """Start the process, and wait for its warm-up; `T_ds_rb` is the initial pose."""
+        rig, limits = settings.rig, settings.limits
+        self._call_timeout_s = limits.call_timeout_s
         self._findings = CallFindings()
-        orders, answers = self._process.stdin.fileno(), self._process.stdout.fileno()
-        self._channel = Channel(orders, answers, self._monitor.check_memory)
-        try:
-            with self._closed_if_ended():
-                supervisor = json.loads(self._channel.line(limits.start_timeout_s))
-                hello = self._channel.exchange(setup, Hello, limits.start_timeout_s)
-        except BaseException as error:
-            self.close()
-            if isinstance(error, MethodFailureError):
-                raise MethodFailureError(error.kind, f"method {method.name} {error}", ended=True) from error
-            raise
+        self._last_end: CallEnd | None = None  # of the last call
+        with ExitStack() as resources:
+            shared = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
+            self._is_in_memory = shared is not None  # whether the files of the folder use memory
+            self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
+            resources.callback(shutil.rmtree, self._folder, ignore_errors=True)
+            # open in this process, so that the kernel grants no lease of the log
+            self._log = resources.enter_context((self._folder / "log").open("w+b", buffering=0))
+            self.output = str(self._folder / "result")
+            images = self._folder / "images"
+            self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(MAX_PAIRS, 2, rig.height, rig.width)))
+            self._process = self._start(settings.method)
+            resources.callback(self._end)
+            assert self._process.stdin is not None
+            assert self._process.stdout is not None
+            self._channel = Channel(self._process.stdin.fileno(), self._process.stdout.fileno())
+            tree = ProcessTree(self._process.pid, is_supervisor=True)
+            memory = ProcessMemory(tree, self._file_bytes, limits.memory_mb)
+            rules = rules_of(settings.method, self._folder, settings.hidden)
+            try:
+                started = self._exchange(rules, Started, limits.start_timeout_s, memory.usage)
+                setup = settings.setup(images, T_ds_rb)
+                hello = self._exchange(setup, Hello, limits.start_timeout_s, memory.usage)
+            except MethodFailureError as error:
+                raise MethodFailureError(error.kind, f"method {settings.method.name} {error}", ended=True) from error
+            self._monitor = CallMonitor(memory, started["process"], keeps_rate=settings.keeps_rate)
+            self._resources = resources.pop_all()
         self.version = hello["version"]
-        self.isolation = isolation_of(
-            str(supervisor["isolation"]), can_read_all_files=bool(supervisor["can_read_all_files"])
-        )
+        self.isolation = isolation_of(started["isolation"], can_read_all_files=started["can_read_all_files"])
         self.fuses, self.maps_sets = hello["fuses"], hello["maps_sets"]
-        self._monitor.start(int(supervisor["process"]))
         self.idle_bytes = self._monitor.idle_bytes
 
-    def _start(self, method: Method, hidden: Sequence[Path]) -> subprocess.Popen[bytes]:
+    def _start(self, method: Method) -> subprocess.Popen[bytes]:
         """Start the supervisor, which starts `loop.py` with the adapter of the method."""
         work = self._folder / "work"
         work.mkdir()
-        rules = json.dumps(rules_of(method, self._folder, hidden))
         python = str(method.python)
-        supervisor = [python, "-ES", str(CHILD / "supervisor.py"), rules]
+        supervisor = [python, "-ES", str(CHILD / "supervisor.py")]
         loop = [python, str(CHILD / "loop.py"), str(ADAPTERS / method.adapter)]
         with open(self._log.name, "ab") as log:
             return subprocess.Popen(
@@ -140,38 +162,45 @@ class MethodProcess:
             )
 
     def call(
-        self,
-        kind: str,
-        pairs: Sequence[StereoPair],
-        about: Sequence[OrderedPair],
-        since_start_s: float = 0.0,
-        arrays: Mapping[str, int] = MappingProxyType({}),
-    ) -> tuple[MethodCall, Answer, dict[str, bytes]]:
-        """Share the pairs, send an order, and return the call, the answer of the adapter, and the files of its arrays.
+        self, order: Order, pairs: Sequence[StereoPair], largest_files: Mapping[str, int]
+    ) -> tuple[MethodCall, Returned]:
+        """Share the pairs, send an order, and return the record of the call and what the process returned.
 
-        The call ends when the answer and the files are read; `arrays` has the largest sizes of the files by suffix,
-        bytes. Work of the method between two calls is added to the second call. MethodFailureError describes the
-        failure if there is no valid result.
+        The call ends when the answer and the files of its arrays are read; `largest_files` has their largest sizes by
+        suffix, bytes. Work of the method between two calls is added to the second call. MethodFailureError if the
+        process has ended, and is closed.
         """
-        order = Order(call=kind, pairs=list(about), since_start_s=since_start_s, output=self.output)
-        with self._closed_if_ended():
-            self._monitor.begin_call()
+        for suffix in largest_files:
+            with suppress(OSError):  # the method may have made a folder of this name, which is then no valid array
+                self._file(suffix).unlink()
+        try:
+            running = self._monitor.begin_call(self._last_end)
             self._log.truncate(0)  # the log then holds only this call, for the message after a crash
             for images, pair in zip(self._images, pairs, strict=False):
                 images[0], images[1] = pair.left, pair.right
-            reply = self._channel.exchange(order, Reply, self._limits.call_timeout_s)
-            contents = {suffix: self._content(suffix, limit) for suffix, limit in arrays.items()}
-            measured = self._monitor.end_call()
-        if "fault" in reply:
-            raise MethodFailureError(FindingKind(reply["fault"]), reply.get("text", ""))
-        if "result" not in reply or "seconds" not in reply:
-            raise MethodFailureError(FindingKind.INVALID_RESULT, "the adapter returned no result")
-        if problems := [content for content in contents.values() if isinstance(content, MethodFailureError)]:
-            raise problems[0]
-        answer, stated_s = reply["result"], reply["seconds"]
-        statistics = {**answer.get("statistics", {}), "stated_s": stated_s, **measured.figures}
-        call = MethodCall(measured.usage, self._findings.add(measured, stated_s), statistics=statistics)
-        return call, answer, {suffix: content for suffix, content in contents.items() if isinstance(content, bytes)}
+            reply = self._exchange(order, Reply, self._call_timeout_s, running.check_memory)
+            if reply.get("number") != order["number"]:  # the method wrote a line of its own, so that later answers lag
+                text = f"answered order {reply.get('number')}: order {order['number']} was sent"
+                raise MethodFailureError(FindingKind.INVALID_RESULT, text, ended=True)
+            contents = {suffix: self._content(suffix, limit) for suffix, limit in largest_files.items()}
+            measured = running.end()
+        except MethodFailureError:
+            self.close()
+            raise
+        self._last_end = measured.end
+        known = {suffix: content for suffix, content in contents.items() if content is not None}
+        return self._record(measured, reply), Returned(reply, known)
+
+    def _record(self, measured: Measurement, reply: Reply) -> MethodCall:
+        """Return the record of a call; without time and memory if the method raised an error."""
+        if "seconds" not in reply:
+            return MethodCall()
+        stated_s = reply["seconds"]
+        statistics = {**reply.get("result", {}).get("statistics", {}), "stated_s": stated_s, **measured.figures}
+        return MethodCall(measured.usage, self._findings.add(measured, stated_s), statistics=statistics)
+
+    def _file(self, suffix: str) -> Path:
+        return Path(f"{self.output}.{suffix}.npy")
 
     def _content(self, suffix: str, limit: int) -> bytes | MethodFailureError | None:
         """Return the content of an array's file, or why the file cannot be read; None without a file.
@@ -179,11 +208,20 @@ class MethodProcess:
         The method can write anything to this folder, at any time.
         """
         try:
-            return read_bytes(Path(f"{self.output}.{suffix}.npy"), limit)
+            return read_bytes(self._file(suffix), limit)
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
             return MethodFailureError(FindingKind.INVALID_RESULT, f"the {suffix} cannot be read: {error}")
+
+    def _exchange(
+        self, message: Rules | Setup | Order, kind: type[T], timeout_s: float, check: Callable[[], object]
+    ) -> T:
+        """Send a message and return the answer, as `Channel.exchange`; a closed channel is a crash."""
+        try:
+            return self._channel.exchange(message, kind, timeout_s, check)
+        except ClosedChannelError:
+            raise self._crash() from None
 
     def _file_bytes(self) -> int:
         """Return the memory occupied by files that the method can write; no process's resident memory includes it."""
@@ -191,20 +229,6 @@ class MethodProcess:
             return 0
         whole_pages = -(-self._images.nbytes // mmap.PAGESIZE) * mmap.PAGESIZE
         return bytes_of_files(self._folder, self._folder / "images", whole_pages)
-
-    @contextmanager
-    def _closed_if_ended(self) -> Iterator[None]:
-        """Close the process after a failure that ends it; a closed channel is a crash."""
-        try:
-            yield
-        except ClosedChannelError:
-            failure = self._crash()
-            self.close()
-            raise failure from None
-        except MethodFailureError as error:
-            if error.ended:
-                self.close()
-            raise
 
     def _crash(self) -> MethodFailureError:
         """Return how the process has ended, with the last line of its log."""
@@ -218,7 +242,10 @@ class MethodProcess:
         return MethodFailureError(FindingKind.CRASHED, f"{how}: {last}", ended=True)
 
     def close(self) -> None:
-        """End the process and its descendants immediately."""
+        """End the process and its descendants immediately, and remove its folder."""
+        self._resources.close()
+
+    def _end(self) -> None:
         self._process.terminate()
         try:
             self._process.wait(EXIT_TIMEOUT_S)
@@ -226,7 +253,6 @@ class MethodProcess:
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
-        for stream in (self._process.stdin, self._process.stdout, self._log):
+        for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
                 stream.close()
-        shutil.rmtree(self._folder, ignore_errors=True)

@@ -34,7 +34,7 @@ HEADER = "sfr_candidate.h"
 
 @dataclass(frozen=True, slots=True)
 class MethodLimits:
-    """Limits of a method. A process that exceeds a limit is killed."""
+    """Limits of a method. A process that exceeds a limit in a call, also for a moment, is killed."""
 
     call_timeout_s: float = param(120.0, unit="s", doc="Timeout of a call.", low=0.05, high=1e6)
     start_timeout_s: float = param(900.0, unit="s", doc="Timeout of start and warm-up.", low=0.05, high=1e6)
@@ -60,7 +60,7 @@ class Method:
     adapter: str  #: File in `adapters/`, or an absolute path.
     target: str = ""  #: Loaded by the adapter: `package.module:Class` or the path of a library.
     config: str = ""  #: Text of the configuration.
-    background: bool = False  #: Whether the method works between calls; a benchmark then sends pairs at their rate.
+    is_paced: bool = False  #: Whether a benchmark sends pairs at their rate, because the method works between calls.
     sha256: str | None = None  #: Hash of the method's own code (`own_code`); None for a built-in method or a peer.
     about: str = ""  #: Description in the list of methods.
     python: Path = field(default_factory=lambda: Path(sys.executable))  #: Interpreter that has the method.
@@ -99,7 +99,7 @@ class Peer:
 OUR_MODULE, ABOUT_OURS = "sfr_loc_map.methods.ours", "this suite's own, the default"
 _BUILT_IN = (
     Method(
-        OURS, Task.LOCALISATION, MethodKind.BUILT_IN, CLASS_ADAPTER, f"{OUR_MODULE}:localiser", background=True,
+        OURS, Task.LOCALISATION, MethodKind.BUILT_IN, CLASS_ADAPTER, f"{OUR_MODULE}:localiser", is_paced=True,
         about=ABOUT_OURS,
     ),
     Method(
@@ -113,7 +113,7 @@ _BUILT_IN = (
 )  # fmt: skip
 _PEERS = (
     Peer(
-        Method("orbslam3", Task.LOCALISATION, MethodKind.PEER, "peer_orbslam3.py", background=True),
+        Method("orbslam3", Task.LOCALISATION, MethodKind.PEER, "peer_orbslam3.py", is_paced=True),
         modules=("pyorbslam3",),
         install="pip install pyorbslam3 opencv-python-headless",
         needs_vocabulary=True,
@@ -147,7 +147,7 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
         if not path.is_file():
             raise MethodError(f"method '{spec}': {missing(path)}; build the library (docs/candidates.md)")
         library = (LIBRARY_ADAPTER, str(path), config)
-        return _identified(Method(spec, task, MethodKind.LIBRARY, *library, background=True))
+        return _identified(Method(spec, task, MethodKind.LIBRARY, *library, is_paced=True))
     if ":" not in spec:
         names = ", ".join(BUILT_IN[task])
         raise MethodError(
@@ -159,7 +159,7 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
         raise MethodError(f"method '{spec}': {missing(place)}; give the file of the class")
     # an absolute path, because the process has another working directory
     target = f"{place.resolve()}:{spec.rpartition(':')[2]}" if is_file else spec
-    return _identified(Method(spec, task, MethodKind.PYTHON, CLASS_ADAPTER, target, config, background=True))
+    return _identified(Method(spec, task, MethodKind.PYTHON, CLASS_ADAPTER, target, config, is_paced=True))
 
 
 def _identified(method: Method) -> Method:

@@ -135,7 +135,7 @@ def localise_with(how: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> 
     setup = (sequence.rig, T_ds_rb, how.limits)
     with IsolatedLocaliser(how.method, *setup, rate_hz=1.0 / step_s, hidden=how.hidden) as localiser:
         for pair in sequence.pairs():
-            estimate, call = localiser.localise(pair, (pair.stamp_ns - first_ns) / NS_PER_S)
+            estimate, call = localiser.localise(pair)
             record = CallRecord(
                 pair.stamp_ns,
                 call.usage.processing_time_s,

@@ -10,20 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from sfr_loc_map.calls.call_record import CallRecord, call_of_fusion, call_of_stages, mapping_call
 from sfr_loc_map.config import changed
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairMap, warnings_of_pairs
-from sfr_loc_map.mapping.search_range import search_range_of
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.calls.call_meter import CallMeter
@@ -32,8 +31,6 @@ from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.runs.under_test import Progress, UnderTest
 from sfr_loc_map.signals import stopping
 from sfr_loc_map.suite_names import Task
-
-Map = TypeVar("Map", bound=PairMap)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,9 +91,9 @@ def map_pairs(
 ) -> MapRun:
     """Map the pairs of a source by our mapper and fuse them; once `ended` returns true, only the mapped pairs."""
     check_count(sequence)
-    mapper = _OwnMapper(sequence.rig, config)
+    measured = _OwnMap(sequence.rig, config)
     pairs = [replace(item, truth=None) for item in sequence.pairs()]  # the call excludes reading, its memory the truth
-    return _map_and_fuse(mapper, pairs, progress, ended)
+    return _map_and_fuse(measured, pairs, progress, ended)
 
 
 def map_pairs_with(
@@ -110,91 +107,90 @@ def map_pairs_with(
     `ended` is as in `map_pairs`, but a method that maps sets is not stopped.
     """
     check_count(sequence)
-    searched = search_range_of(sequence.rig, MappingConfig()).count
-    with IsolatedMapper(how.method, sequence.rig, how.limits, disparities=searched, hidden=how.hidden) as mapper:
+    with IsolatedMapper(how.method, sequence.rig, how.limits, hidden=how.hidden) as mapper:
         if not mapper.maps_sets:
-            return _map_and_fuse(_MapperUnderTest(mapper), sequence.pairs(), progress, ended)
+            return _map_and_fuse(_MapUnderTest(mapper), sequence.pairs(), progress, ended)
         maps, fused, call = mapper.map_set(list(sequence.pairs()))
         progress(len(maps))
         whole = mapping_call(maps[-1].stamp_ns, call.usage, MappingState.MAPPED_SET, fused.statistics, call.finding)
         return MapRun(maps, fused, [whole], mapper.record)
 
 
-class _MeasuredMapper(Protocol[Map]):
-    """A mapper of single pairs whose calls are measured."""
+class _MeasuredMap(Protocol):
+    """A map of pairs that are mapped one by one in measured calls."""
 
     @property
     def record(self) -> MethodRecord:
         """Method that maps."""
 
-    def map_pair(self, item: PosedStereoPair, index: int) -> tuple[Map, CallRecord]:
-        """Map a pair, which has an index among the pairs of the map."""
+    def map_pair(self, item: PosedStereoPair) -> tuple[PairMap, CallRecord]:
+        """Map the next pair."""
 
-    def fuse(self, maps: Sequence[Map], last: StereoPair) -> tuple[FusedMap, CallRecord | None]:
-        """Fuse maps, of which the last is that of a pair; the call is None if the method does not fuse."""
+    def fuse(self) -> tuple[FusedMap, CallRecord | None]:
+        """Fuse the mapped pairs; the call is None if the method does not fuse."""
 
 
-class _OwnMapper:
-    """Our mapper, in this process."""
+class _OwnMap:
+    """A map by our mapper, in this process."""
 
     def __init__(self, rig: StereoRig, config: MappingConfig) -> None:
         self.record = record_of_ours(Task.MAPPING, changed(config))
         self._mapper = Mapper(rig, config)
         load_kernels("mapping")
         self._meter = CallMeter()
+        self._maps: list[MappedPair] = []
 
-    def map_pair(self, item: PosedStereoPair, index: int) -> tuple[MappedPair, CallRecord]:
+    def map_pair(self, item: PosedStereoPair) -> tuple[MappedPair, CallRecord]:
         with self._meter.measure() as usage:
-            done = self._mapper.process(item.pair, item.T_lm_navsb, index)
+            done = self._mapper.process(item.pair, item.T_lm_navsb, len(self._maps))
+        self._maps.append(done)
         return done, mapping_call(item.pair.stamp_ns, usage, MappingState.MAPPED, done.statistics)
 
-    def fuse(self, maps: Sequence[MappedPair], last: StereoPair) -> tuple[FusedMap, CallRecord]:
+    def fuse(self) -> tuple[FusedMap, CallRecord]:
         with self._meter.measure() as usage:
-            fused = self._mapper.fuse(maps)
-        return fused, call_of_fusion(fused, [item.stamp_ns for item in maps], usage, MappingState.FUSED)
+            fused = self._mapper.fuse(self._maps)
+        return fused, call_of_fusion(fused, [item.stamp_ns for item in self._maps], usage, MappingState.FUSED)
 
 
-class _MapperUnderTest:
-    """A method under test, in its own process."""
+class _MapUnderTest:
+    """A map by a method under test, in its own process."""
 
     def __init__(self, mapper: IsolatedMapper) -> None:
-        self._mapper = mapper
+        self._map = mapper.begin_map()
+        self._last_ns = 0  # stamp of the last mapped pair
+        self.record = mapper.record
 
-    @property
-    def record(self) -> MethodRecord:
-        return self._mapper.record
-
-    def map_pair(self, item: PosedStereoPair, index: int) -> tuple[PairMap, CallRecord]:
-        done, call = self._mapper.map_pair(item.pair, item.T_lm_navsb, index)
+    def map_pair(self, item: PosedStereoPair) -> tuple[PairMap, CallRecord]:
+        self._last_ns = item.pair.stamp_ns
+        done, call = self._map.map_pair(item.pair, item.T_lm_navsb)
         record = mapping_call(item.pair.stamp_ns, call.usage, MappingState.MAPPED, done.statistics, call.finding)
         return done, record
 
-    def fuse(self, maps: Sequence[PairMap], last: StereoPair) -> tuple[FusedMap, CallRecord | None]:
-        fused, call = self._mapper.fuse(maps, last)
+    def fuse(self) -> tuple[FusedMap, CallRecord | None]:
+        fused, call = self._map.fuse()
         if call is None:
             return fused, None
-        return fused, mapping_call(last.stamp_ns, call.usage, MappingState.FUSED, fused.statistics, call.finding)
+        return fused, mapping_call(self._last_ns, call.usage, MappingState.FUSED, fused.statistics, call.finding)
 
 
 def _map_and_fuse(
-    mapper: _MeasuredMapper[Map], pairs: Iterable[PosedStereoPair], progress: Progress, ended: Callable[[], bool]
+    measured: _MeasuredMap, pairs: Iterable[PosedStereoPair], progress: Progress, ended: Callable[[], bool]
 ) -> MapRun:
     """Map pairs one by one and fuse the maps; once `ended` returns true, only the mapped pairs."""
-    maps: list[Map] = []
+    maps: list[PairMap] = []
     stages: list[CallRecord] = []
-    for index, item in enumerate(pairs):
-        done, record = mapper.map_pair(item, index)
+    for item in pairs:
+        done, record = measured.map_pair(item)
         maps.append(done)
         stages.append(record)
-        last = item.pair
-        progress(index + 1)
+        progress(len(maps))
         if ended():
             break
-    fused, fusion = mapper.fuse(maps, last)
+    fused, fusion = measured.fuse()
     if fusion is not None:
         stages.append(fusion)
-    whole = mapping_call(last.stamp_ns, call_of_stages(stages), MappingState.MAPPED_SET)
-    return MapRun(maps, fused, [*stages, whole], mapper.record)
+    whole = mapping_call(maps[-1].stamp_ns, call_of_stages(stages), MappingState.MAPPED_SET)
+    return MapRun(maps, fused, [*stages, whole], measured.record)
 
 
 def check_count(sequence: NavSequence) -> None:

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from helpers.cli_result import Sfr
-from helpers.made_scene import loc_pair, write_folder
+from helpers.made_scene import NAV_RIG, loc_pair, write_folder
 from helpers.score_rows import number
 from sfr_loc_map.bench import method_benchmark
 from sfr_loc_map.bench.figure_rows import FigureRow, medians, nested, ratios
 from sfr_loc_map.bench.method_benchmark import compare_methods
 from sfr_loc_map.bench.passes import PassResult, run_pass
 from sfr_loc_map.bench.trials import LocaliserTrial, MapperTrial, rover_trajectory
-from sfr_loc_map.errors import MethodError
+from sfr_loc_map.errors import InputError, MethodError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_settings import source_config
@@ -27,7 +27,7 @@ from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method, find_method
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.table.records import MethodKind
+from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, MethodKind
 from sfr_loc_map.runs.drive_start import start_pose, true_start
 from sfr_loc_map.suite_names import Task
 
@@ -48,11 +48,21 @@ class MadeMethod:
 open_method = MadeMethod
 """
 MAPPER = """
+from weakref import WeakSet
+
+class Result:
+    def __init__(self, disparity_px):
+        self.disparity_px = disparity_px
+
 class Mapper:
     def __init__(self, rig, config):
-        pass
+        self.results = WeakSet()
     def process(self, pair, T_lm_navsb, index):
-        return pair.left * 0.0 + 5.0
+        self.results.add(result := Result(pair.left * 0.0 + 5.0))
+        self.statistics = {"index": index, "results": len(self.results)}
+        return result
+    def fuse(self, results):
+        raise AssertionError("a benchmark maps each pair separately")
 """
 
 
@@ -63,12 +73,12 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def made_method(
-    folder: Path, name: str = "made", *, start: str = "pass", prepare: str = "pass", background: bool = False
+    folder: Path, name: str = "made", *, start: str = "pass", prepare: str = "pass", is_paced: bool = False
 ) -> Method:
     path = folder / f"{name}.py"
     path.write_text(METHOD.format(start=start, prepare=prepare), encoding="utf-8")
     # an absolute path stands for itself
-    return Method(name, Task.LOCALISATION, MethodKind.PEER, str(path), background=background)
+    return Method(name, Task.LOCALISATION, MethodKind.PEER, str(path), is_paced=is_paced)
 
 
 def trial_of(sequence: Any, rate_hz: float | None = None) -> LocaliserTrial:
@@ -147,7 +157,7 @@ def test_images_arrive_at_the_rate_and_output_of_a_method_is_ignored(drive: Path
     assert sequence is not None
     assert trial_of(sequence).recorded_rate_hz == pytest.approx(10.0)
     begin_s = time.monotonic()
-    passed = run_pass(made_method(tmp_path, background=True), trial_of(sequence, rate_hz=5.0))
+    passed = run_pass(made_method(tmp_path, is_paced=True), trial_of(sequence, rate_hz=5.0))
     assert time.monotonic() - begin_s > 2.1, "eleven steps of 0.2 s"
     assert passed.version == "7"
     for index, call in enumerate(passed.calls):
@@ -156,25 +166,38 @@ def test_images_arrive_at_the_rate_and_output_of_a_method_is_ignored(drive: Path
         assert {name: call.statistics[name] for name in own} == own
 
 
-def test_pairs_an_hour_apart_are_mapped_without_waiting(drive: Path, tmp_path: Path) -> None:
+def test_pairs_an_hour_apart_are_mapped_separately_without_waiting(drive: Path, tmp_path: Path) -> None:
+    """A source has more pairs than a map may have, and the adapter keeps no results of earlier pairs."""
     sequence = open_source(drive).nav
     assert sequence is not None
     pairs = [
         replace(item, pair=replace(item.pair, stamp_ns=hour * 3600 * 10**9))
-        for hour, item in enumerate(sequence.pairs())
+        for hour, item in enumerate([*sequence.pairs(), *sequence.pairs()])
     ]
     (tmp_path / "mapper.py").write_text(MAPPER)
     method = find_method(f"{tmp_path}/mapper.py:Mapper", Task.MAPPING)
     trial = MapperTrial.of(SimpleNamespace(rig=sequence.rig, pairs=lambda: iter(pairs)), MappingConfig(), ())
     begin_s = time.monotonic()
-    assert len(run_pass(method, trial).calls) == 2
+    passed = run_pass(method, trial)
+    assert [(call.statistics["index"], call.statistics["results"]) for call in passed.calls] == [(0.0, 1.0)] * 4
+    points = {row.keys: row.value for row in trial.figures(passed.results)}
+    assert points["points",] == NAV_RIG.width * NAV_RIG.height
+    assert 0.9 < points["accuracy", "coverage"] <= 1.0
     assert time.monotonic() - begin_s < 60.0
+
+
+def test_more_mapping_pairs_than_the_points_can_number_are_refused(drive: Path) -> None:
+    sequence = open_source(drive).nav
+    assert sequence is not None
+    many = SimpleNamespace(rig=sequence.rig, pairs=lambda: iter([next(sequence.pairs())] * 257))
+    with pytest.raises(InputError, match="257 mapping pairs: at most 256"):
+        MapperTrial.of(many, MappingConfig(), ())
 
 
 @pytest.mark.parametrize("place", [0, 5])
 def test_times_of_a_pass_are_those_of_the_calls_that_returned(place: int) -> None:
     calls = [MethodCall(CallUsage(0.1)) for _ in range(9)]
-    calls.insert(place, MethodCall(finding="raised: ValueError"))
+    calls.insert(place, MethodCall(findings=(CallFinding(FindingKind.RAISED, "ValueError"),)))
     costs = {row.keys: row.value for row in PassResult("", None, calls, []).costs()}
     times = {name: costs["time_s", name] for name in ("p50", "p95", "max", "first")}
     assert times == {"p50": 0.1, "p95": 0.1, "max": 0.1, "first": 0.1 if place else None}

@@ -3,12 +3,15 @@
 import math
 
 from sfr_loc_map.methods.call_monitor import LEAK_CALLS, MB, is_misstated, leak_in
+from sfr_loc_map.metrics.table.records import FindingKind
 
 
 def test_a_growth_over_all_calls_is_a_leak_and_a_saw_tooth_is_none() -> None:
     tooth = [90 * MB * (number % 4) for number in range(LEAK_CALLS)]
     assert not leak_in(tooth)
-    assert leak_in([level + 2 * number * MB for number, level in enumerate(tooth)]).startswith("leaking")
+    leak = leak_in([level + 2 * number * MB for number, level in enumerate(tooth)])
+    assert leak is not None
+    assert leak.kind is FindingKind.LEAKING
 
 
 def test_a_window_that_fills_and_then_stays_flat_is_no_leak() -> None:

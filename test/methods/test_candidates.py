@@ -15,10 +15,10 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.methods.channel import Channel
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_call import MethodCall
-from sfr_loc_map.methods.method_process import MethodProcess
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.runs.localiser_run import localise
 from sfr_loc_map.runs.mapper_run import map_pairs, map_pairs_with
@@ -38,7 +38,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.mapping.mapper import Mapper
 
 class Odd:
-    statistics = {"mood": 3}
+    statistics = {"mood": 3, "note": "bright", "none": None}
     def __init__(self, rig, config):
         self.results = {"text": config, "wrong": np.eye(3), "none": None, "matrix": np.eye(4),
                         "transform": Transform(np.eye(3), np.array([0.0, 2.0, 0.0])), "nan": np.full((4, 4), np.nan)}
@@ -110,9 +110,12 @@ class Writing:
         self.what, kind = config.split()
         self.path = Path(os.environ["TMPDIR"]).parent / f"result.{self.what}.npy"
         self.data = {"text": b"no array", "cut": header((120, 160))[:40], "claims": header((120, 10**12)),
-                     "archive": b"PK" + bytes(100), "floats": header((3,)) + bytes(24)}[kind]
+                     "archive": b"PK" + bytes(100), "floats": header((3,)) + bytes(24), "folder": None}[kind]
     def process(self, pair, T_lm_navsb, index):
-        self.path.write_bytes(self.data)
+        if self.data is None:
+            self.path.mkdir(exist_ok=True)
+        else:
+            self.path.write_bytes(self.data)
         return PointCloud.empty() if self.what == "disparity" else np.zeros(pair.left.shape, np.float32)
 
 def header(shape):
@@ -174,8 +177,9 @@ def test_a_matcher_gives_points_and_a_pair_without_any_is_empty(tmp_path: Path) 
     (tmp_path / "classes.py").write_text(CLASSES)
     with IsolatedMapper(find_method(f"{tmp_path}/classes.py:Flat", Task.MAPPING), NAV_RIG, hidden=()) as mapper:
         item = nav_pair(0)
-        first, call = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
-        second, _ = mapper.map_pair(item.pair, item.T_lm_navsb, 1)
+        of_pairs = mapper.begin_map()
+        first, call = of_pairs.map_pair(item.pair, item.T_lm_navsb)
+        second, _ = of_pairs.map_pair(item.pair, item.T_lm_navsb)
     assert not call.finding
     assert len(first.cloud) == NAV_RIG.width * NAV_RIG.height
     assert len(second.cloud) == 0
@@ -184,15 +188,16 @@ def test_a_matcher_gives_points_and_a_pair_without_any_is_empty(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("what", ["disparity", "cloud"])
-@pytest.mark.parametrize("kind", ["text", "cut", "claims", "archive", "floats"])
+@pytest.mark.parametrize("kind", ["text", "cut", "claims", "archive", "floats", "folder"])
 def test_arrays_that_a_method_writes_itself_are_checked(tmp_path: Path, what: str, kind: str) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
     method = find_method(f"{tmp_path}/classes.py:Writing", Task.MAPPING, f"{what} {kind}")
     with IsolatedMapper(method, NAV_RIG, hidden=()) as mapper:
         item = nav_pair(0)
-        made, call = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
-    assert call.finding.startswith("invalid result: the ")
-    assert len(made.cloud) == 0
+        made = [mapper.begin_map().map_pair(item.pair, item.T_lm_navsb) for _ in range(2)]
+    for of_pair, call in made:
+        assert call.finding.startswith("invalid result: the ")
+        assert len(of_pair.cloud) == 0
 
 
 def test_the_warnings_of_the_pairs_and_of_the_fusion_are_reported(drive: Path, tmp_path: Path) -> None:
@@ -229,10 +234,12 @@ def test_a_fusion_receives_the_results_of_the_pairs_of_its_map(tmp_path: Path) -
     (tmp_path / "classes.py").write_text(CLASSES)
     item, fused = nav_pair(0), []
     with IsolatedMapper(find_method(f"{tmp_path}/classes.py:Counting", Task.MAPPING), NAV_RIG, hidden=()) as mapper:
-        for index, is_last in ((0, False), (1, True), (0, False), (1, False), (0, False), (1, False), (2, True)):
-            made, _ = mapper.map_pair(item.pair, item.T_lm_navsb, index)
-            if is_last:
-                _, call = mapper.fuse([made], item.pair)
+        for pairs, is_fused in ((2, True), (2, False), (3, True)):
+            of_pairs = mapper.begin_map()
+            for _ in range(pairs):
+                of_pairs.map_pair(item.pair, item.T_lm_navsb)
+            if is_fused:
+                _, call = of_pairs.fuse()
                 assert call is not None
                 fused.append(call.statistics["results"])
     assert fused == [2.0, 3.0]
@@ -242,9 +249,11 @@ def test_the_files_of_a_pair_are_removed_before_the_fusion(monkeypatch: pytest.M
     """A method that answers without writing a cloud does not return the cloud of the last pair."""
     item = nav_pair(0)
     with IsolatedMapper(find_method("sfr", Task.MAPPING), NAV_RIG, hidden=()) as mapper:
-        made, _ = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
-        monkeypatch.setattr(MethodProcess, "call", lambda *_, **__: (MethodCall(), {"fused": True}, {}))
-        fused, call = mapper.fuse([made], item.pair)
+        of_pairs = mapper.begin_map()
+        made, _ = of_pairs.map_pair(item.pair, item.T_lm_navsb)
+        reply = {"number": 2, "seconds": 0.0, "result": {"fused": True}}
+        monkeypatch.setattr(Channel, "exchange", lambda *_: reply)
+        fused, call = of_pairs.fuse()
     assert call is not None
     assert call.finding.startswith("invalid result: the cloud cannot be read")
     assert fused.cloud.fused is False
@@ -279,7 +288,7 @@ def test_a_class_may_map_a_set_in_one_call_and_ours_gives_the_bits_of_its_stages
         (
             "disparity",
             "invalid result: the mapper returned ndarray of shape (120, 160): a PointCloud, or an object with a "
-            "PointCloud as 'cloud', is required for a set",
+            "PointCloud as 'cloud', is required for a set of pairs",
         ),
         ("pair", "invalid result: a point has the pair number 2: 0 to 1 is required"),
     ):

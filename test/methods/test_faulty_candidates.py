@@ -135,11 +135,12 @@ def test_points_are_checked(build: Build, options: tuple[str, ...], config: str,
     with IsolatedMapper(
         find_method(f"lib:{library}", Task.MAPPING, config), NAV_RIG, limits=LIMITS, hidden=()
     ) as mapper:
-        item = nav_pair(1)
-        made, call = mapper.map_pair(item.pair, item.T_lm_navsb, 1)
-        fused, fusion = mapper.fuse([made], item.pair)
+        of_pairs = mapper.begin_map()
+        for item in (nav_pair(0), nav_pair(1)):
+            made, call = of_pairs.map_pair(item.pair, item.T_lm_navsb)
+        fused, fusion = of_pairs.fuse()
     assert call.finding == finding
-    assert len(made.cloud) == len(fused.cloud) == (0 if finding else 1)
+    assert (len(made.cloud), len(fused.cloud)) == ((0, 0) if finding else (1, 2))
     assert fusion is None
     if not finding:
         np.testing.assert_allclose(made.cloud.to_structured().tolist(), [(1, 2, 3, 0.1, item.pair.left[5, 4], 4, 5, 1)])

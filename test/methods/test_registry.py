@@ -1,7 +1,9 @@
 """Methods are found by name, by class and by library, and a peer is found in its interpreter."""
 
 import json
+import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +72,8 @@ def test_a_peer_is_found_in_its_interpreter(tmp_path: Path, monkeypatch: pytest.
         Task.LOCALISATION, LocalisationConfig(), Path(sys.executable), tmp_path / "words.txt"
     )[0]
     with IsolatedLocaliser(peer, LOC_RIG, true_pose(0), rate_hz=10.0, hidden=()) as slam:
-        estimate, call = slam.localise(loc_pair(0), 1.1)
+        slam.localise(loc_pair(0))
+        estimate, call = slam.localise(replace(loc_pair(1), stamp_ns=loc_pair(0).stamp_ns + 1_100_000_000))
     assert not call.finding
     about = {"name": "orbslam3", "version": "9.1", "kind": MethodKind.PEER}
     assert slam.record == MethodRecord(**about, isolation=slam.record.isolation)
@@ -82,8 +85,11 @@ def test_a_peer_is_found_in_its_interpreter(tmp_path: Path, monkeypatch: pytest.
 def test_a_method_receives_no_variables_that_only_its_supplier_knows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A name that begins with that of another variable is another name."""
     monkeypatch.setenv("MODE", "good")
+    monkeypatch.setenv("PATH_TO_TRUTH", "truth.csv")
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     (tmp_path / "item.py").write_text("")
     found = environment_of(find_method(f"{tmp_path / 'item.py'}:Mine", Task.LOCALISATION), tmp_path)
-    assert ("MODE" in found, found["OMP_NUM_THREADS"]) == (False, "1")
+    assert {"MODE", "PATH_TO_TRUTH"}.isdisjoint(found)
+    assert (found["OMP_NUM_THREADS"], found["PATH"]) == ("1", os.environ["PATH"])

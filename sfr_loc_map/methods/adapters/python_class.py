@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -110,7 +111,7 @@ class PythonMapper(PythonClass):
     def __init__(self, setup: Setup) -> None:
         super().__init__(setup)
         self.fuses, self.maps_sets = self.has("fuse"), self.has("map_pairs")
-        self._results: list[Any] = []
+        self._results: list[Any] = []  # of the pairs of the current map, for `fuse`
 
     def prepare(self, left: GreyImage, right: GreyImage, order: Order) -> Callable[[], Any]:
         """Return the call that maps a set or one pair, or fuses all pairs."""
@@ -120,19 +121,25 @@ class PythonMapper(PythonClass):
                 for item, *images in zip(order["pairs"], left, right, strict=True)
             ]
             return lambda: self.method.map_pairs(pairs)
-        if order["call"] == "fuse":
-            results, self._results = self._results, []
-            return lambda: self.method.fuse(results)
-        (about,) = order["pairs"]
-        if about["index"] == 0:  # begins a map
+        if order["begins_map"]:
             self._results = []
-        pair, T_lm_navsb = StereoPair(about["stamp_ns"], left, right), _transform(about["T_lm_navsb"])
-        return lambda: self.method.process(pair, T_lm_navsb, about["index"])
+        results = self._results
+        if order["call"] == "fuse":
+            self._results = []
+            return lambda: self.method.fuse(results)
+        (ordered,) = order["pairs"]
+        pair, T_lm_navsb = StereoPair(ordered["stamp_ns"], left, right), _transform(ordered["T_lm_navsb"])
+
+        def map_pair() -> Any:  # noqa: ANN401 - as the class says
+            result = self.method.process(pair, T_lm_navsb, ordered["index"])
+            if self.fuses:
+                results.append(result)
+            return result
+
+        return map_pair
 
     def report(self, answer: Any, order: Order) -> Answer:  # noqa: ANN401 - as the class says
         """Save the points and the disparities; TypeError if the result has neither."""
-        if self.fuses and order["call"] == "pair":
-            self._results.append(answer)
         cloud = answer if isinstance(answer, PointCloud) else getattr(answer, "cloud", None)
         disparity = answer if isinstance(answer, np.ndarray) else getattr(answer, "disparity_px", None)
         if order["call"] != "pair" and not isinstance(cloud, PointCloud):
@@ -150,17 +157,23 @@ class PythonMapper(PythonClass):
                 f"the mapper returned {_described(answer)}: a PointCloud, a disparity image, or an object with a "
                 "PointCloud as 'cloud' or a disparity image as 'disparity_px' is required"
             )
+        is_concatenated = isinstance(cloud, PointCloud) and cloud.fused is False
         return {
             "stamp_ns": getattr(answer, "stamp_ns", order["pairs"][-1]["stamp_ns"]),
-            "fused": getattr(cloud, "fused", None) is not False,
+            "fused": not is_concatenated,
             "statistics": _figures(answer) | _figures(self.method),
             "warnings": [str(line) for line in getattr(answer, "warnings", ())],
         }
 
 
 def _figures(of: object) -> dict[str, float]:
+    """Return the statistics of a method or result by name; other values than numbers are ignored."""
     stated = getattr(of, "statistics", {})
-    return {str(name): float(value) for name, value in stated.items()} if isinstance(stated, Mapping) else {}
+    figures: dict[str, float] = {}
+    for name, value in stated.items() if isinstance(stated, Mapping) else ():
+        with suppress(TypeError, ValueError):
+            figures[str(name)] = float(value)
+    return figures
 
 
 def _described(answer: object) -> str:

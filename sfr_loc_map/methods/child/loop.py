@@ -70,15 +70,17 @@ class OrderedPair(TypedDict):
 
     stamp_ns: int
     index: int  #: Index of the pair in the map, from 0.
-    T_lm_navsb: Pose | None  #: Pose of the mapping cameras; None for a localiser.
+    T_lm_navsb: Pose | None  #: Pose of the mapping cameras; None for a localiser and for `fuse`.
 
 
 class Order(TypedDict):
     """One call."""
 
+    number: int  #: Number of the order, from 1.
     call: str  #: `pair`, `set` (one to three pairs in one call), or `fuse` (the maps of the previous pairs).
     pairs: list[OrderedPair]  #: The pairs of the call; for `fuse`, the last mapped pair.
-    since_start_s: float  #: Time of the pair since the first pair.
+    begins_map: bool  #: Whether the pair is the first of a map; the results of the previous map are not used again.
+    since_start_s: float  #: Time of the pair since the first pair, for a localiser.
     output: str  #: Path of the arrays of the answer, without the suffixes.
 
 
@@ -99,6 +101,7 @@ class Answer(TypedDict, total=False):
 class Reply(TypedDict, total=False):
     """Answer to an order: the result and the time of the call, or a fault and its text."""
 
+    number: int  #: Number of the order.
     seconds: float
     result: Answer
     fault: Literal["raised", "invalid result"]
@@ -115,15 +118,20 @@ def main() -> None:
     method = importlib.import_module(name.removesuffix(".py")).open_method(setup)
     camera = setup["camera"]
     images = np.memmap(setup["images"], np.uint8, "r").reshape(-1, 2, camera["height"], camera["width"])
-    able = {name: bool(getattr(method, name, False)) for name in ("fuses", "maps_sets")}
-    _answer(answers, {"version": str(method.version), **able})
+    hello: Hello = {
+        "version": str(method.version),
+        "fuses": bool(getattr(method, "fuses", False)),
+        "maps_sets": bool(getattr(method, "maps_sets", False)),
+    }
+    _answer(answers, hello)
     for line in sys.stdin:
         order = json.loads(line)
-        _answer(answers, _obey(method, np.array(images[: len(order["pairs"])]), order))
+        _answer(answers, _reply(method, np.array(images[: len(order["pairs"])]), order))
     os._exit(0)  # some methods crash in their destructors; all answers are already written
 
 
-def _obey(method: Any, images: Any, order: Order) -> Reply:  # noqa: ANN401
+def _reply(method: Any, images: Any, order: Order) -> Reply:  # noqa: ANN401
+    number = order["number"]
     call = method.prepare(*(images.swapaxes(0, 1) if order["call"] == "set" else images[0]), order)
     begin = time.perf_counter()
     try:
@@ -132,11 +140,11 @@ def _obey(method: Any, images: Any, order: Order) -> Reply:  # noqa: ANN401
         answer, raised = None, f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - begin
     if raised is not None:
-        return {"fault": "raised", "text": raised}
+        return {"number": number, "fault": "raised", "text": raised}
     try:
-        return {"seconds": seconds, "result": method.report(answer, order)}
+        return {"number": number, "seconds": seconds, "result": method.report(answer, order)}
     except Exception as error:
-        return {"fault": "invalid result", "text": str(error) or type(error).__name__}
+        return {"number": number, "fault": "invalid result", "text": str(error) or type(error).__name__}
 
 
 def _answer(stream: Any, value: Any) -> None:  # noqa: ANN401

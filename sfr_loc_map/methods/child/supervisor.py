@@ -1,10 +1,8 @@
-"""Runs a command without access to other files and to sockets: `python supervisor.py RULES COMMAND...`.
+"""Runs a command without access to other files and to sockets: `python supervisor.py COMMAND...`.
 
-RULES are JSON: folders that may be listed (`names`), paths that may be read (`read`), and paths that may be read and
-written (`write`). Missing paths are ignored. The command runs in a child process in a Landlock domain (Linux 5.13) and
-under a filter of system calls (x86-64 and AArch64). Neither requires privileges. The first line on standard output is
-JSON: the process id of the command, the restrictions in force, and whether the command can read all files. This program
-requires only Linux.
+The first line on standard input is JSON: the `Rules` of the command. The command runs in a child process in a Landlock
+domain (Linux 5.13) and under a filter of system calls (x86-64 and AArch64). Neither requires privileges. The first line
+on standard output is JSON: `Started`. The streams then belong to the command. This program requires only Linux.
 
 This process remains as the supervisor, and adopts orphaned descendants of the command. When the command has ended, the
 supervisor kills all descendants and exits with the status of the command. See docs/decisions/0010-isolation.md.
@@ -20,6 +18,7 @@ import resource
 import signal
 import struct
 import sys
+from typing import TypedDict
 
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = 1, 36, 38
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # system call numbers, on every architecture
@@ -48,19 +47,39 @@ ALLOWED, REFUSED, FIRST_OF_X32 = 0x7FFF0000, 0x00050001, 0x40000000  #: REFUSED 
 LIBC = ctypes.CDLL(None, use_errno=True)
 
 
+class Rules(TypedDict):
+    """Paths that the command may use; missing paths are ignored."""
+
+    names: list[str]  #: Folders that may be listed.
+    read: list[str]  #: Paths that may be read.
+    write: list[str]  #: Paths that may be read and written.
+
+
+class Started(TypedDict):
+    """Answer to the rules."""
+
+    process: int  #: Process id of the command.
+    isolation: str  #: Restrictions in force.
+    can_read_all_files: bool  #: Whether files are not restricted.
+
+
 def _checked(result: int, what: str) -> int:
     if result < 0:
         raise OSError(f"{what}: {os.strerror(ctypes.get_errno())}")
     return result
 
 
-def restrict(names: list[str], read: list[str], write: list[str]) -> list[str]:
+def restrict(rules: Rules) -> list[str]:
     """Restrict this process and its descendants; return the restrictions. OSError without Landlock."""
     abi = _checked(LIBC.syscall(CREATE_RULESET, None, 0, 1), "Landlock")
     rights_on_files = (1 << RIGHTS_BY_ABI[min(abi, len(RIGHTS_BY_ABI)) - 1]) - 1
     attributes = struct.pack("=QQQ", rights_on_files, TCP * (abi >= TCP_ABI), SCOPES * (abi >= SCOPES_ABI))
     ruleset = _checked(LIBC.syscall(CREATE_RULESET, attributes, len(attributes), 0), "Landlock")
-    for paths, rights in ((names, READ_DIR), (read, READ), (write, ~(MAKE_DEVICES | MAKE_LINKS))):
+    for paths, rights in (
+        (rules["names"], READ_DIR),
+        (rules["read"], READ),
+        (rules["write"], ~(MAKE_DEVICES | MAKE_LINKS)),
+    ):
         for path in paths:
             try:
                 place = os.open(path, os.O_PATH)
@@ -123,6 +142,18 @@ def _children() -> list[int]:
         return [int(number) for number in stream.read().split()]
 
 
+def _rules() -> Rules:
+    """Read the rules without a buffer, because the lines after them are for the command."""
+    line = b""
+    while not line.endswith(b"\n"):
+        part = os.read(0, 65536)
+        if not part:
+            raise SystemExit("the rules have no end")
+        line += part
+    rules: Rules = json.loads(line)
+    return rules
+
+
 def main() -> None:
     """Fork. The parent supervises; the child restricts itself, reports the restrictions and becomes the command."""
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
@@ -133,17 +164,16 @@ def main() -> None:
     LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
-    text, *words = sys.argv[1:]
-    rules = json.loads(text)
+    words = sys.argv[1:]
     can_read_all_files = False
     try:
-        restrictions = restrict(rules["names"], rules["read"], rules["write"])
+        restrictions = restrict(_rules())
     except OSError as error:
         can_read_all_files = True
         restrictions = [f"not files ({error})"]
     isolation = ", ".join([*restrictions, *refuse_calls()])
-    facts = {"process": os.getpid(), "isolation": isolation, "can_read_all_files": can_read_all_files}
-    print(json.dumps(facts), flush=True)
+    started: Started = {"process": os.getpid(), "isolation": isolation, "can_read_all_files": can_read_all_files}
+    print(json.dumps(started), flush=True)
     os.execv(words[0], words)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -163,7 +164,10 @@ class FindingKind(StrEnum):
 
 
 class CallFinding(NamedTuple):
-    """The fault of a method in one call. The record of the call and its row in a file have the text `KIND: TEXT`."""
+    """The fault of a method in one call. The record of the call and its row in a file have the text `KIND: TEXT`.
+
+    A call with several faults has their texts, separated by `; `.
+    """
 
     kind: FindingKind
     text: str
@@ -173,10 +177,14 @@ class CallFinding(NamedTuple):
         return f"{self.kind}: {self.text}"
 
     @classmethod
-    def parse(cls, text: str) -> CallFinding | None:
-        """Return the finding of the record of a call; None if the text names no fault."""
-        word, _, rest = text.partition(": ")
-        return cls(FindingKind(word), rest) if word in set(FindingKind) else None
+    def all_in(cls, text: str) -> list[CallFinding]:
+        """Return the findings of the record of a call; parts of the text that name no fault are ignored."""
+        parts = (part.partition(": ") for part in _NEXT_FINDING.split(text))
+        return [cls(FindingKind(word), rest) for word, _, rest in parts if word in set(FindingKind)]
+
+
+FINDING_SEPARATOR = "; "  #: Between the findings in the record of a call.
+_NEXT_FINDING = re.compile(f"{FINDING_SEPARATOR}(?=(?:{'|'.join(FindingKind)}): )")
 
 
 class MethodRecord(Record, frozen=True, kw_only=True):

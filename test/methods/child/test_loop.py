@@ -63,14 +63,18 @@ def test_a_method_gets_copies_of_each_pair_and_every_order_is_answered(tmp_path:
             return dict(json.loads(process.stdout.readline() or "{}"))
 
         setup = {"images": str(tmp_path / "images"), "camera": {"width": 6, "height": 4}}
-        one = {"call": "pair", "pairs": [{}], "since_start_s": 0.0}
+        one = {"number": 5, "call": "pair", "pairs": [{}], "since_start_s": 0.0}
         assert answer(setup) == {"version": "7", "fuses": False, "maps_sets": True}
         first = answer(one)
         assert first["result"] == {"shape": [4, 6], "right": 20.0, "first_kept": 10.0}
         assert 0.1 <= float(str(first["seconds"])) < 5.0
         images[:] = 99
         assert answer(one)["result"] == {"shape": [4, 6], "right": 99.0, "first_kept": 10.0}
-        assert answer({**one, "since_start_s": -1.0}) == {"fault": "raised", "text": "ValueError: no texture"}
+        assert answer({**one, "since_start_s": -1.0}) == {
+            "number": 5,
+            "fault": "raised",
+            "text": "ValueError: no texture",
+        }
         several = answer({**one, "call": "set", "pairs": [{}, {}, {}]})
         assert several["result"] == {"shape": [3, 4, 6], "right": 99.0, "first_kept": 10.0}
         process.stdin.close()
