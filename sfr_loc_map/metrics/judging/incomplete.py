@@ -49,7 +49,7 @@ from sfr_loc_map.metrics.table.row_part import (
 )
 from sfr_loc_map.metrics.table.rows import Figure
 
-NOT_DUE = "no result of the {part} is due yet"
+NOT_DUE = "no result of the {part} is expected so far"
 NO_MESSAGE = "no message of the live run was received"
 UNKNOWN = "the expected number of results of the {part} is unknown: score against the source"
 NO_CALL = {
