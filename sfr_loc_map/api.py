@@ -105,11 +105,14 @@ def localise(
     """Estimate the trajectory of a drive, like `sfr localise` with options of the same names.
 
     `start` is `identity`, `truth` or a pose of RB in DS. With `live`, the result is an iterator that yields each
-    `PoseEstimate` as soon as it is estimated. `config` contains the parameters of the localiser. For another `method`,
+    `PoseEstimate` as soon as it is estimated.
+
+    `config` contains the parameters of the localiser. A file also configures how a `source` that is a path is read.
+    Without `config`, the parameters are those of the file with which the source was opened. For another `method`,
     `config` is the configuration file of that method.
     """
     _check_flag("live", live)
-    opened = open(source)
+    opened = _opened(source, config, method)
     drive = drive_of(opened)
     is_named = isinstance(start, str) and start in ("identity", "truth")
     if not is_named and not isinstance(start, Transform | StartPose):
@@ -131,24 +134,26 @@ def map(
     source: SourceLike,
     *,
     fuse: bool = True,
-    refine_poses: bool = False,
+    refine_poses: bool | None = None,
     config: Parameters | MappingConfig | None = None,
     method: str = OURS,
 ) -> api_types.PointCloud:
     """Map up to three stereo pairs, like `sfr map` with options of the same names.
 
-    `config` contains the parameters of the mapper. For another `method`, it is the configuration file of that method.
+    `config` contains the parameters of the mapper, as that of `sfr.localise` those of the localiser. If `refine_poses`
+    is given, it has priority over the parameter of this name.
     """
     _check_flag("fuse", fuse)
-    _check_flag("refine_poses", refine_poses)
-    opened = open(source)
+    if refine_poses is not None:
+        _check_flag("refine_poses", refine_poses)
+    opened = _opened(source, config, method)
     panorama = panorama_of(opened)
     with naming(opened.path):
         how = _parameters_or_method(MappingConfig, Task.MAPPING, method, config, opened)
-        if refine_poses:
-            if not isinstance(how, MappingConfig):
-                raise ConfigError(f"refine_poses is an option of our mapper: omit it with method {method}")
-            how = replace(how, refine_poses=True)
+        if isinstance(how, MappingConfig):
+            how = how if refine_poses is None else replace(how, refine_poses=bool(refine_poses))
+        elif refine_poses:
+            raise ConfigError(f"refine_poses is an option of our mapper: omit it with method {method}")
         run = run_mapper(panorama, how)
     for line in run.warnings:
         warnings.warn(line, UserWarning, stacklevel=2)
@@ -252,6 +257,14 @@ def _limits(given: PathLike | Mapping[str, object] | Limits | None) -> Limits | 
     return load_limits(path_of(given, "limits", "a path, the content of a file of limits, or Limits"))
 
 
+def _opened(source: SourceLike, config: object, method: str) -> api_types.Source:
+    """Return the open source; a path is opened with a `config` that is a file, if the file is not that of a method."""
+    is_file = method == OURS and isinstance(config, str | os.PathLike)
+    if is_file and not isinstance(source, Source):
+        return open(source, config=path_of(config))
+    return open(source)
+
+
 def _parameters_or_method(kind: type[C], task: Task, method: str, config: object, source: Source) -> C | UnderTest:
     """Return the parameters of our localiser or mapper, or another method with the text of its configuration file."""
     if not isinstance(method, str):
@@ -260,7 +273,7 @@ def _parameters_or_method(kind: type[C], task: Task, method: str, config: object
         text = config_text(None if config is None else path_of(config, "config"))
         return UnderTest(find_method(method, task, text), hidden=source.truth_paths())
     if config is None:
-        return kind()
+        return source.config.parameters(kind, task.value)
     if isinstance(config, kind):
         return config
     if isinstance(config, Mapping):

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from html import escape
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -144,16 +145,14 @@ class Trajectory(Shown, trajectory.Trajectory):
         return to_figure(path_plot(curves_of({"estimate": self}, truth, config)))
 
     def at_rows(self, rows: NDArray[np.intp]) -> Self:
-        """Return the poses and calls in `rows`; a call's step is None if the previous pose is not in `rows`."""
+        """Return the poses and calls in `rows`; the step of a call that does not follow its previous call is None."""
         poses = super().at_rows(rows)
         if len(self.records) != len(self):
             return replace(poses, records=())
         numbers = rows.tolist()
-        kept = set(numbers)
-        first = min(numbers, default=0)
         calls = tuple(
-            self.records[row] if row == first or row - 1 in kept else replace(self.records[row], step=None)
-            for row in numbers
+            self.records[row] if row == before + 1 else replace(self.records[row], step=None)
+            for before, row in pairwise([-1, *numbers])
         )
         return replace(poses, records=calls)
 

@@ -25,7 +25,6 @@ from sfr_loc_map.cli.options import (
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
-from sfr_loc_map.config_file import read_config
 from sfr_loc_map.errors import InterruptedRunError, naming
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.signals import hold
@@ -76,9 +75,9 @@ def localise(
     check_suffix(output, FILE_SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
     check_outputs(*files_written(output), stats, video, inputs=files_read(source, config), overwrite=overwrite)
-    opened, read_from = open_as(source, remap, config if method == OURS else None)
+    opened, _ = open_as(source, remap, config if method == OURS else None)
     theirs = method_under_test(context, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
-    parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)
+    parameters, sequence = opened.config.parameters(LocalisationConfig, "localisation"), drive_of(opened)
     with ExitStack() as film, naming(source):
         first_pose = start_pose(sequence, start)
         if theirs is not None and (text := unstamped_start_warning(first_pose, sequence)) is not None:

@@ -24,7 +24,6 @@ from sfr_loc_map.cli.options import (
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, secondary_output, warn
 from sfr_loc_map.cli.verdict import conclude_findings
-from sfr_loc_map.config_file import read_config
 from sfr_loc_map.errors import InterruptedRunError, naming
 from sfr_loc_map.mapping.config import CalibrationPrior, MappingConfig
 from sfr_loc_map.message_text import counted
@@ -78,9 +77,9 @@ def map_cloud(
 
     check_suffix(output, SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
-    opened, read_from = open_as(source, remap, config if method == OURS else None)
+    opened, _ = open_as(source, remap, config if method == OURS else None)
     theirs = method_under_test(context, Task.MAPPING, opened, config, call_timeout, memory_limit)
-    parameters = read_config(MappingConfig, read_from, "mapping")
+    parameters = opened.config.parameters(MappingConfig, "mapping")
     parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
     check_dems(dem or ())
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)

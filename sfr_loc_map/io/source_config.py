@@ -8,16 +8,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
 from sfr_loc_map.config import build, param
-from sfr_loc_map.config_file import SECTIONS
+from sfr_loc_map.config_file import SECTIONS, read_config
 from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.truth.config import TruthConfig
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
+
+C = TypeVar("C")
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +143,10 @@ class SourceConfig:
         """
         truth = {"ground_truth/odometry": self.truth.topic} if self.truth.topic else {}
         return {name: topic for topic, name in self.remap.items()} | truth
+
+    def parameters(self, config_type: type[C], section: str) -> C:
+        """Return the parameters in a section of the file, such as `localisation`; without a file, the defaults."""
+        return read_config(config_type, self.path, section)
 
     @classmethod
     def of(cls, sections: Mapping[str, Any], path: Path | None = None) -> SourceConfig:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ import sfr_loc_map as suite
 from helpers.broken_sources import renamed_bag
 from helpers.cli_result import Sfr
 from helpers.score_rows import number, rows_about
+from sfr_loc_map import api
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.mapping.config import MappingConfig
 
@@ -181,6 +183,9 @@ def test_a_trajectory_is_a_sequence(estimate: suite.Trajectory) -> None:
     assert [stamp for stamp, _ in half] == estimate.stamps_ns[1::2].tolist()
     assert [record.stamp_ns for record in half.records] == half.stamps_ns.tolist()
     assert len(estimate[estimate.stamps_ns > stamp_ns]) == 0
+    assert all(record.step is not None for record in estimate[:3].records[1:])
+    assert [record.step is None for record in estimate[2:5].records] == [True, False, False]
+    assert all(record.step is None for record in estimate[:0:-1].records)
     with pytest.raises(IndexError):
         estimate[len(estimate)]
 
@@ -213,6 +218,42 @@ def test_a_source_gives_its_pairs(folder: Path) -> None:
     maps = replace(source, loc=None)
     assert [item.T_lm_navsb is not None for item in maps.pairs()] == [True, True]
     assert list(replace(maps, nav=None)) == []
+
+
+def test_parameters_are_those_of_the_file_that_configures_the_source(folder: Path, tmp_path: Path) -> None:
+    """They are those of the file beside the source, or of the given file, which also configures how it is read."""
+    data = tmp_path / "data"
+    shutil.copytree(folder, data)
+    expected = suite.localise(data, config={"max_features": 150})
+    default = suite.localise(data)
+    assert not np.array_equal(default.positions, expected.positions)
+    text = "localisation: {max_features: 150}\nmapping: {refine_poses: true}\n"
+    (data / "sfr.yaml").write_text(text)
+    for source in (data, suite.open(data)):
+        np.testing.assert_array_equal(suite.localise(source).positions, expected.positions)
+    np.testing.assert_array_equal(suite.localise(data, config={}).positions, default.positions)
+
+    truth = suite.open(folder).truth
+    replace(truth, positions=truth.positions + 3.0).save(tmp_path / "other.csv")
+    (tmp_path / "my.yaml").write_text(f"{text}truth: {{source: other.csv}}\n")
+    moved = suite.localise(folder, "truth", config=tmp_path / "my.yaml")
+    np.testing.assert_allclose(moved.positions[0], truth.positions[0] + 3.0)
+
+
+@pytest.mark.parametrize(("given", "refined"), [(None, True), (False, False), (True, True)])
+def test_refine_poses_has_priority_over_the_parameters(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, given: bool | None, refined: bool
+) -> None:
+    used: list[MappingConfig] = []
+
+    def keep(panorama: Any, how: MappingConfig) -> Any:
+        used.append(how)
+        raise InputError("kept")
+
+    monkeypatch.setattr(api, "run_mapper", keep)
+    with pytest.raises(InputError, match="kept"):
+        suite.map(folder, refine_poses=given, config={"refine_poses": True})
+    assert [how.refine_poses for how in used] == [refined]
 
 
 def test_a_drive_is_scored_with_the_configuration_with_which_its_source_was_opened(
