@@ -135,16 +135,23 @@ class CloudConverter:
         return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
 
     def accept(self, message: PointCloud2, points: FloatArray) -> None:
-        """Add the finite points in LM, and publish the cloud, with its points in LM, if it has all fields."""
+        """Add the points in LM, and publish the finite points with their other fields if the cloud has all fields.
+
+        Points that are not finite are kept for the score, which counts them. They are normal in an organised cloud, so
+        that those of an organised cloud are omitted.
+        """
         stamp_ns = stamp_of(message)
-        self._received.add_points(stamp_ns, points[np.isfinite(points).all(axis=1)])
+        finite = np.isfinite(points).all(axis=1)
+        kept = finite if message.height > 1 else np.ones_like(finite)
+        self._received.add_points(stamp_ns, points[kept])
         try:
             cloud = messages.cloud_from_msg(message)
         except InputError:
             return  # points without pixels are scored against the nearest true point
-        cloud = replace(cloud, xyz=points.astype(np.float32))
-        self._received.add_cloud(stamp_ns, cloud)
-        self._publisher.publish(messages.cloud_msg(cloud, stamp_ns, MAP))
+        sigma = (cloud.sigma * self._unit).astype(np.float32)
+        cloud = replace(cloud, xyz=points.astype(np.float32), sigma=sigma)
+        self._received.add_cloud(stamp_ns, cloud.select(kept))
+        self._publisher.publish(messages.cloud_msg(cloud.select(finite), stamp_ns, MAP))
 
 
 def answer_converter(peer: ReplayPeer, source: Source, options: ExternalOptions, received: Received) -> AnswerConverter:

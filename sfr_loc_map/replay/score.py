@@ -108,6 +108,7 @@ def _scored_drive(source: Source, result: ReplayResult, stats: Sequence[CallStat
 
 
 def _scored_cloud(source: Source, result: ReplayResult) -> CloudToScore | None:
+    """Return the finite points of the map, with the number of the other points; None without a map or its truth."""
     xyz = result.points if result.cloud is None else result.cloud.xyz
     if source.nav is None or xyz is None:
         return None
@@ -115,5 +116,8 @@ def _scored_cloud(source: Source, result: ReplayResult) -> CloudToScore | None:
     pairs = [by_stamp[stamp_ns] for stamp_ns in result.mapped_ns if stamp_ns in by_stamp]
     if not pairs or len(pairs) < len(result.mapped_ns) or any(pair.truth is None for pair in pairs):
         return None
-    loaded = LoadedCloud(np.asarray(xyz, np.float64), result.cloud)
+    points = np.asarray(xyz, np.float64)
+    finite = np.isfinite(points).all(axis=1)
+    cloud = None if result.cloud is None else result.cloud.select(finite)
+    loaded = LoadedCloud(points[finite], cloud, not_finite=int(np.count_nonzero(~finite)))
     return CloudToScore(loaded, truths_of(pairs, source.nav.rig))

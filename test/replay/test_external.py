@@ -6,12 +6,19 @@ import time
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
+import pytest
 from nav_msgs.msg import Odometry
 
+from helpers.made_scene import NAV_RIG
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.message_stamps import NS_PER_S, stamp_of
+from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
+from sfr_loc_map.replay.answer_converters import CloudConverter
 from sfr_loc_map.replay.external import ExternalNode
 from sfr_loc_map.replay.options import ExternalOptions
-from sfr_loc_map.ros.messages import header_msg
+from sfr_loc_map.replay.received import ReceivedMaps
+from sfr_loc_map.ros.messages import cloud_from_msg, cloud_msg, header_msg
 from sfr_loc_map.suite_names import Task
 
 
@@ -51,3 +58,28 @@ def test_answers_whose_stamp_is_of_no_pair_are_not_used() -> None:
     assert kept.accepted_ns == [of_pair], "the other answers are to no published pair"
     node.note_sent(of_next, time.monotonic())
     assert kept.accepted_ns == [of_pair, of_next]
+
+
+@pytest.mark.parametrize("is_organised", [False, True])
+def test_a_cloud_is_converted_to_metres_and_published_without_points_that_are_not_finite(is_organised: bool) -> None:
+    published: list[Any] = []
+    publisher = SimpleNamespace(publish=published.append)
+    peer = cast("Any", SimpleNamespace(ros_node=SimpleNamespace(create_publisher=lambda *_: publisher)))
+    options = ExternalOptions(Task.MAPPING, "points", convention=PoseConvention(metres_per_unit=0.001))
+    received, nav = ReceivedMaps(is_external=True), cast("Any", SimpleNamespace(rig=NAV_RIG, pairs=list))
+    converter = CloudConverter(peer, options, received, nav)
+    records = np.zeros(4, PointCloud.dtype())
+    records["x"] = 1000.0, np.nan, 2000.0, 3000.0
+    records["sigma"] = 10.0
+    message = cloud_msg(PointCloud.from_structured(records), 1, "lm")
+    if is_organised:
+        message.height, message.width, message.row_step = 2, 2, message.row_step // 2
+    converter.accept(message, converter.read(message))
+    ((_, points),) = received.points
+    ((_, cloud),) = received.clouds
+    assert len(points) == len(cloud) == (3 if is_organised else 4)
+    assert np.isnan(points).any() == (not is_organised)
+    found = cloud_from_msg(published[0])
+    np.testing.assert_allclose(found.xyz[:, 0], [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(found.sigma, 0.01)
+    np.testing.assert_array_equal(cloud.sigma[-3:], found.sigma)

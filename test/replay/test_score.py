@@ -104,6 +104,21 @@ def test_live_replay_and_score_of_every_file_format_are_equal_to_the_last_digit(
         assert file_score(tmp_path / name, source.path) == replayed
 
 
+@pytest.mark.parametrize("has_pixels", [True, False])
+def test_a_point_that_is_not_finite_is_counted_and_not_scored(tmp_path: Path, has_pixels: bool) -> None:
+    source, run = mapped(write_folder(tmp_path / "source", 0, 2))
+    cloud = run.fused.cloud
+    xyz = cloud.xyz.copy()
+    xyz[0] = np.nan
+    made = (replace(cloud, xyz=xyz), None) if has_pixels else (None, xyz.astype(np.float64))
+    stamps, files = tuple(item.stamp_ns for item in run.maps), ReplayFiles(tmp_path)
+    result = ReplayResult(Trajectory.empty(), made[0], [], stamps, points=made[1])
+    save_replay(result, files, OURS)
+    replayed = of_map(score_replay(source, result, ScoreConfig(), None))
+    assert number(replayed, "points_not_finite") == pytest.approx(1.0 / len(cloud))
+    assert replayed == file_score(files.cloud if has_pixels else files.points, source.path)
+
+
 def test_only_calls_of_a_mapper_from_a_given_file_may_belong_to_another_cloud(tmp_path: Path) -> None:
     source, run = mapped(write_folder(tmp_path / "source", 0, 2))
     stamps, files = tuple(item.stamp_ns for item in run.maps), ReplayFiles(tmp_path)
