@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from sfr_loc_map.geometry.camera import Pose
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
 from sfr_loc_map.localisation.uncertainty.rover_model import RoverModel
@@ -25,7 +25,8 @@ for the first pair degrades the first window. The covariance contains the motion
 class Guesses(NamedTuple):
     """Initial guesses of the next pose of the left camera in the world."""
 
-    repeated_motion: Pose  #: The last pose moved by the last motion once more, however long that motion lasted.
+    #: The last pose moved by the last motion once more, however long that motion lasted (`LastPose.motion_ns`).
+    repeated_motion: Pose
     standstill: Pose  #: The last pose.
     #: The last pose moved by the last motion once for each interval up to this pair, if pairs are missing; and the pose
     #: by wheel odometry.
@@ -57,11 +58,12 @@ class LastPose:
     """The last known pose of the left camera, and the motion that led to it."""
 
     T_world_left: Transform  #: Last known pose in the present map; an adjustment of the map changes it.
-    T_before_last: Transform  #: Motion between the last two tracked pairs; the identity to predict a standstill.
+    T_before_last: Transform  #: Last motion, in `motion_ns`; the identity to predict a standstill.
     known_ns: int | None  #: Stamp of the last pose from images or of an external pose; later motion is unobserved.
     tracked_ns: int = 0  #: Stamp of the last tracked pair, from which missing pairs are counted.
-    #: Time between the last two tracked pairs, 0 if unknown. It spans the pairs that were refused between the two.
-    period_ns: int = 0
+    #: Time between the last two tracked pairs; 0 if unknown. After more than `MAX_MISSED_PAIRS` refused pairs, the time
+    #: is one period, and `T_before_last` is the mean motion in one period.
+    motion_ns: int = 0
     speed: Speed = Speed(0.0, 0.0)  #: Last speed.
 
     def unobserved_s(self, stamp_ns: int) -> float:
@@ -70,7 +72,7 @@ class LastPose:
 
     def missing_pairs(self, stamp_ns: int) -> int:
         """Return the number of pairs that are missing between the last tracked pair and a stamp; 0 if unknown."""
-        return round((stamp_ns - self.tracked_ns) / self.period_ns) - 1 if self.period_ns > 0 else 0
+        return round((stamp_ns - self.tracked_ns) / self.motion_ns) - 1 if self.motion_ns > 0 else 0
 
     def has_gap(self, stamp_ns: int) -> bool:
         """Return whether the motion from the last known pose to a pair that begins a window is unobserved.
@@ -103,14 +105,25 @@ class LastPose:
         T_last_now = self.T_world_left.inverse() @ T_world_left
         return MotionSince(T_last_now, size_of(T_last_now), self.unobserved_s(stamp_ns))
 
-    def tracked(self, stamp_ns: int, T_world_left: Transform, since: MotionSince, *, was_known: bool) -> LastPose:
-        """Return the pose of a tracked pair. The speed is updated only if the previous pose was known."""
+    def tracked(
+        self, stamp_ns: int, T_world_left: Transform, since: MotionSince, *, period_ns: int, was_known: bool
+    ) -> LastPose:
+        """Return the pose of a tracked pair. The speed is updated only if the previous pose was known.
+
+        The period is the time between the pair and the one before it, refused or not.
+        """
         speed = self.speed
         if was_known:
             seconds = since.seconds
             size = since.size
             speed = Speed(size.metres / seconds, size.radians / seconds) if seconds > 0.0 else Speed(0.0, 0.0)
-        return LastPose(T_world_left, since.T_last_now, stamp_ns, stamp_ns, stamp_ns - self.tracked_ns, speed)
+        T_before_last = since.T_last_now
+        motion_ns = stamp_ns - self.tracked_ns
+        # the motion over a long gap is no motion that the next pair may repeat
+        if round(motion_ns / period_ns) - 1 > MAX_MISSED_PAIRS:
+            T_before_last = interpolated(Transform.identity(), T_before_last, period_ns / motion_ns)
+            motion_ns = period_ns
+        return LastPose(T_world_left, T_before_last, stamp_ns, stamp_ns, motion_ns, speed)
 
     def at_stamp(self, stamp_ns: int | None) -> LastPose:
         """Return the pose with another stamp `known_ns`, because an external pose is valid at this stamp.

@@ -57,7 +57,8 @@ from sfr_loc_map.message_stamps import NS_PER_S
 MAX_LATER_PERIODS = 1.5
 """Maximum number of periods between the last accepted pose and a later external pose that applies to it. An external
 pose for the next pair, which is kept, is one period later. With a limit of exactly one period, the jitter of the stamps
-would decide whether the map is discarded."""
+would decide whether the map is discarded. The period is the shorter of two times: that between the last two accepted
+pairs, and that between the newest two pairs. Each of them may span missing pairs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,6 +88,7 @@ class PathState:
     published: PublishedPose  #: The pose published last, at which the next step starts.
     history: History = History()  #: Past poses, to which an external pose can be applied.
     arrived_ns: int | None = None  #: Stamp of the newest pair, refused or not; None before the first pair.
+    period_ns: int = 0  #: Time between the newest two pairs, refused or not; 0 before the second pair.
 
 
 class AcceptedPair(NamedTuple):
@@ -126,10 +128,9 @@ def arrived(path: PathState, stamp_ns: int) -> PathState:
     A start pose without a stamp is valid at the first pair. A start pose with a later stamp is used from the first pair
     on, with the uncertainty of the motion until its stamp, and is applied again at its stamp.
     """
-    is_first = path.arrived_ns is None
+    if path.arrived_ns is not None:
+        return replace(path, arrived_ns=stamp_ns, period_ns=stamp_ns - path.arrived_ns)
     path = replace(path, arrived_ns=stamp_ns)
-    if not is_first:
-        return path
     known_ns = path.last.known_ns
     if known_ns is None or known_ns > stamp_ns + MAX_START_AHEAD_NS:
         return replace(path, last=path.last.at_stamp(stamp_ns))
@@ -154,7 +155,9 @@ def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[Pa
     errors = _errors_at(path, pair, added, model)
     published = _published_at(path, pair, added, model)
     step = _step_to_new_pose(path, pair, published, model)
-    last = path.last.tracked(pair.stamp_ns, pair.T_world_left, since, was_known=pair.was_known)
+    last = path.last.tracked(
+        pair.stamp_ns, pair.T_world_left, since, period_ns=path.period_ns, was_known=pair.was_known
+    )
     # after a kept pair, the pose published last is newer than the last tracked pair
     was_tracked = pair.was_known and path.published.stamp_ns == path.last.tracked_ns
     follows_directly = was_tracked and path.last.missing_pairs(pair.stamp_ns) <= 0
@@ -344,7 +347,8 @@ def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tupl
         return path, False
     path = replace(path, datum=replace(path.datum, pending=None))
     last_ns = path.history.last_ns
-    if last_ns is None or at_ns - last_ns > MAX_LATER_PERIODS * path.last.period_ns:
+    period_ns = min(path.last.motion_ns, path.period_ns)
+    if last_ns is None or at_ns - last_ns > MAX_LATER_PERIODS * period_ns:
         placed = _placed(path, pending.pose, at_ns, model)
         unobserved = _unobserved_of_left(placed, stamp_ns, model)
         return replace(placed, errors=placed.errors.kept(unobserved)), True

@@ -93,6 +93,11 @@ def pair_at(
     )
 
 
+def accepted(path: PathState, pair: AcceptedPair, model: RoverModel) -> tuple[PathState, StepEstimate]:
+    """Return the path after a pair arrived and its pose was accepted, and the step to it."""
+    return trajectory.accepted(trajectory.arrived(path, pair.stamp_ns), pair, model)
+
+
 def move(
     path: PathState,
     number: int,
@@ -102,7 +107,15 @@ def move(
     inflation: Inflation = Inflation.NONE,
 ) -> PathState:
     """Return the path after the pair of a number was tracked at a pose, or a position."""
-    return trajectory.accepted(path, pair_at(number, to, inflation, known), model_of(rig))[0]
+    return accepted(path, pair_at(number, to, inflation, known), model_of(rig))[0]
+
+
+def lost_until(path: PathState, number: int) -> PathState:
+    """Return the path after all pairs up to that of a number arrived and were lost."""
+    assert path.arrived_ns is not None
+    for stamp_ns in range(path.arrived_ns + PERIOD_NS, (number + 1) * PERIOD_NS, PERIOD_NS):
+        path = trajectory.lost(trajectory.arrived(path, stamp_ns))
+    return path
 
 
 def adjusted(path: PathState, to: np.ndarray) -> PathState:
@@ -113,7 +126,7 @@ def adjusted(path: PathState, to: np.ndarray) -> PathState:
 
 def step_to(path: PathState, number: int, to: np.ndarray) -> StepEstimate:
     """Return the step to the pair of a number that is tracked at a position."""
-    return trajectory.accepted(path, pair_at(number, to), model_of(IN_CAMERA))[1]
+    return accepted(path, pair_at(number, to), model_of(IN_CAMERA))[1]
 
 
 def of_path(path: PathState, known: OnlineCalibration | None = None) -> np.ndarray:
@@ -174,6 +187,17 @@ def test_constant_velocity_then_standstill_then_as_many_missed_pairs_as_the_stam
     assert len(further) == (0 < missed <= MAX_MISSED_PAIRS)
     for guess in further:
         np.testing.assert_allclose(guess, true_path(4 + missed)[-1].matrix, atol=1e-12)
+
+
+def test_the_motion_over_a_long_gap_is_repeated_as_the_mean_motion_of_one_period() -> None:
+    poses = true_path(22)
+    path = move(lost_until(move(begun(RIG), 1, poses[1], rig=RIG), 19), 20, poses[20], rig=RIG)
+    guesses = path.last.predict(21 * PERIOD_NS, None, model_of(RIG))
+    assert len(guesses.all) == 2
+    repeated = Transform(*guesses.repeated_motion)
+    moved = poses[20].inverse() @ repeated
+    np.testing.assert_allclose(moved.rotation, TURN.rotation, atol=1e-12)
+    assert np.linalg.norm(moved.translation - TURN.translation) < 0.3 * np.linalg.norm(TURN.translation)
 
 
 def test_wheel_odometry_is_a_motion_of_the_rover() -> None:
@@ -254,7 +278,7 @@ def test_a_step_from_the_first_pair_of_a_window_does_not_contain_the_motion_befo
     inflation: Inflation,
 ) -> None:
     model = model_of(IN_CAMERA)
-    before = trajectory.accepted(begun(), pair_at(1, STEP, inflation, noise=1e-4), model)[0]
+    before = accepted(begun(), pair_at(1, STEP, inflation, noise=1e-4), model)[0]
     assert np.trace(before.published.noise) > 0.0
     path = trajectory.lost(before)
     path, gap = trajectory.restarted(path, 51 * PERIOD_NS, map_of(NOTHING), model)  # type: ignore[arg-type]
@@ -270,7 +294,7 @@ def test_an_unobserved_motion_is_at_most_as_fast_as_the_rover() -> None:
     bounds = MotionBounds(max_speed_m_s=2.0)
     model = RoverModel.of(IN_CAMERA, bounds, KEYFRAME_FLOW)
     pair = pair_at(1, 0.02 * STEP / LENGTH)._replace(stamp_ns=100_000)
-    path = trajectory.accepted(begun(), pair, model)[0]
+    path = accepted(begun(), pair, model)[0]
     gap = trajectory.kept(path, 100_000 + PERIOD_NS, model)[1]
     assert np.sqrt(gap.covariance[0, 0]) == pytest.approx(0.1 * bounds.max_speed_m_s)
 
@@ -358,9 +382,21 @@ def test_jitter_of_the_stamps_does_not_decide_whether_a_pose_from_outside_discar
     model = model_of(IN_CAMERA)
     path = move(move(begun(), 1, STEP), 2, 2.0 * STEP)
     kept_ns = 3 * PERIOD_NS + jitter_ns
-    path = trajectory.kept(path, kept_ns, model)[0]
+    path = trajectory.kept(trajectory.arrived(path, kept_ns), kept_ns, model)[0]
     path = trajectory.given(path, StartPose(Transform(np.eye(3), 3.0 * STEP), NOTHING, kept_ns), model)
     assert not trajectory.with_pending_pose(path, kept_ns, model)[1]
+
+
+@pytest.mark.parametrize("are_missing", [False, True])
+def test_a_gap_before_the_last_pair_does_not_let_a_much_later_pose_from_outside_keep_the_map(
+    *, are_missing: bool
+) -> None:
+    model = model_of(IN_CAMERA)
+    path = move(begun(), 1, STEP)
+    path = move(path if are_missing else lost_until(path, 99), 100, 2.0 * STEP)
+    path = lost_until(path, 240)
+    exact = StartPose(Transform(np.eye(3), 3.0 * STEP), NOTHING, 240 * PERIOD_NS)
+    assert trajectory.with_pending_pose(trajectory.given(path, exact, model), 240 * PERIOD_NS, model)[1]
 
 
 @pytest.mark.parametrize("kept_pairs", [range(3, 33), ()])
@@ -426,11 +462,11 @@ def test_the_noise_of_two_images_is_added_between_a_pose_from_outside_and_the_pr
     noise = 0.01**2
 
     def covariance_with(noise: float) -> np.ndarray:
-        path = trajectory.accepted(begun(), pair_at(1, STEP, noise=noise), model)[0]
-        path = trajectory.accepted(path, pair_at(2, 2.0 * STEP, noise=noise), model)[0]
+        path = accepted(begun(), pair_at(1, STEP, noise=noise), model)[0]
+        path = accepted(path, pair_at(2, 2.0 * STEP, noise=noise), model)[0]
         if is_new_window:
             path = trajectory.restarted(path, 3 * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
-        path = trajectory.accepted(path, pair_at(4, 3.0 * STEP, noise=noise), model)[0]
+        path = accepted(path, pair_at(4, 3.0 * STEP, noise=noise), model)[0]
         return of_path(set_at(path, 1, 4))
 
     added = covariance_with(noise) - covariance_with(1e-18)
