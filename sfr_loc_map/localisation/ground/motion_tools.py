@@ -30,6 +30,10 @@ images of one exposure the estimate differs from 0 by a few hundredths at most."
 MIXTURE_SIGMAS = 3.0
 """Number of standard errors between the weight and its lower bound, so that the bound is too high in one image in
 740 (normal errors). If larger, weak ghosts are missed."""
+MIXTURE_PATCHES = 32
+"""Number of patches that suffice to find a second exposure if a pose requires more landmarks (`min_tracked`). Chosen by
+hand: half of the patches that are compared (`searches.MIXTURE_LANDMARKS`). If larger, ghosts in images with
+little contrast are missed. If smaller, the standard error of the weight is estimated from too few patches."""
 
 
 class MotionTools(NamedTuple):
@@ -116,4 +120,5 @@ class ComparedPair(NamedTuple):
         """
         mixture = mixture_of(image, landmarks, shown, other, self.tools.camera)
         lower_bound = mixture.weight - MIXTURE_SIGMAS * mixture.standard_error
-        return mixture.patches >= self.tools.min_tracked and lower_bound > MIN_MIXTURE_WEIGHT
+        has_enough_patches = mixture.patches >= min(self.tools.min_tracked, MIXTURE_PATCHES)
+        return has_enough_patches and lower_bound > MIN_MIXTURE_WEIGHT

@@ -14,6 +14,8 @@ from sfr_loc_map.localisation.frontend.landmarks import NO_PATCHES, HostPatches,
 from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes
 from sfr_loc_map.localisation.frontend.pyramid import build_pyramid
 from sfr_loc_map.localisation.ground.double_exposure import MIXTURE_LEVEL, Mixture, mixture_of
+from sfr_loc_map.localisation.ground.motion_tools import ComparedPair
+from sfr_loc_map.localisation.ground.searches import MIXTURE_LANDMARKS
 
 CAMERA = StereoCamera(200.0, 210.0, 119.5, 89.5, 0.1)
 HEIGHT, WIDTH, DEPTH_M = 180, 240, 2.0
@@ -30,9 +32,9 @@ def view(pose: Pose) -> np.ndarray:
     return wall_view(WALL, CAMERA, DEPTH_M, pose)
 
 
-def landmarks() -> Any:
+def landmarks(count: int = 150) -> Any:
     """Return landmarks of two keyframes at the same pose, of which the first hosts none."""
-    uv = np.random.default_rng(1).integers((40, 40), (200, 140), (150, 2)).astype(float)
+    uv = np.random.default_rng(1).integers((40, 40), (200, 140), (count, 2)).astype(float)
     planes = LocalPlanes(
         Poses(np.tile(HOST.rotation, (len(uv), 1, 1)), np.zeros((len(uv), 3))),
         uv,
@@ -60,6 +62,15 @@ def test_the_weight_of_the_other_exposure_is_found(weight: float, noise: float) 
     assert found.patches > 60
     assert found.weight == pytest.approx(weight, abs=0.03)
     assert found.standard_error < 0.03
+
+
+@pytest.mark.parametrize("min_tracked", [25, 100])
+def test_a_second_exposure_is_found_however_many_landmarks_a_pose_requires(min_tracked: int) -> None:
+    tools = SimpleNamespace(min_tracked=min_tracked, camera=CAMERA)
+    pair = ComparedPair(tools, *[None] * 6)  # type: ignore[arg-type]
+    for weight in (0.0, 0.5):
+        image = build_pyramid(grey((1.0 - weight) * view(SHOWN) + weight * view(OTHER)))[MIXTURE_LEVEL].image
+        assert pair.shows_other(image, landmarks(MIXTURE_LANDMARKS), SHOWN, OTHER) == (weight > 0.0)
 
 
 def test_brightness_and_contrast_do_not_change_the_weight() -> None:
