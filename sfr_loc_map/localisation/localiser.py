@@ -540,9 +540,11 @@ class Localiser:
         if guards.has_diverged(state.path.last, window.newest_pose, window.covariance):
             return self._without_map(state)
         path = trajectory.adjusted(state.path, window, self._model, has_yaw_step=result.has_yaw_step)
+        T_after_before = path.last.T_world_left @ state.path.last.T_world_left.inverse()
         return replace(
             state,
             path=path,
+            ground_memory=state.ground_memory.moved(T_after_before),
             landmark_map=result.landmark_map,
             calibration=result.calibration,
             recovery=state.recovery.with_keyframe(result.landmark_map.landmarks),

@@ -11,8 +11,9 @@ Each call takes a state and returns the next one. A pair changes these parts of 
 
 Five other events change the state:
 
-- A keyframe of the previous call is finished: path (pose, errors and last past pose), map, calibration and recovery
-  images. If its adjustment diverged, the map is discarded, the calibration is reset and `has_diverged` is set instead.
+- A keyframe of the previous call is finished: path (pose, errors and last past pose), map, calibration, recovery
+  images, and the pose of the earlier image in the memory of the ground. If its adjustment diverged, the map is
+  discarded, the calibration is reset and `has_diverged` is set instead.
 - An external pose is applied: path. `trajectory._placed` applies a pose whose stamp is more than 1.5 periods later
   than the last pair that was accepted or began a window, and a pose without such a pair. The map is then discarded.
   `trajectory._rebased` applies any other pose.

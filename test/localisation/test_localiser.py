@@ -384,6 +384,18 @@ def test_a_keyframe_is_solved_for_by_all_landmarks_though_some_are_excluded() ->
     np.testing.assert_array_equal(complete.landmarks.rows, landmarks.rows[10:])
 
 
+def test_an_adjustment_does_not_change_the_motion_since_the_image_that_pairs_are_compared_with() -> None:
+    by, _ = with_pending_keyframe()
+    assert by._pending is not None
+    state = by._with_keyframe(by._state, by._pending.result())
+    poses = []
+    for path, memory in ((by._state.path, by._state.ground_memory), (state.path, state.ground_memory)):
+        assert memory.earlier is not None
+        poses.append(path.last.T_world_left.inverse() @ Transform(*memory.earlier.pose))
+    assert np.any(by._state.path.last.T_world_left.matrix != state.path.last.T_world_left.matrix)
+    np.testing.assert_allclose(poses[1].matrix, poses[0].matrix, atol=1e-12)
+
+
 # ---- poses that cannot be
 
 

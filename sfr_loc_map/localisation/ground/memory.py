@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.findings import Finding, Verdict
 from sfr_loc_map.localisation.frontend.stereo_frame import StereoFrame
 from sfr_loc_map.localisation.ground.cell_change import LEVEL
@@ -89,20 +90,21 @@ class GroundMemory:
 
     The table shows how each event changes each component. Other components stay as they are.
 
-    | component | `after` | `after_unselected` | `in_new_window` | `after_lost_pair` | `after_stale_rows` |
-    |---|---|---|---|---|---|
-    | `excluded` | = cells after the pair | | | | |
-    | `earlier` | one pair older, or a newer image | one pair older | = first image | | |
-    | `previous` | = image of the pair | = None | = None | | |
-    | `identification` | by the conclusion | | restarted | restarted | |
-    | `faults` | by the fault | | = none | | by the rows |
-    | `typical` | updated if there is one motion | | = None | | |
+    | component | `after` | `after_unselected` | `in_new_window` | `moved` | `after_lost_pair` | `after_stale_rows` |
+    |---|---|---|---|---|---|---|
+    | `excluded` | = cells after the pair | | | | | |
+    | `earlier` | one pair older, or a newer image | one pair older | = first image | pose | | |
+    | `previous` | = image of the pair | = None | = None | | | |
+    | `identification` | by the conclusion | | restarted | | restarted | |
+    | `faults` | by the fault | | = none | | | by the rows |
+    | `typical` | updated if there is one motion | | = None | | | |
 
     | event | is |
     |---|---|
     | `after` | a pair in which the ground's motion was selected |
     | `after_unselected` | a pair with a frozen left image or with stale rows, in which no motion was selected |
     | `in_new_window` | a pair that begins a window |
+    | `moved` | the end of the adjustment of a keyframe in the background |
     | `after_lost_pair` | a lost pair |
     | `after_stale_rows` | the detection of stale rows in a pair, before its other changes |
 
@@ -228,6 +230,16 @@ class GroundMemory:
             faults=ImageFaults(),
             typical=None,
         )
+
+    def moved(self, T_after_before: Transform) -> GroundMemory:
+        """Return the memory after an adjustment moved the last pose in the world.
+
+        The earlier image moves with it, so that the image motion between the two remains.
+        """
+        if self.earlier is None:
+            return self
+        pose = Pose.of(T_after_before @ Transform(*self.earlier.pose))
+        return replace(self, earlier=self.earlier._replace(pose=pose))
 
     def after_lost_pair(self) -> GroundMemory:
         """Return the memory after a lost pair. The tracks of the next pairs may follow another motion."""
