@@ -315,7 +315,7 @@ class Score(score.Score, frozen=True, kw_only=True, tag_field="schema", tag=scor
         plots = {plot.name: plot for _, plots in score_plots(self) for plot in plots}
         chosen = next(iter(plots), None) if name is None else name
         if not plots:
-            raise ConfigError("this score has no plots")
+            raise ConfigError("this score has no plots: it contains no data of a drive, a map or calls")
         if chosen not in plots:
             raise ConfigError(f"this score has no plot '{chosen}': give one of {', '.join(plots)}")
         return to_figure(plots[chosen])

@@ -159,10 +159,17 @@ def _has_numbers(default: object) -> bool:
     return not values or any(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
 
 
+MOST_NAMES = 12  #: Largest number of known names in a message.
+
+
 def suggestion(name: str, known: Collection[str]) -> str:
     """Return the known name most similar to an unknown name, or the first known names, in parentheses."""
     close = difflib.get_close_matches(name, known, n=1)
-    return f" (did you mean '{close[0]}'?)" if close else f" (known: {', '.join(sorted(known)[:8])}, ...)"
+    if close:
+        return f" (did you mean '{close[0]}'?)"
+    names = sorted(known)
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return f" (known: {', '.join(names[:MOST_NAMES])}{more})"
 
 
 def _construct(config_type: type[C], values: Mapping[str, Any], prefix: str) -> C:

@@ -57,8 +57,8 @@ def silence_of(
     if requested is Reliability.RELIABLE and offered == {Reliability.BEST_EFFORT}:
         text = f"the publisher {names} offers best_effort but reliable is requested: nothing is received"
         override = f"qos_overrides.{topic}.subscription.reliability"
-        fix = f"set {override} of the node to best_effort (images and poses: or input.reliability), or the publisher's "
-        fix += "reliability to reliable"
+        fix = f"set the parameter {override} of the node, or for images and poses its parameter input.reliability, to "
+        fix += "best_effort, or let the publisher offer reliable"
         return Issue(Cause.QOS, topic, text, fix)
     text = f"the publisher {names} exists, but no message was received"
     fix = "check whether it publishes; a container with --net=host also requires --ipc=host to share /dev/shm"

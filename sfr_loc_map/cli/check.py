@@ -65,7 +65,8 @@ def check(
     check_outputs(json_path, inputs=(*files_read(source, config), *(estimate or ())), overwrite=overwrite)
     if len(estimate or ()) > MAX_ESTIMATES:
         raise ConfigError(
-            f"'--estimate': at most {MAX_ESTIMATES} estimates are allowed, because the suite's own run is the third"
+            f"'--estimate' is given {len(estimate or ())} times: at most {MAX_ESTIMATES} estimates can be compared "
+            "with the run of the built-in localiser"
         )
     others = read_estimates(estimate or ())
     conditions = list(dict.fromkeys(Condition.parse(text) for text in condition or CONDITIONS))

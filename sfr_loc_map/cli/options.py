@@ -117,13 +117,19 @@ def parse_remaps(remaps: Sequence[str] | None) -> dict[str, str]:
     return parsed
 
 
-def parse_settings(settings: Sequence[str] | None) -> dict[str, Any]:
-    """Return settings `KEY=VALUE`, the values read as YAML; raise ConfigError if one has another form."""
+SETTING_FORM = "SECTION.KEY=VALUE is required, such as truth.sigma_m=0.02"
+
+
+def parse_settings(settings: Sequence[str] | None, form: str = SETTING_FORM) -> dict[str, Any]:
+    """Return settings `KEY=VALUE`, the values read as YAML; raise ConfigError if one has another form.
+
+    `form` is the required form with an example of the command.
+    """
     values: dict[str, Any] = {}
     for item in settings or ():
         key, separator, text = item.partition("=")
         if not separator or not key:
-            raise ConfigError(f"'--set {item}': KEY=VALUE is required, such as terrain.relief_m=0.2")
+            raise ConfigError(f"'--set {item}': {form}")
         try:
             values[key] = parse_yaml(text)
         except (yaml.YAMLError, ValueError) as error:

@@ -45,4 +45,4 @@ def record(
     say(f"{out}: {count} messages of {sum(topic.count > 0 for topic in counts.values())} topics, {lost} lost")
     for name, topic in counts.items():
         if topic.lost:
-            say(f"  {topic.lost} of {name} lost in transport", err=True)
+            say(f"  {topic.lost} messages of {name} lost in transport", err=True)

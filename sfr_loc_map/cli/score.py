@@ -332,6 +332,7 @@ def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *
     The disagreement is the root sum of squares of the position error per distance travelled and the attitude error in
     radians, re-based at each start and averaged over sub-trajectories.
     """
+    from sfr_loc_map.metrics.diagnosis.convention_diagnosis import NEGLIGIBLE
     from sfr_loc_map.metrics.diagnosis.disagreement import MIN_POSES
     from sfr_loc_map.report.diagnosis_table import diagnosis_table
     from sfr_loc_map.scoring.conversion import diagnose_run
@@ -350,4 +351,10 @@ def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *
             [f"'{inputs.estimate}' and '{inputs.truth}' have fewer than {MIN_POSES} stamps in common"], lenient=lenient
         )
     elif json_path != STANDARD_OUTPUT:
-        say("no single convention mismatch explains the disagreement, if there is any")
+        disagreement = (
+            f"{diagnosis.disagreement:.3g} (position error per distance travelled, and attitude error in rad)"
+        )
+        if diagnosis.disagreement < NEGLIGIBLE:
+            say(f"estimate and truth use the same conventions: their mean disagreement is {disagreement}")
+        else:
+            say(f"no single convention mismatch explains the mean disagreement of {disagreement}")

@@ -209,7 +209,12 @@ def _pairs(seen: Observation, rig: str) -> Issues:
         if typical_ns <= NS_PER_S // 2:
             section = "input" if seen.is_live else "sync"
             fix += f"; or set {section}.stamp_tolerance_s above {off_s}, if the motion in this time is negligible"
-        yield Issue(Cause.UNSYNCHRONISED, seen.both_images(rig), f"{text}, typically {off_s} s off", fix)
+        yield Issue(
+            Cause.UNSYNCHRONISED,
+            seen.both_images(rig),
+            f"only {text}: the nearest right image is typically {off_s} s away",
+            fix,
+        )
 
 
 def _stereo(seen: Observation, rig: str) -> Issues:
@@ -279,11 +284,14 @@ def _extrinsics(seen: Observation) -> Issues:
     unknown = seen.broken or (node is not None and not node.state)  # the node may have the extrinsics
     if "loc" not in seen.rigs or given or unknown:
         return
-    place = "rig.json" if seen.kind is SourceKind.FILES else "/tf_static, rb to locsb"
+    transform = "the transform from rb to locsb"
+    is_files = seen.kind is SourceKind.FILES
+    place = "rig.json" if is_files else f"{transform} on /tf_static"
     text = f"neither a parameter nor {place} gives the extrinsics"
     if seen.extrinsics_in_tf is None:
         text = "no parameter gives the extrinsics, and /tf_static cannot be read without tf2_msgs"
-    fix = f"set T_rb_locsb.translation_m and quat_xyzw of localisation_node (--config), or add them to {place}"
+    alternative = "add them to rig.json" if is_files else f"publish {transform} on /tf_static"
+    fix = f"set T_rb_locsb.translation_m and quat_xyzw of localisation_node (--config), or {alternative}"
     yield Issue(Cause.FRAMES, "extrinsics of the localisation rig (T_rb_locsb)", text, fix)
 
 
@@ -309,7 +317,10 @@ def _poses(seen: Observation) -> Issues:
     share, typical_ns = _paired(images, topic.stamps_ns, seen.tolerance_ns("nav"))
     if share < COMPLETE:
         within = _within(seen, "nav")
-        text = f"{share:.0%} of the images have a pose {within}, typically {typical_ns / NS_PER_S:.3g} s off"
+        text = (
+            f"only {share:.0%} of the images have a pose {within}: the nearest pose is typically "
+            f"{typical_ns / NS_PER_S:.3g} s away"
+        )
         fix = "publish nav/pose with the stamp of each pair"
         yield Issue(Cause.POSE_STAMPS, topic.source_name, text, fix, share < PAIRED)
 

@@ -132,7 +132,11 @@ def disagreement_of(agreements: Sequence[Agreement]) -> str:
     known = [(item.probability, item) for item in agreements if item.probability is not None]
     probability, worst = min(known, key=lambda item: item[0])
     over = worst.condition or REVISITED_PLACES
-    return f"{worst.name} over {over} differ by more than their covariances predict (p {probability:.2g})"
+    runs = " and ".join(f"'{name}'" for name in worst.name.split(" - "))
+    return (
+        f"the runs {runs} differ over {over} by more than their covariances predict (probability {probability:.2g} if "
+        "the covariances are correct): see docs/check.md"
+    )
 
 
 def agreement_rows(agreement: Agreement) -> list[Figure]:

@@ -191,10 +191,11 @@ def parse_fault(text: str) -> Fault:
                 f"{', '.join(info.options)}"
             )
     fault = Fault(**values)  # type: ignore[arg-type]
-    if not (0 <= fault.share <= 1 and 1 <= fault.burst <= MAX_PAIRS and 0 <= fault.start <= MAX_PAIRS):
-        raise ConfigError(
-            f"fault '{text}': share 0 to 1, burst 1 to {MAX_PAIRS} and start 0 to {MAX_PAIRS} are required"
-        )
+    bounds = {"share": (0, 1, ""), "burst": (1, MAX_PAIRS, " pairs"), "start": (0, MAX_PAIRS, " pairs")}
+    for name, (lowest, highest, unit) in bounds.items():
+        number = getattr(fault, name)
+        if not lowest <= number <= highest:
+            raise ConfigError(f"fault '{text}': {name} is {number:g}: {lowest} to {highest}{unit} is required")
     if fault.camera not in CAMERAS:
         raise ConfigError(f"fault '{text}': camera is '{fault.camera}': one of {', '.join(CAMERAS)} is required")
     high = kind.info.max_amount

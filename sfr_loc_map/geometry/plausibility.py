@@ -48,12 +48,13 @@ def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: 
     low, high = (ratio * side for ratio in FOCAL_RATIOS)
     if not all(low <= f <= high for f in focal):
         raise GeometryError(
-            f"focal lengths are {focal[0]:g} and {focal[1]:g} px: {low:g} to {high:g} px are required for images of "
-            f"{size[0]} x {size[1]}"
+            f"the focal lengths are {focal[0]:g} and {focal[1]:g} px: {low:g} to {high:g} px are required for images "
+            f"of {size[0]} x {size[1]} px"
         )
     if not all(abs(c - 0.5 * n) <= MAX_CENTRE_RATIO * side for c, n in zip(centre, size, strict=True)):
         raise GeometryError(
-            f"principal point is ({centre[0]:g}, {centre[1]:g}): it is far outside an image of {size[0]} x {size[1]}"
+            f"the principal point is ({centre[0]:g}, {centre[1]:g}) px: it is far outside an image of {size[0]} x "
+            f"{size[1]} px"
         )
 
 

@@ -68,7 +68,9 @@ class StereoRig:
         """Pose of the left optical frame in RB; GeometryError if the pose of the rig in RB is unknown."""
         if self.T_rb_sb is None:
             raise GeometryError(
-                "the rig has no T_rb_locsb (pose of the stereo rig in RB): add it to rig.json or /tf_static of a bag"
+                "the pose of the cameras on the rover (T_rb_locsb) is unknown: set extrinsics.translation_m and "
+                "extrinsics.quat_xyzw in sfr.yaml, or add T_rb_locsb to rig.json, or the transform from rb to locsb to "
+                "/tf_static"
             )
         return self.T_rb_sb @ self.T_sb_left
 

@@ -136,8 +136,8 @@ def _warn_of_lost_properties(truth: Trajectory) -> None:
         return
     if any(truth.lever_arm_m):
         _log.warning(
-            f"the true positions are those of a body at {list(truth.lever_arm_m)} m in RB, and are written without "
-            "this lever arm: read the output with the same truth.lever_arm_m"
+            f"the true positions are those of a body at {list(truth.lever_arm_m)} m in the frame of the rover (RB), "
+            "and are written without this lever arm: read the output with the same truth.lever_arm_m"
         )
     lost = {f"truth.{name}": getattr(truth, name) for name in ("sigma_m", "sigma_deg") if getattr(truth, name)}
     if not (truth.has_height and truth.has_tilt):

@@ -22,7 +22,10 @@ def refusal_of(request: web.Request, token: str) -> str:
     host = request.headers.get("Host", "")
     origin = request.headers.get("Origin")
     if not token and not is_loopback(_split(f"//{host}")[0]):
-        return "this page is served only for 127.0.0.1 and localhost"
+        return (
+            "this page is served only for 127.0.0.1 and localhost: open it by one of these names, or start sfr live "
+            "with --host and --token"
+        )
     if origin is not None and _split(origin)[1] != host:
         return "the request comes from another page"
     if token and not any(is_equal(word, token) for word in _given_tokens(request)):

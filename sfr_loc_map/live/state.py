@@ -102,7 +102,9 @@ class LiveState:
         with self.lock:
             try:
                 if not math.isfinite(updates.time_of(update)):
-                    raise ValueError(f"{type(update).__name__} ignored: its time is not a finite number")
+                    raise ValueError(
+                        f"{updates.subject_of(update)} is ignored, because its time is not a finite number"
+                    )
                 self._take_in(update)
             except (SfrError, ValueError, OverflowError) as error:
                 self.problems.append(one_line(str(error)))

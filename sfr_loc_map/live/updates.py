@@ -145,6 +145,23 @@ Media = ImageSample | ElevationSample  #: Large records, of which only the newes
 Update = PublishedScore | PoseSample | Call | Status | ImageStamp | Media | ImageProblem | GraphNodes
 
 
+def subject_of(update: Update) -> str:
+    """Return what a record is about, in words of a user."""
+    match update:
+        case PoseSample():
+            return f"a pose of the {update.track}"
+        case Call():
+            return f"a call of {update.node}"
+        case Status():
+            return f"a status of {update.node}"
+        case ImageStamp() | ImageSample() | ImageProblem() | ElevationSample():
+            return f"a message on {update.topic}"
+        case PublishedScore():
+            return "a score"
+        case GraphNodes():
+            return "a list of the nodes"
+
+
 def time_of(update: Update) -> float:
     """Return when a record was received or its message was published, s; 0 for a record without a time."""
     match update:

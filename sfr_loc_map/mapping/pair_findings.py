@@ -75,7 +75,10 @@ def _warnings_of_images(disparity_map: DisparityMap, prior: CalibrationPrior) ->
     if math.isnan(fraction):
         warnings.append("too few pixels have texture above the noise: whether the images match is unknown")
     if fraction < LOW_MEASURED_FRACTION:
-        warnings.append(f"only {100 * fraction:.0f} % of the textured pixels are measured")
+        warnings.append(
+            f"only {100 * fraction:.0f} % of the textured pixels could be matched, {100 * LOW_MEASURED_FRACTION:.0f} % "
+            "or more are usual: check that the images are rectified, taken at the same time and by this rig"
+        )
     vertical_px = correction.vertical_largest_px
     if vertical_px > vertical_warning_px(prior):
         warnings.append(

@@ -46,7 +46,10 @@ class Channel:
         try:
             return msgspec.convert(json.loads(line), kind)
         except (ValueError, RecursionError) as error:
-            text = f"invalid answer of the adapter ({error}): {line[:80]!r}"
+            text = (
+                f"the process of the method wrote {line[:80]!r} in place of an answer ({error}): the method must not "
+                "write to the pipe of the answers"
+            )
             raise MethodFailureError(FindingKind.INVALID_RESULT, text, ended=True) from error
 
     def _answer(self, request: bytes, timeout_s: float, check: Callable[[], object]) -> bytes:

@@ -89,7 +89,9 @@ class Returned:
         if "fault" in self.reply:
             raise MethodFailureError(FindingKind(self.reply["fault"]), self.reply.get("text", ""))
         if "result" not in self.reply or "seconds" not in self.reply:
-            raise MethodFailureError(FindingKind.INVALID_RESULT, "the adapter returned no result")
+            raise MethodFailureError(
+                FindingKind.INVALID_RESULT, "the process of the method answered without a result or a time"
+            )
         contents: dict[str, bytes] = {}
         for suffix, content in self.contents.items():
             if isinstance(content, MethodFailureError):
@@ -180,7 +182,10 @@ class MethodProcess:
                 images[0], images[1] = pair.left, pair.right
             reply = self._exchange(order, Reply, self._call_timeout_s, running.check_memory)
             if reply.get("number") != order["number"]:  # the method wrote a line of its own, so that later answers lag
-                text = f"answered order {reply.get('number')}: order {order['number']} was sent"
+                text = (
+                    f"the process of the method answered call {reply.get('number')} in place of call {order['number']}"
+                    ": the method must not write to the pipe of the answers"
+                )
                 raise MethodFailureError(FindingKind.INVALID_RESULT, text, ended=True)
             contents = {suffix: self._content(suffix, limit) for suffix, limit in largest_files.items()}
             measured = running.end()

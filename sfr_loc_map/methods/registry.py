@@ -181,8 +181,10 @@ def find_peer(peer: Peer, python: Path | None, vocabulary: Path | None = None) -
         return None, f"not installed in {python}: {peer.install}"
     if not peer.needs_vocabulary:
         return replace(peer.method, python=python), ""
-    if vocabulary is None or not vocabulary.is_file():
-        return None, f"requires a vocabulary, but '{vocabulary}' is not a file: give --vocab FILE"
+    if vocabulary is None:
+        return None, "requires a vocabulary: give --vocab FILE"
+    if not vocabulary.is_file():
+        return None, f"vocabulary '{vocabulary}' is not a file: give --vocab FILE"
     return replace(peer.method, python=python, vocabulary=str(vocabulary.resolve())), ""
 
 

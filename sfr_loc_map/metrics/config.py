@@ -10,7 +10,7 @@ from sfr_loc_map.config import build, param
 from sfr_loc_map.errors import ConfigError, MetricsError
 
 MAX_VALUE = 1e9  #: Maximum metres, seconds or frames of a condition; this many seconds fit 64 bits of nanoseconds.
-SPACING_FRAMES = 10  #: Frames from one start of a sub-trajectory to the next, as the document recommends [4.1.1].
+SPACING_FRAMES = 10  #: Frames from one start of a sub-trajectory to the next, as the specification recommends [4.1.1].
 
 
 class AssociationMode(StrEnum):
@@ -240,7 +240,7 @@ class TrajectoryScoreConfig:
     rebase: str = param(
         "pose",
         doc="Removal of the error from before the start: re-basing by the complete pose, differences of displacements "
-        "and of changes of attitude (the literal reading of the document), or re-basing by the position only.",
+        "and of changes of attitude (the literal reading of the specification), or re-basing by the position only.",
         choices=("pose", "displacement", "position"),
     )
     partial: bool = param(
@@ -300,7 +300,7 @@ def aligned_error_config(align: str | None, settings: Mapping[str, object]) -> A
     given = {name: value for name, value in settings.items() if value is not None}
     if align is None and given:
         raise ConfigError(
-            "settings of APE and RPE require an alignment: select none, origin, se3 or sim3, or omit "
+            f"{', '.join(given)} of APE and RPE require the option align: give none, origin, se3 or sim3, or omit "
             f"{', '.join(given)}"
         )
     return None if align is None else build(AlignedErrorConfig, {"align": align, **given}, origin="options")

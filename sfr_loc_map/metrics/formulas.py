@@ -110,7 +110,7 @@ def pose_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajector
 
 
 def displacement_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
-    """Return the errors of the literal reading of the document.
+    """Return the errors of the literal reading of the specification.
 
     Displacements in DS and the changes of attitude and heading since N are compared. The attitude errors equal those of
     `pose_reading`. With `R = true_N^-1 true_N+x` and `E = est_N^-1 est_N+x`, both functions return the angle of
@@ -167,12 +167,12 @@ def position_error(estimated: FloatArray, actual: FloatArray) -> FloatArray:
 
 
 def mean_of_vectors(errors: FloatArray) -> float:
-    """Return the document's 'mean': the norm of the mean of all position error vectors."""
+    """Return the specification's 'mean': the norm of the mean of all position error vectors."""
     return float(np.linalg.norm(np.mean(errors, axis=0)))
 
 
 def sigma_of_vectors(errors: FloatArray) -> float:
-    """Return the document's 'sigma': the norm of the vector of the standard deviations along the axes of DS."""
+    """Return the specification's 'sigma': the norm of the vector of the standard deviations along the axes of DS."""
     return float(np.linalg.norm(standard_deviation(errors)))
 
 
@@ -253,7 +253,7 @@ QUANTILES = {name: float(f"{name[1:3]}.{name[3:] or 0}") for name in STATISTICS 
 def statistics(errors: NDArray[np.floating]) -> Statistics:
     """Return the statistics of errors `(n,)` or of error vectors `(n, 3)`.
 
-    They are undefined if an error is unknown (NaN). Mean, sigma and mean + 3 sigma are defined by the document. The
+    They are undefined if an error is unknown (NaN). The specification defines mean, sigma and mean + 3 sigma. The
     other statistics are those of the sizes.
     """
     given = np.asarray(errors, np.float64)

@@ -10,7 +10,7 @@ from sfr_loc_map.metrics.formulas import Poses, SubTrajectoryErrors
 
 
 class SubTrajectories(NamedTuple):
-    """The sub-trajectories of one condition, and their errors by one reading of the document."""
+    """The sub-trajectories of one condition, and their errors by one reading of the specification."""
 
     starts: IntArray  #: Frames N.
     ends: IntArray  #: Frames N+x.

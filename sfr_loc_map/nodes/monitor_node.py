@@ -58,8 +58,14 @@ from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TRUE_POINTS, call_topi
 from sfr_loc_map.transport_issues import Reliability
 
 ESTIMATES, TRUTH = "estimate", "truth"
-SOURCES = (ESTIMATES, TRUTH, NAV_POSE, Task.LOCALISATION, *MappingState)
-"""Sources of stamped messages, in step: a new run of one source is a new run of all."""
+SOURCES: dict[str, str] = {
+    ESTIMATES: "the estimate",
+    TRUTH: "the ground truth",
+    NAV_POSE: NAV_POSE,
+    Task.LOCALISATION: "the calls of localisation_node",
+    **{state: f"the calls of mapping_node ({state})" for state in MappingState},
+}
+"""Sources of stamped messages with their words in a message. A new run of one source is a new run of all."""
 IN_FLIGHT_S = 5.0  #: During a run, results of pairs younger than this do not count as missing.
 
 
@@ -259,7 +265,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         """Add a pose or call once its run is known; strays and results of the previous run are dropped."""
         accepted, begins_run = self._runs.add(source, stamp_ns, add)
         if begins_run:
-            self.get_logger().warning(f"the stamps of {source} have jumped: the score restarts")
+            self.get_logger().warning(f"the stamps of {SOURCES[source]} have jumped: the score restarts")
             self._begin_run()
             self._restarts += 1
         for add_item in accepted:

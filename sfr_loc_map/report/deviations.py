@@ -1,4 +1,4 @@
-"""Deviations of a score from the document, and data of the score that is not judged.
+"""Deviations of a score from the specification, and data of the score that is not judged.
 
 The sentences about a score are classified as follows:
 
@@ -42,11 +42,14 @@ from sfr_loc_map.tables.model import METRE, fitting, number
 PATH_WITHOUT_IMAGES = 0.01
 """Fraction of the true path without images that is accepted, because the truth begins and ends near an image."""
 MAX_STANDING = 0.1  #: Accepted fraction of sub-trajectories with a stationary rover.
-STAGES = (CallKind.MAPPING, CallKind.FUSION)  #: Calls that are stages of the mapping call of the document.
+STAGES = (CallKind.MAPPING, CallKind.FUSION)  #: Calls that are stages of the mapping call of the specification.
 TASK_NAMES = {Scope.DRIVE: "localisation", Scope.MAP: "mapping"}
 KINDS_OF = {Scope.DRIVE: (CallKind.LOCALISATION,), Scope.MAP: (CallKind.MAPPING_CALL, CallKind.MAPPING)}
 """Calls of each task. Findings are recorded with calls, and the states of poses with those of a localiser."""
-UNKNOWN_WITHOUT_CALLS = {Scope.DRIVE: "Its findings and the states of its poses", Scope.MAP: "Its findings"}
+UNKNOWN_WITHOUT_CALLS = {
+    Scope.DRIVE: "Failures of the method in these calls, and which poses are lost or degraded,",
+    Scope.MAP: "Failures of the method in these calls",
+}
 
 SETTINGS_WITH_A_SENTENCE = frozenset(
     {
@@ -62,20 +65,20 @@ SETTINGS_WITH_A_SENTENCE = frozenset(
 
 
 def deviations_of(score: Score) -> Iterator[str]:
-    """Yield the deviations of a score from the document, and the data that is not judged."""
+    """Yield the deviations of a score from the specification, and the data that is not judged."""
     for sentences_of in DEVIATIONS:
         yield from sentences_of(score)
 
 
-# ---- settings and measurements that differ from the requirements of the document
+# ---- settings and measurements that differ from the requirements of the specification
 
 
 def _spacing(score: Score) -> Iterator[str]:
-    """Yield a spacing of the sub-trajectories that differs from the recommendation of the document."""
+    """Yield a spacing of the sub-trajectories that differs from the recommendation of the specification."""
     association = score.association
     if association is not None and association.spacing_frames != SPACING_FRAMES:
         spacing = association.spacing_frames
-        yield f"Sub-trajectories start every {spacing} frames; the document states {SPACING_FRAMES} [4.1.1]."
+        yield f"Sub-trajectories start every {spacing} frames; the specification states {SPACING_FRAMES} [4.1.1]."
 
 
 def _reading(score: Score) -> Iterator[str]:
@@ -94,7 +97,7 @@ def _reading(score: Score) -> Iterator[str]:
         literal_text = f"{number(literal, unit=unit)} {unit.symbol}"
         compared.append(f"mean + 3 sigma over {label_of(condition)} {used_text}, by displacements {literal_text}")
     yield (
-        f"Errors are computed by the reading '{association.rebase}'. Literally, the document compares "
+        f"Errors are computed by the reading '{association.rebase}'. Literally, the specification compares "
         f"displacements [4.2.3.1]{': ' if compared else ''}{'; '.join(compared)}."
     )
 
@@ -165,7 +168,7 @@ def _setting_text(value: object) -> str:
 
 
 def _calls(score: Score) -> Iterator[str]:
-    """Yield the limits on times and memory that were not measured as the document requires."""
+    """Yield the limits on times and memory that were not measured as the specification requires."""
     is_stated = score.calls is not None and STATED_CLOCK in score.calls.clocks.values()
     for item in score.verdicts:
         yield from _calls_of(item, is_stated=is_stated)
@@ -175,14 +178,14 @@ def _calls_of(item: Verdict, *, is_stated: bool) -> Iterator[str]:
     """Yield one sentence if calls were not measured on the target, and one if the limit applies to a stage."""
     is_on_calls = item.subject in (Subject.TIMING, Subject.MEMORY)
     if is_on_calls and not item.is_of_target:
-        on_target = "the document requires the target [4.2.1, 4.3.1]"
-        as_proposed = "the document leaves the method to the supplier [4.2.2, 4.3.2]"
+        on_target = "the specification requires the target [4.2.1, 4.3.1]"
+        as_proposed = "the specification leaves the method to the supplier [4.2.2, 4.3.2]"
         how = "was stated by the node and not measured from outside" if is_stated else "was measured on the host"
         yield f"{_name(item)} {how}; {on_target if item.subject is Subject.TIMING else as_proposed}."
     if item.is_of_target:
         yield f"{_name(item)} was stated by the file of the target and not measured by this suite."
     if is_of_stage(item):
-        yield f"{_name(item)} concerns a stage. The mapping call of the document makes one cloud of all pairs [4.3.1]."
+        yield f"{_name(item)} concerns a stage. The specification's mapping call makes one cloud of all pairs [4.3.1]."
 
 
 def is_of_stage(item: Verdict) -> bool:
@@ -306,12 +309,12 @@ def _unknown_calls(score: Score) -> Iterator[str]:
         judged = [row.value for row in found if row is not None]
         if not judged:
             without = UNKNOWN_WITHOUT_CALLS[task]
-            yield f"The {name} calls of the run are unknown. {without} are therefore unknown, too."
+            yield f"The {name} calls of the run are unknown (option stats). {without} are therefore unknown."
         elif None in judged:
             yield f"It is unknown whether all pairs have a {name} call, because the expected pairs are unknown."
         elif (share := 1.0 - max(value for value in judged if value is not None)) > 0.0:
             text = f"{100.0 * share:.3g} % of the pairs have no measured {name} call."
-            yield f"{text} Findings and states at these pairs are unknown."
+            yield f"{text} Failures of the method and states of poses at these pairs are unknown."
 
 
 def _external_node(score: Score) -> Iterator[str]:

@@ -10,7 +10,7 @@ from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 
-NO_CLAUSE = "no_clause"  #: Class of a test case whose figure the document does not define.
+NO_CLAUSE = "no_clause"  #: Class of a test case whose figure the specification does not define.
 ELEMENTS = {
     VerdictState.FAIL: ("failure", "failures"),
     VerdictState.NOT_ENOUGH_DATA: ("error", "errors"),

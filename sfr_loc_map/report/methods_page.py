@@ -39,7 +39,7 @@ Named = Sequence[tuple[str, Score]]
 
 
 class Task(NamedTuple):
-    """A task of the document with the kind of its call and the subject of its errors."""
+    """A task of the specification with the kind of its call and the subject of its errors."""
 
     name: str  #: Name in the options of external nodes.
     call: CallKind
@@ -50,7 +50,7 @@ TASKS = (
     Task("localisation", CallKind.LOCALISATION, Subject.TRAJECTORY),
     Task("mapping", CallKind.MAPPING_CALL, Subject.MAP),
 )
-"""Tasks whose time and memory the document defines [4.2.1, 4.3.1]. Stages of a mapping call are not tasks."""
+"""Tasks whose time and memory the specification defines [4.2.1, 4.3.1]. Stages of a mapping call are not tasks."""
 
 
 class MethodColumn(NamedTuple):

@@ -17,7 +17,7 @@ NO_INTERVAL = (
 READINGS = {
     Reading.POSE: "the estimate is re-based at the start by its full pose, then poses are compared",
     Reading.DISPLACEMENT: "displacements in DS, and changes of attitude and heading since the start, are compared as "
-    "the document literally states; an attitude error at the start counts in the position error",
+    "the specification literally states; an attitude error at the start counts in the position error",
     Reading.POSITION: "the estimate is re-based at the start by its position only; earlier attitude errors count",
 }
 DS_IS_COMMON = (
@@ -56,7 +56,7 @@ def readings_note(score: Score) -> str:
 
 
 def readings_text(item: Verdict) -> str:
-    """Return the verdict by each reading of the document."""
+    """Return the verdict by each reading of the specification."""
     return ", ".join(f"{state} by {name}" for name, state in item.by_reading.items())
 
 

@@ -76,7 +76,7 @@ def is_limited(score: Score, row: Figure) -> bool:
 
 
 def is_of_a_reading(score: Score, row: Figure) -> bool:
-    """Return whether a row has the errors of sub-trajectories by one reading of the document."""
+    """Return whether a row has the errors of sub-trajectories by one reading of the specification."""
     return row.subject is Subject.TRAJECTORY and row.condition is not None and row.part in [*Reading]
 
 
@@ -133,7 +133,9 @@ def on_target(subject: Subject) -> Callable[[Score, Figure], bool]:
 
 HEADLINE = View("headline", "Figures", is_headline, notes.headline_note, shown_statistics)
 COVERED = View("covered", "Completeness", about(Subject.COMPLETENESS), notes.covered_note)
-READINGS = View("readings", "Each reading of the document", is_of_a_reading, notes.readings_note, compared_statistics)
+READINGS = View(
+    "readings", "Each reading of the specification", is_of_a_reading, notes.readings_note, compared_statistics
+)
 VIEWS = (
     HEADLINE,
     COVERED,

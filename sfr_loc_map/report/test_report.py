@@ -98,7 +98,7 @@ class SignedReport:
     banner: Banner
     no_common_verdict: str  #: Why the scores have no common verdict; empty if they have one.
     sections: list[ScoreSection]  #: Item under test, procedure, data and results of each score.
-    clauses: list[tuple[str, str]]  #: Clauses of the document and their texts.
+    clauses: list[tuple[str, str]]  #: Clauses of the specification and their texts.
     counts: dict[str, int]  #: Number of results by verdict.
     evidence: list[AdditionalEvidence]
     deviations: list[str]

@@ -35,7 +35,7 @@ from sfr_loc_map.tables.model import (
 )
 
 MOST_SHOWN = 10.0  #: Largest displayed fraction of a limit.
-WITHOUT_NAME = (None, *Reading)  #: Parts that are omitted in the name of a limit: the readings of the document.
+WITHOUT_NAME = (None, *Reading)  #: Parts that are omitted in the name of a limit: the readings of the specification.
 
 
 @dataclass(frozen=True, slots=True)

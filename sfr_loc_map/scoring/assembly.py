@@ -102,7 +102,7 @@ def _partial_warnings(score: Score) -> Iterator[str]:
     complete_only = struct_replace(score, rules=struct_replace(score.active_rules, partial=False))
     accepted = [item for item in incompleteness(complete_only) if item.kind.is_lifted_by_partial]
     if (text := text_of(accepted)) is not None:
-        yield f"a part of the drive is judged: {text}"
+        yield f"judged although data is missing (--partial): {text}"
 
 
 def _convention_warnings(convention: ConventionRecord | None) -> Iterator[str]:
@@ -141,7 +141,10 @@ def _process_warnings(method: MethodRecord | None, run: Run) -> Iterator[str]:
     if method is None:
         return
     if method.can_read_all_files:
-        yield f"method {method.name} was not isolated and may have read any file: {method.isolation}"
+        yield (
+            f"method {method.name} was not isolated from files and may have read any of them (restrictions in force: "
+            f"{method.isolation})"
+        )
     for usage in (item.processes for item in run.stats if item.processes is not None):
         outside_s = usage.cpu_outside_s or 0.0
         if outside_s > max(OUTSIDE_SHARE * usage.cpu_s, OUTSIDE_S):

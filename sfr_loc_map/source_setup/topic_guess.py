@@ -147,7 +147,11 @@ class _Choices:
     def report_ambiguous(self, name: str, topics: Sequence[SeenTopic]) -> None:
         """Add a remark if several topics are possible."""
         if len(topics) > 1:
-            self.remarks.append(f"{name}: {', '.join(topic.name for topic in topics)} are possible; none is chosen")
+            names = ", ".join(topic.name for topic in topics)
+            self.remarks.append(
+                f"{name}: several topics are possible ({names}), so none is chosen: choose one by --remap "
+                "FOUND:=EXPECTED"
+            )
 
 
 def guess_topics(seen: Sequence[SeenTopic]) -> Guess:

@@ -135,7 +135,7 @@ def test_the_lever_arm_of_a_truth_without_attitudes_is_reported(
 ) -> None:
     prism = Truth(np.array([0, 10**9]), np.eye(3)[:2], np.zeros((2, 4)), lever_arm_m=(0.3, 0.0, 1.1))
     convert_trajectory(prism, tmp_path / "prism.csv")
-    assert "a body at [0.3, 0.0, 1.1] m in RB" in caplog.text
+    assert "a body at [0.3, 0.0, 1.1] m in the frame of the rover" in caplog.text
 
 
 def test_the_accuracy_and_unknown_components_of_a_truth_are_reported(

@@ -32,7 +32,7 @@ BROKEN = [
     ("folder", "loc/pairs.csv", "1700000000000000001", "1700000000999999999", "in increasing order"),
     ("folder", "loc/pairs.csv", "\n17", "\n1_7", "line 2: stamp"),
     ("folder", "nav/pairs.csv", "-0.035", "1e308", "line 3: "),
-    ("folder", "nav/pairs.csv", ALL, "stamp_ns,left,right\n1,left/000000.png,right/000000.png\n", "no poses in LM"),
+    ("folder", "nav/pairs.csv", ALL, "stamp_ns,left,right\n1,left/000000.png,right/000000.png\n", "no poses of"),
     ("kitti", "times.txt", ALL, "0\nx\n", "line 2: stamp 'x' is not a number of seconds"),
     ("kitti", "poses.txt", ALL, "1 0 0 0 0 1 0 0 0 0 1 0\n", "1 poses for 3 times"),
     ("kitti", "calib.txt", "P1:", "Q1:", r"P0 and P1 are required"),

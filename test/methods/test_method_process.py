@@ -69,7 +69,7 @@ def test_a_reply_with_an_unknown_fault_is_an_invalid_result(tmp_path: Path) -> N
     method = find_method(f"{tmp_path}/classes.py:Replying", Task.LOCALISATION)
     with IsolatedLocaliser(method, LOC_RIG, true_pose(0), hidden=()) as localiser:
         _, call = localiser.localise(loc_pair(0))
-    assert call.finding.startswith("invalid result: invalid answer of the adapter")
+    assert call.finding.startswith("invalid result: the process of the method wrote")
 
 
 @pytest.mark.parametrize(("config", "number"), [("{}", "None"), ('{"number": 1}', "1")])
@@ -80,7 +80,7 @@ def test_an_answer_to_an_earlier_order_is_an_invalid_result(tmp_path: Path, conf
     with IsolatedLocaliser(method, LOC_RIG, true_pose(0), hidden=()) as localiser:
         made = [localiser.localise(loc_pair(index)) for index in range(3)]
     wrong = next(call.finding for _, call in made if call.finding)
-    assert wrong.startswith(f"invalid result: answered order {number}: order ")
+    assert wrong.startswith(f"invalid result: the process of the method answered call {number} ")
     assert [estimate.state.value for estimate, _ in made[:2]] == ["lost", "lost"]
 
 

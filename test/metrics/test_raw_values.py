@@ -65,7 +65,7 @@ def test_a_statistic_that_was_made_smaller_contradicts_the_raw_values(
         assert fault_of_raw_values(edited(score, figure, "rmse", 0.1, part)) is not None
     else:
         assert problem is not None
-        assert problem.startswith(f"{statistic} of {figure}"), problem
+        assert problem.startswith(f"'{statistic}' of '{figure}"), problem
 
 
 @pytest.mark.parametrize("bounded", [False, True])
@@ -76,7 +76,7 @@ def test_an_interval_that_was_changed_contradicts_the_errors(*, bounded: bool) -
     for name in ("low95", "high95") if bounded else ("low95", "high95", "independent"):
         problem = fault_of_raw_values(edited(score, "position", name, 1.01, "pose"))
         assert problem is not None
-        assert problem.startswith(f"{name} of position")
+        assert problem.startswith(f"'{name}' of 'position")
 
 
 @pytest.mark.parametrize("statistic", ["mean", "sigma"])
@@ -96,7 +96,7 @@ def test_a_score_that_is_older_than_a_statistic_does_not_contradict_itself(frame
     older = replace(score, figures=tuple(replace(row, p99=None) for row in score.figures))
     assert fault_of_raw_values(older) is None
     uncounted = replace(score, figures=tuple(replace(row, n=None) for row in score.figures))
-    assert (fault_of_raw_values(uncounted) or "").startswith("n of")
+    assert (fault_of_raw_values(uncounted) or "").startswith("'n' of")
 
 
 def test_a_limited_figure_keeps_all_errors_of_a_long_drive() -> None:
@@ -106,7 +106,7 @@ def test_a_limited_figure_keeps_all_errors_of_a_long_drive() -> None:
     for statistic in ("p50", "p95", "max", "mean", "sigma"):
         assert fault_of_raw_values(edited(score, "position", statistic, 1.0 - 1e-6, "pose")) is not None
     rows = [replace(row, n=(row.n or 0) - 1) if row.figure == "position" else row for row in score.figures]
-    assert (fault_of_raw_values(replace(score, figures=tuple(rows))) or "").startswith("n of position")
+    assert (fault_of_raw_values(replace(score, figures=tuple(rows))) or "").startswith("'n' of 'position")
 
 
 def test_counts_and_fractions_of_completeness_agree() -> None:
@@ -116,7 +116,7 @@ def test_counts_and_fractions_of_completeness_agree() -> None:
             rows = [
                 replace(row, value=0.25) if (row.figure, row.part) == (name, part) else row for row in score.figures
             ]
-            assert (fault_of_raw_values(replace(score, figures=tuple(rows))) or "").startswith(name)
+            assert (fault_of_raw_values(replace(score, figures=tuple(rows))) or "").startswith(f"'{name}'")
 
 
 def test_the_calls_of_an_external_node_are_compared_with_its_statements_and_not_with_its_latencies() -> None:
@@ -155,4 +155,4 @@ def test_a_file_whose_table_was_edited_is_refused_by_the_report(tmp_path: Path, 
     path.write_text(to_json(judged_by(edited(good, "position", "p95", 0.01, "pose"), limits, partial=True)))
     done = sfr("report", path, "-o", tmp_path / "page.html", "--overwrite")
     assert done.code == 2
-    assert "contradicts itself: p95 of position distance=5 pose is" in done.err
+    assert "contradicts itself: 'p95' of 'position distance=5 pose' is" in done.err

@@ -166,7 +166,7 @@ def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
         why = wanted[rows]
         assert (score.incomplete or "").startswith("" if partial else why or "")
         assert (score.incomplete is None) == (partial or why is None)
-        assert bool([text for text in score.warnings if "a part of the drive is judged" in text]) == (
+        assert bool([text for text in score.warnings if "judged although data is missing" in text]) == (
             partial and why is not None
         )
         of_limit = "not enough data"

@@ -74,12 +74,12 @@ def with_fewer_independent(score: dict[str, Any]) -> None:
     ("edit", "said"),
     [
         (without_errors, "is limited, but its errors are absent"),
-        (without_share_of_doubled, "doubled is null, but its count is 0 of 300"),
-        (without_other_frames, "is limited, but the row position other frames is absent"),
-        (without_lost, "lost is 0, but 10 frames are lost"),
-        (without_copies, "but the row poses_of_truth is absent"),
-        (without_missing, "but the row missing is absent"),
-        (partly_judged, "judged drive is 0.8, but the missing items give 1"),
+        (without_share_of_doubled, "'doubled' is null, but its count is 0 of 300"),
+        (without_other_frames, "is limited, but the row 'position other frames' is absent"),
+        (without_lost, "'lost' is 0, but 10 frames are lost"),
+        (without_copies, "but no row 'poses_of_truth'"),
+        (without_missing, "but no row 'missing'"),
+        (partly_judged, "'judged drive' is 0.8, but the missing items give 1"),
         (without_calls, "localisation_p95_s is limited, but the details of the localisation calls are absent"),
         (looser, "its limits differ from those in its limits file"),
         (with_fewer_independent, "its limits differ from those in its limits file"),
@@ -149,7 +149,7 @@ def test_a_score_without_its_rows_of_completeness_is_incomplete(judge: Judge) ->
     of_drive = [row for row in score["figures"] if row["subject"] != "completeness"]
     beside = [row for row in score["figures"] if row["figure"] in ("errors_beyond", "standing")]
     path = judge.folder / "edited.json"
-    for kept, words in ((of_drive, "errors_beyond position is absent"), ([*of_drive, *beside], "limits give 2")):
+    for kept, words in ((of_drive, "errors_beyond position' is absent"), ([*of_drive, *beside], "limits give 2")):
         path.write_text(json.dumps({**score, "figures": kept}))
         result = judge.sfr("report", path, "--overwrite")
         assert result.code == 2
@@ -251,10 +251,10 @@ def without_a_pair(score: dict[str, Any]) -> None:
     ("edit", "said"),
     [
         (without_details, "point_error_p95_m is limited, but the details of the map are absent"),
-        (faster, "of localisation is 0.01"),
-        (smaller, "peak localisation is 100000000, but the largest value of its calls is 500000000"),
-        (nearer, "of point_error is 0."),
-        (without_a_pair, "point_error has the rows of 1 pairs, but the ground truth has 2 pairs"),
+        (faster, "of 'localisation' is 0.01"),
+        (smaller, "'peak localisation' is 100000000, but the largest value of its calls is 500000000"),
+        (nearer, "of 'point_error' is 0."),
+        (without_a_pair, "'point_error' has the rows of 1 pairs, but the ground truth has 2 pairs"),
     ],
 )
 def test_rows_of_maps_and_calls_agree(tmp_path: Path, sfr: Sfr, edit: Edit, said: str) -> None:

@@ -297,7 +297,7 @@ def test_a_suite_whose_bad_drive_was_replaced_by_another_is_incomplete(
 
 @pytest.mark.parametrize(
     ("kind", "reason"),
-    [("between", "of the frames are neither the start nor the end"), ("copy", "equal those of the ground truth")],
+    [("between", "of the frames have errors far above the judged errors"), ("copy", "equal those of the ground truth")],
 )
 def test_an_incomplete_score_of_a_drive_makes_the_suite_incomplete(
     sfr: Sfr, tmp_path: Path, scheduler: str, kind: str, reason: str

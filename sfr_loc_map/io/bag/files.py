@@ -88,12 +88,17 @@ def _files_of_metadata(metadata: Path, stored: Sequence[Path]) -> BagFiles:
         about = _parse_metadata(read_text(metadata))
         names = [PurePath(name).name for name in about.relative_file_paths]
         if not names:
-            raise ValueError("metadata.yaml does not name the files of the bag")
+            raise InputError(
+                f"bag '{folder}': its metadata.yaml does not name the files of the bag: run 'ros2 bag reindex'"
+            )
         if missing := [name for name in names if not (folder / name).exists()]:
             raise ValueError(f"metadata.yaml names '{missing[0]}', which is missing")
         mode = (about.compression_mode or "none").lower()
         if mode not in ("none", "file", "message") or (mode != "none" and about.compression_format != "zstd"):
-            raise ValueError(f"its {mode}s are compressed by '{about.compression_format}': zstd is required")
+            raise InputError(
+                f"bag '{folder}': its {mode}s are compressed by '{about.compression_format}', which is not supported: "
+                "compress them by zstd, or not at all"
+            )
     return BagFiles(
         tuple(folder / name for name in names),
         has_metadata=True,

@@ -389,7 +389,10 @@ def _messages_in(content: bytes, wanted: Collection[int]) -> Iterator[tuple[int,
 
 
 def _chunk_content(file: BinaryIO, offset: int) -> bytes:
-    """Return the decompressed chunk at an offset of a file; ReaderError or ValueError if it is corrupt or too large."""
+    """Return the decompressed chunk at an offset of a file.
+
+    ReaderError or ValueError if it is corrupt or too large, InputError if its compression is not supported.
+    """
     size = file.seek(0, 2)
     file.seek(offset)
     head = _record_head(file, size)
@@ -410,7 +413,10 @@ def _chunk_content(file: BinaryIO, offset: int) -> bytes:
     elif not compression:
         content = packed
     else:
-        raise ReaderError(f"chunks compressed by '{compression}' cannot be read: zstd, lz4 or none is required")
+        raise InputError(
+            f"its chunks are compressed by '{compression}', which is not supported: compress them by zstd or lz4, or "
+            "not at all"
+        )
     if len(content) != unpacked_size:
         raise ReaderError(f"the chunk at byte {offset} contains {len(content)} bytes but declares {unpacked_size}")
     if checksum and crc32(content) != checksum:

@@ -70,7 +70,8 @@ def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: 
     message = bag.first([Topic(configuration, found_in[0], STRING)]).get(configuration)
     if message is None:
         return None
-    with refusing(f"'{found_in[0]}' of bag '{bag.path}': T_rb_locsb cannot be read", "omit the topic"):
+    advice = "set extrinsics.translation_m and extrinsics.quat_xyzw in sfr.yaml"
+    with refusing(f"'{found_in[0]}' of bag '{bag.path}': T_rb_locsb cannot be read", advice):
         values = parse_json(message.data)
         if not isinstance(values, dict):
             raise TypeError("its text is not a JSON object")

@@ -63,7 +63,7 @@ def check_centre(cx: float, cy: float, size: tuple[int, int], where: str) -> Non
     if (ratios < low).all() or (ratios > high).all():
         width, height = size
         raise InputError(
-            f"{where}: the principal point is ({cx:g}, {cy:g}), far from the centre of images of {width} x {height} "
+            f"{where}: the principal point is ({cx:g}, {cy:g}) px, far from the centre of images of {width} x {height} "
             "px: scale the calibration to the size of the images"
         )
 

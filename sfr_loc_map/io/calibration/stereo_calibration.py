@@ -208,7 +208,10 @@ def _coverage_problem(
         if not FOCAL_RATIO[0] <= ratio <= FOCAL_RATIO[1]:
             return f"the rectified focal length is {focal:.4g} px, {ratio:.3g} times that of the camera"
         if not (0.0 <= centre[0] < width and 0.0 <= centre[1] < height):
-            return f"the rectified principal point ({centre[0]:.4g}, {centre[1]:.4g}) is outside of the image"
+            return (
+                f"the rectified principal point ({centre[0]:.4g}, {centre[1]:.4g}) px is outside of the image of "
+                f"{width} x {height} px"
+            )
         fraction = valid_fraction(raw.maps()[0], camera.size)
         if fraction < MIN_VALID:
             return f"raw pixels are mapped to {100.0 * fraction:.3g} % of the rectified image"

@@ -56,8 +56,11 @@ def parse_npz(data: bytes, names: Collection[str]) -> dict[str, NDArray[Any]]:
             infos = {info.filename.removesuffix(".npy").lower(): info for info in archive.infolist()}
             wanted = {name: infos[name] for name in names if name in infos}
             unpacked = sum(info.file_size for info in wanted.values())
-            if unpacked > max(MIN_UNPACKED, MAX_RATIO * len(data)):
-                raise ValueError(f"its {len(data)} bytes declare {unpacked} decompressed bytes, more than allowed")
+            limit = max(MIN_UNPACKED, MAX_RATIO * len(data))
+            if unpacked > limit:
+                raise ValueError(
+                    f"its {len(data)} bytes declare {unpacked} decompressed bytes: at most {limit} are allowed"
+                )
             members = {name: archive.read(info) for name, info in wanted.items()}
     except _BROKEN_ARCHIVE as error:
         raise ValueError(f"it is not a complete NPZ archive ({error})") from error

@@ -158,8 +158,9 @@ class _BagPairs:
                 stamp = next(order, None)
             if len(waiting) > LOOK_AHEAD:
                 raise InputError(
-                    f"bag '{self._bag.path}': the messages of the {self.task.rig} pair of stamp {stamp} are more than "
-                    f"{LOOK_AHEAD} pairs apart in the bag; sort the bag by time"
+                    f"bag '{self._bag.path}': the messages of the {self.task.rig} pair of stamp {stamp} ns were "
+                    f"recorded more than {LOOK_AHEAD} pairs apart: record all topics of the pairs with the same "
+                    "delay, or write the bag again with the header stamps as times of recording"
                 )
 
     def _pair(self, stamp_ns: int, raw: Mapping[str, bytes], depth: SampleDepth) -> StereoPair:

@@ -86,8 +86,12 @@ def _load_truth(folder: Path) -> RecordedTruth | None:
     sensor = file.with_name("sensor.yaml")
     if file.parent.name == TRUTH or not sensor.is_file():
         return RecordedTruth(loaded.trajectory, loaded.text)
-    with refusing(f"'{sensor}' is not a sensor.yaml"):
-        numbers = np.array(parse_opencv_yaml(read_text(sensor))["T_BS"]["data"], np.float64)
+    with refusing(f"'{sensor}' is not a sensor.yaml of an EuRoC body"):
+        content = parse_opencv_yaml(read_text(sensor))
+        try:
+            numbers = np.array(content["T_BS"]["data"], np.float64)
+        except LookupError as error:
+            raise ValueError("it has no T_BS with 16 numbers") from error
         T_rb_marker = Transform.from_matrix(numbers.reshape(4, 4))
     return RecordedTruth(loaded.trajectory, loaded.text, T_rb_body=T_rb_marker)
 
@@ -134,7 +138,10 @@ class EurocWriter(TableWriter):
 
     def _finish(self) -> None:
         if self._truth and not self._has_body:
-            _log.warning("the truth is omitted: the pose of the cameras on the rover (T_rb_locsb) is unknown")
+            _log.warning(
+                "the truth is omitted, because the pose of the cameras on the rover (T_rb_locsb) is unknown: set "
+                "extrinsics.translation_m and extrinsics.quat_xyzw in sfr.yaml and convert again"
+            )
         elif self._truth:
             folder = self._path / "mav0" / TRUTH
             folder.mkdir()

@@ -90,7 +90,7 @@ def open_folder(path: Path, config: SourceConfig) -> Source:
         loc, nav = (_read_part(path / name) if (path / name).is_dir() else None for name in ("loc", "nav"))
     if nav is not None and not nav.has_poses:
         raise InputError(
-            f"'{nav.folder / 'pairs.csv'}' has no poses in LM: add the columns "
+            f"'{nav.folder / 'pairs.csv'}' has no poses of the mapping cameras in the local map (LM): add the columns "
             f"{', '.join(NAV_COLUMNS[len(LOC_COLUMNS) :])} to the pairs"
         )
     drive = None if loc is None else configured_drive(path, config, loc.rig, loc.pairs, _read_truth(loc.folder))

@@ -129,7 +129,10 @@ class KittiWriter(TableWriter):
         if rig is None or not self._truth:
             return
         if rig.T_rb_sb is None:
-            _log.warning("poses.txt is omitted: the pose of the cameras on the rover (T_rb_locsb) is unknown")
+            _log.warning(
+                "poses.txt is omitted, because the pose of the cameras on the rover (T_rb_locsb) is unknown: set "
+                "extrinsics.translation_m and extrinsics.quat_xyzw in sfr.yaml and convert again"
+            )
             return
         truth, stamps = self._true_poses, np.array(self._stamps_ns, np.int64)
         if not truth.has_attitude:

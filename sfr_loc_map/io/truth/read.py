@@ -80,7 +80,7 @@ def _poses_of_file(file: Path, config: TruthConfig, option: str) -> Truth:
     if loaded.format is TrajectoryFormat.KITTI and not config.has_lever:
         _log.warning(
             f"the truth '{file}' contains poses of the left camera: set truth.lever_arm_m to the position of the left "
-            "camera in RB"
+            "camera in the frame of the rover (RB: x forward, y left, z up), m"
         )
     recorded = RecordedTruth(poses, loaded.text)
     return truth_of_rb(recorded.where(np.argsort(poses.stamps_ns, kind="stable")), config)

@@ -69,7 +69,8 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedV
             continue
         warnings.append(
             f"{100 * fraction:.0f} % of the image is the same in pairs {i} and {j} although the camera has moved: "
-            "these pixels show the rover's own body or rows of another pair, and their points are removed"
+            "these pixels show the rover's own body, or rows of another pair after a partial transfer of an image; "
+            "their points are removed; check the camera driver if the body is not in view"
         )
         for index in (i, j):
             regions[index] = region | regions.get(index, np.zeros_like(region))

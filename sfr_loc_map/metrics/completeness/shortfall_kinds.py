@@ -150,8 +150,8 @@ SHORTFALLS = (
         Scope.DRIVE,
         IMAGES,
         0.0,
-        "{percent} % of the images or true poses have no ground truth, or no true pose at the stamp of their estimate "
-        "(option frames=images interpolates the truth)",
+        "{percent} % of the images (of the poses, if the images are unknown) cannot be judged, because there is no "
+        "true pose at their stamp (option frames=images interpolates the truth)",
         # if the images are unknown, the images without truth are the estimates without truth
         accepted_without_images_by=("unmatched_max_share",),
         is_of_expected=True,

@@ -67,10 +67,8 @@ def truths_of(pairs: Sequence[PosedStereoPair], rig: StereoRig) -> list[PairTrut
     truths = [PairTruth.of(pair, rig) for pair in pairs]
     without = [str(pair.pair.stamp_ns) for pair, truth in zip(pairs, truths, strict=True) if truth is None]
     if without or not truths:
-        none = ", ".join(without) or "all (the source has no pair)"
-        raise MetricsError(
-            f"a map score requires the truth of every pair: missing for {none}; give a source with truth"
-        )
+        which = f"the pairs of stamps {', '.join(without)} ns have none" if without else "the source has no pair"
+        raise MetricsError(f"a map score requires the truth of every pair, but {which}: give a source with truth")
     return [truth for truth in truths if truth is not None]
 
 

@@ -1,4 +1,4 @@
-"""Frames of estimate and ground truth, and the reading of the document by which they are compared.
+"""Frames of estimate and ground truth, and the reading of the specification by which they are compared.
 
 An estimate is associated with the truth by its stamps. If the truth has no attitudes, the estimate is also aligned with
 the true positions.
@@ -47,7 +47,7 @@ class Placement(NamedTuple):
 
 
 class PlacedFrames(NamedTuple):
-    """Frames, how they were associated, and the reading of the document by which they are judged."""
+    """Frames, how they were associated, and the reading of the specification by which they are judged."""
 
     frames: Frames
     association: Association

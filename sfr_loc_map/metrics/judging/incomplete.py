@@ -53,16 +53,16 @@ NOT_DUE = "no result of the {part} is expected so far"
 NO_MESSAGE = "no message of the live run was received"
 UNKNOWN = "the expected number of results of the {part} is unknown: score against the source"
 NO_CALL = {
-    Place.HOST: "no {part} call was measured: give the calls of the run (option stats)",
-    Place.TARGET: "no {part} call was measured: give the calls on the target (option target_timing)",
+    Place.HOST: "no time of {part} was measured: give the calls of the run (option stats)",
+    Place.TARGET: "no time of {part} on the target was measured: give the calls on the target (option target_timing)",
 }
 """Reason for unknown expected calls, by the place of the calls."""
 NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (option stats)"
-NO_STAMP = "the {part} calls have no stamps, so their pairs are unknown"
+NO_STAMP = "the {part} have no stamps, so their pairs are unknown"
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
 STATES_OF_POSES = ("lost", "degraded")  #: Figures of the states of poses, which a limit requires to be known.
-STATES = RowPart("states")  #: Part of the shortfalls for unknown states of poses, which affect no other limit.
+STATES = RowPart("states of poses")  #: Part of the shortfalls for unknown states of poses, which affect no other limit.
 
 
 class Shortfall(NamedTuple):
@@ -246,7 +246,8 @@ def standing_text(limit: Limit, share: Figure, moving: Figure, value: float | No
     return (
         f"{100.0 * (share.value or 0.0):.4g} % of the sub-trajectories over {condition.label} {condition.standing}; of "
         f"the others, {moving.independent or 0.0:.3g} are independent, and {statistic_title(statistic_of(limit))} of "
-        f"their {title_of(figure)} is {number}"
+        f"their {title_of(figure)} is {number}; these alone do not suffice to meet limit {limit.name}: record a longer "
+        "drive in motion, or allow the fraction by standing_max_share"
     )
 
 
@@ -267,22 +268,23 @@ def beyond_text(score: Score, limit: Limit, share: float, value: float) -> str:
     spacing = 1 if score.association is None else score.association.spacing_frames
     unit = KINDS[limited.figure].unit
     return (
-        f"{100.0 * share:.4g} % of the frames are neither the start nor the end of a judged sub-trajectory, because "
-        f"starts are {spacing} frames apart, and have errors far above the judged errors: "
-        f"{statistic_title(statistic_of(limit))} of the {title_of(limited.figure)} over "
-        f"{label_of(limit.condition or '')} is {value:.4g} {unit} for these frames"
+        f"{100.0 * share:.4g} % of the frames have errors far above the judged errors, but no judged sub-trajectory "
+        f"starts or ends at these frames, because starts are {spacing} frames apart: "
+        f"{statistic_title(statistic_of(limit))} of their {title_of(limited.figure)} over "
+        f"{label_of(limit.condition or '')} is {value:.4g} {unit} (limit {limit.limit:g} {unit}); find the cause of "
+        "these errors"
     )
 
 
 def why_unknown(part: RowPart, row: Figure | None) -> str:
     """Return why the judged fraction of a part is unknown."""
     if row is None and part.call is not None:
-        return NO_CALL[part.place].format(part=part.of_calls.text)
+        return NO_CALL[part.place].format(part=part.at(Place.HOST).of_calls.words)
     if row is not None and part.place is Place.TARGET:
-        return NO_STAMP.format(part=part.of_calls.text)
+        return NO_STAMP.format(part=part.of_calls.words)
     if row is not None and row.n == 0:
-        return NO_MESSAGE if part.what == Scope.LIVE else NOT_DUE.format(part=part.text)
-    return UNKNOWN.format(part=part.text)
+        return NO_MESSAGE if part.what == Scope.LIVE else NOT_DUE.format(part=part.words)
+    return UNKNOWN.format(part=part.words)
 
 
 def missing_text(score: Score) -> str:

@@ -160,5 +160,6 @@ def words_of(record: ProofRecord, state: VerdictState) -> str:
     if state is not VerdictState.NOT_ENOUGH_DATA:
         return share
     what = "sub-trajectories" if record.interpretation == Population.TEMPORAL else "drives"
-    more = f"no number of {what} like these suffices" if record.more is None else f"{record.more} more {what}"
-    return f"{share}; required: {more}"
+    if record.more is None:
+        return f"{share}; more {what} like these cannot decide: give a larger limit or a smaller prob"
+    return f"{share}; required: {record.more} more {what}"

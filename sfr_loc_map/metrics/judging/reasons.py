@@ -53,7 +53,7 @@ def unmet_conditions(score: Score, asked: Collection[Condition] = ()) -> dict[st
 
 def names_of_incomplete_parts(score: Score) -> str:
     """Return the names of the incomplete parts of a score; `score.incomplete` states the missing data."""
-    parts = {str(item.part.text) for item in incompleteness(score)}
+    parts = {item.part.words for item in incompleteness(score)}
     return ", ".join(sorted(parts)) or Scope.DRIVE
 
 

@@ -46,13 +46,13 @@ def truth_caveats(about: TruthRecord) -> Iterator[str]:
 
 
 def reading_caveats(score: Score) -> Iterator[str]:
-    """Yield a sentence if verdicts depend on the reading of the document."""
+    """Yield a sentence if verdicts depend on the reading of the specification."""
     differ = [item for item in score.verdicts if len(set(item.by_reading.values())) > 1]
     if not differ or score.contradiction is not None:
         return
     first = differ[0]
     each = ", ".join(f"{reading} {state}" for reading, state in first.by_reading.items())
     over = f" over {label_of(first.condition)}" if first.condition else ""
-    text = f"{len(differ)} of {len(score.verdicts)} verdicts depend on the reading of the document (rebase)"
+    text = f"{len(differ)} of {len(score.verdicts)} verdicts depend on the reading of the specification (option rebase)"
     starts = "displacement and position require an estimate that starts at a true pose"
     yield f"{text}, the first {first.name}{over}: {each} ({starts})"

@@ -116,7 +116,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     def judged_row(self, figure: str, *, subject: str = ANY, condition: str | Condition | None = ANY) -> Figure | None:
         """Return the judged row of a figure; None if no row is judged. Without `condition` the first condition is used.
 
-        Errors of sub-trajectories are judged by one reading of the document (`association.rebase`), and in a
+        Errors of sub-trajectories are judged by one reading of the specification (`association.rebase`), and in a
         suite over all drives (part `pooled`). For every other figure the row without a part is judged.
         """
         reading = self.reading

@@ -76,7 +76,7 @@ class Verdict(Record, frozen=True, kw_only=True):
     state: VerdictState = msgspec.field(name="verdict")
     certain: bool | None = None  #: Whether the interval is on one side of the limit; null without an interval.
     needs_certainty: bool = False  #: Whether the limits file requires certainty.
-    by_reading: dict[str, VerdictState] = {}  #: The verdict by each reading of the document.
+    by_reading: dict[str, VerdictState] = {}  #: The verdict by each reading of the specification.
     proof: ProofRecord | None = None  #: Proof of a limit with a fraction and a confidence; null for other limits.
 
     @property

@@ -67,10 +67,10 @@ def _required(score: Score) -> Iterator[str]:
         if row is None or not row.n:
             continue
         if score.all_errors(figure, condition) is None:
-            yield f"{row.label} is limited, but its errors are absent"
+            yield f"'{row.label}' is limited, but its errors are absent"
         for name, part in _required_beside(score, figure, condition):
             if score.figure(name, condition=condition, part=part) is None:
-                yield f"{row.label} is limited, but the row {name} {part} is absent"
+                yield f"'{row.label}' is limited, but the row '{name} {part}' is absent"
 
 
 def _required_beside(score: Score, figure: str, condition: str) -> Iterator[tuple[str, str]]:
@@ -115,14 +115,14 @@ def _of_judged(score: Score) -> Iterator[str]:
         for shortfall in required:
             if score.figure(shortfall.figure, part=kind) is None:
                 missing_row = " ".join(filter(None, (shortfall.figure, kind)))
-                yield f"it has the row {row.label}, but the row {missing_row} is absent"
+                yield f"it has the row '{row.label}', but no row '{missing_row}'"
         absent = [score.number(each.figure, part=kind) or 0.0 for each in required if each.is_of_expected]
         if not absent:
             continue
         # no lower bound for the answers of an external node
         low = 0.0 if part.what == Scope.CALLS and score.external is not None else 1.0 - sum(absent)
         if not low - EXACT <= row.value <= 1.0 - max(absent) + EXACT:
-            yield f"{row.label} is {_text(row.value)}, but the missing items give {_text(1.0 - sum(absent))}"
+            yield f"'{row.label}' is {_text(row.value)}, but the missing items give {_text(1.0 - sum(absent))}"
 
 
 def _required_shortfalls(score: Score, part: RowPart) -> list[ShortfallKind]:
@@ -140,7 +140,7 @@ def _of_answers(score: Score) -> Iterator[str]:
         stored = score.figure(row.figure, subject=row.subject, part=row.part)
         if stored is None or (stored.n, stored.value) != (row.n, row.value):
             value = "absent" if stored is None else f"{_text(stored.value)} of {stored.n}"
-            yield f"{row.label} is {value}, but the answers of the node give {_text(row.value)} of {row.n}"
+            yield f"'{row.label}' is {value}, but the answers of the node give {_text(row.value)} of {row.n}"
 
 
 def _of_sub_trajectories(score: Score) -> Iterator[str]:
@@ -176,7 +176,7 @@ def _of_axes(score: Score) -> Iterator[str]:
                 continue
             norm = float(np.linalg.norm(np.array(of_axes, np.float64)))
             if abs(norm - value) > ROUNDING_M + EXACT * max(norm, value):
-                yield f"{statistic} of {row.label} is {value:.9g}, but that of its axes gives {norm:.9g}"
+                yield f"'{statistic}' of '{row.label}' is {value:.9g}, but that of its axes gives {norm:.9g}"
 
 
 def _of_thinned(row: Figure, rows: SubTrajectoryRows) -> Iterator[str]:
@@ -186,7 +186,11 @@ def _of_thinned(row: Figure, rows: SubTrajectoryRows) -> Iterator[str]:
         return
     kept = np.stack([np.array(values, np.float64) for values in columns], axis=1)
     if row.n is not None and not (len(kept) - 1) * rows.every < row.n <= len(kept) * rows.every:
-        yield f"n of {row.label} is {row.n}, but there are {len(kept)} errors, every {rows.every}th of them"
+        low, high = (len(kept) - 1) * rows.every + 1, len(kept) * rows.every
+        yield (
+            f"'n' of '{row.label}' is {row.n}, but the file has {len(kept)} errors, one of {rows.every}: "
+            f"{low} to {high} are possible"
+        )
     yield from _as_the_sample(row, np.linalg.norm(kept, axis=1), DIGITS_M)
 
 
@@ -201,7 +205,7 @@ def _computed_again(row: Figure, errors: FloatArray, rounding: float) -> Iterato
         if stored == derived or (stored is None and name in STATISTICS):
             continue
         if stored is None or derived is None or abs(stored - derived) > 4.0 * rounding + EXACT * abs(derived):
-            yield f"{name} of {row.label} is {_text(stored)}, but its errors give {_text(derived)}"
+            yield f"'{name}' of '{row.label}' is {_text(stored)}, but its errors give {_text(derived)}"
 
 
 def _of_independent(
@@ -217,7 +221,8 @@ def _of_independent(
         overlap = overlap_of(starts, ends, score.association.spacing_frames)
         independent = len(errors) / overlap
         if row.independent is None or abs(row.independent - independent) > EXACT * independent:
-            yield f"independent of {row.label} is {_text(row.independent)}, but its frames give {independent:.9g}"
+            given = _text(row.independent)
+            yield f"'independent' of '{row.label}' is {given}, but the frames of its errors give {independent:.9g}"
             return
     if not row.independent:
         return
@@ -229,7 +234,7 @@ def _of_independent(
         if stored == derived:
             continue
         if stored is None or derived is None or abs(stored - derived) > 100.0 * rounding + RESAMPLED * abs(derived):
-            yield f"{name} of {row.label} is {_text(stored)}, but its errors give {_text(derived)}"
+            yield f"'{name}' of '{row.label}' is {_text(stored)}, but its errors give {_text(derived)}"
 
 
 def _as_the_sample(row: Figure, sizes: FloatArray, rounding: float) -> Iterator[str]:
@@ -237,16 +242,16 @@ def _as_the_sample(row: Figure, sizes: FloatArray, rounding: float) -> Iterator[
     if row.n is None or not len(sizes):
         return
     if row.max is not None and sizes.max() > row.max + rounding:
-        yield f"max of {row.label} is {row.max:.9g}, but one of its errors is {sizes.max():.9g}"
+        yield f"'max' of '{row.label}' is {row.max:.9g}, but one of its errors is {sizes.max():.9g}"
     if row.rmse is not None and np.sum(np.square(sizes)) > row.n * (row.rmse + rounding) ** 2:
-        yield f"rmse of {row.label} is {row.rmse:.9g}, which is less than the rmse of its errors"
+        yield f"'rmse' of '{row.label}' is {row.rmse:.9g}, which is less than the rmse of its errors"
     for name, percent in QUANTILES.items():
         share = 1.0 - percent / 100.0
         value = getattr(row, name)
         beyond = 0.0 if value is None else float(np.mean(sizes > value + rounding))
         deviation = SIGMAS * np.sqrt(CORRELATED * share * (1.0 - share) / len(sizes))
         if beyond > share + deviation:
-            yield f"{name} of {row.label} is {value:.9g}, but {100.0 * beyond:.3g} % of its errors are larger"
+            yield f"'{name}' of '{row.label}' is {value:.9g}, but {100.0 * beyond:.3g} % of its errors are larger"
 
 
 def _of_points(score: Score) -> Iterator[str]:
@@ -271,7 +276,7 @@ def _of_pairs(score: Score) -> Iterator[str]:
         parts = [each for each in score.rows(name) if is_of_pair(each.part)]
         pairs = score.number("pairs")
         if pairs is not None and len(parts) != pairs:
-            yield f"{row.label} has the rows of {len(parts)} pairs, but the ground truth has {pairs:g} pairs"
+            yield f"'{row.label}' has the rows of {len(parts)} pairs, but the ground truth has {pairs:g} pairs"
         yield from _of_parts(row, parts)
 
 
@@ -285,7 +290,7 @@ def _of_first_calls(score: Score) -> Iterator[str]:
             if row is None or row.n is None or (place is Place.HOST and kind == node):  # no row of a first answer
                 continue
             if first is None or first.value is None or (row.n > 1 and others is None):
-                yield f"{row.label} has no row of its first call, or no row of the calls after the first"
+                yield f"'{row.label}' has no row of its first call, or no row of the calls after the first"
                 continue
             alone = figure_row(kind, n=1, mean=first.value, rmse=first.value, max=first.value)
             yield from _of_parts(row, [alone] if others is None else [alone, others])
@@ -304,7 +309,7 @@ def _of_parts(row: Figure, parts: Sequence[Figure]) -> Iterator[str]:
         stored = row.statistic(name)
         scale = max(value, derived["rmse"]) if name == "mean" else value  # a mean may cancel
         if stored is not None and abs(stored - value) > EXACT * abs(scale):
-            yield f"{name} of {row.label} is {stored:.9g}, but its parts give {value:.9g}"
+            yield f"'{name}' of '{row.label}' is {stored:.9g}, but its parts give {value:.9g}"
 
 
 def _of_calls(score: Score) -> Iterator[str]:
@@ -325,14 +330,14 @@ def _of_memory(score: Score, kind: str, plots: CallPlots) -> Iterator[str]:
         return
     is_of_all, largest = plots.series.slowest_of == 1, int(max(peaks))  # the row has whole bytes
     if largest > row.value or (is_of_all and largest < row.value):
-        yield f"{row.label} is {row.value:.9g}, but the largest value of its calls is {largest}"
+        yield f"'{row.label}' is {row.value:.9g}, but the largest value of its calls is {largest}"
 
 
 def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
     """Yield contradictions between the statistics of times and the slowest calls of each block, or the histogram."""
     times = [value for value in plots.series.processing_time_s if value is not None]
     if times and row.max is not None and max(times) != row.max:
-        yield f"max of {row.label} is {row.max:.9g}, but its calls give {max(times):.9g}"
+        yield f"'max' of '{row.label}' is {row.max:.9g}, but its calls give {max(times):.9g}"
     if plots.series.slowest_of == 1 and len(times) == len(plots.series.processing_time_s) and times:
         yield from _computed_again(row, np.array(times)[:, None], 0.0)
         return
@@ -341,7 +346,8 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
         return
     bounds_s = np.sum(counts * edges[:-1]) / row.n, np.sum(counts * edges[1:]) / row.n
     if row.mean is not None and not bounds_s[0] * (1.0 - EXACT) <= row.mean <= bounds_s[1] * (1.0 + EXACT):
-        yield f"mean of {row.label} is {row.mean:.9g}, but the histogram gives {bounds_s[0]:.9g} to {bounds_s[1]:.9g}"
+        low_s, high_s = bounds_s
+        yield f"'mean' of '{row.label}' is {row.mean:.9g}, but the histogram gives {low_s:.9g} to {high_s:.9g}"
     reached = np.cumsum(counts)
     for name, percent in QUANTILES.items():
         rank = percent / 100.0 * (row.n - 1)  # among the sorted times, between two of them
@@ -349,7 +355,7 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
         high *= edges[1] / edges[0]  # all bins have this ratio of their edges
         value = getattr(row, name)
         if value is not None and not low * (1.0 - 1e-6) <= value <= high * (1.0 + 1e-6):
-            yield f"{name} of {row.label} is {value:.9g}, but the histogram gives {low:.9g} to {high:.9g}"
+            yield f"'{name}' of '{row.label}' is {value:.9g}, but the histogram gives {low:.9g} to {high:.9g}"
 
 
 def _of_counts(score: Score) -> Iterator[str]:
@@ -359,9 +365,9 @@ def _of_counts(score: Score) -> Iterator[str]:
         if share is None or count is None or count.value is None or not count.n:
             continue
         if share.value is None:
-            yield f"{name} is null, but its count is {count.value:.9g} of {count.n}"
+            yield f"'{name}' is null, but its count is {count.value:.9g} of {count.n}"
         elif abs(share.value * count.n - count.value) > EXACT * count.n:
-            yield f"{name} is {share.value:.9g} of {count.n}, but its count is {count.value:.9g}"
+            yield f"'{name}' is {share.value:.9g} of {count.n}, but its count is {count.value:.9g}"
 
 
 def _of_standing(score: Score) -> Iterator[str]:
@@ -372,7 +378,8 @@ def _of_standing(score: Score) -> Iterator[str]:
         total = share.n or 0
         standing = (share.value or 0.0) * total
         if 0.0 < standing < total and abs(standing + given - total) > EXACT * total:
-            yield f"{share.label} is {_text(share.value)} of {share.n}, but there are {given} errors of a moving rover"
+            stated = f"{_text(share.value)} of {share.n}"
+            yield f"'{share.label}' is {stated}, but there are {given} errors of a moving rover"
 
 
 def _of_association(score: Score) -> Iterator[str]:
@@ -383,10 +390,10 @@ def _of_association(score: Score) -> Iterator[str]:
     for name in ("lost", "degraded"):
         row = score.figure(name, part=COUNT)
         if row is not None and row.value not in (None, getattr(drive, name)):
-            yield f"{name} is {_text(row.value)}, but {getattr(drive, name)} frames are {name}"
+            yield f"'{name}' is {_text(row.value)}, but {getattr(drive, name)} frames are {name}"
     doubled = score.figure("doubled", part=COUNT)
     if doubled is not None and doubled.value != drive.estimate_duplicates:
-        yield f"doubled is {_text(doubled.value)}, but {drive.estimate_duplicates} estimates have a repeated stamp"
+        yield f"'doubled' is {_text(doubled.value)}, but {drive.estimate_duplicates} estimates have a repeated stamp"
 
 
 def _text(value: float | None) -> str:

@@ -76,12 +76,12 @@ class FigureKind(NamedTuple):
     is_better_if_larger: bool = False  #: Whether a larger value is better, unlike errors, times and memory.
     #: Errors of sub-trajectories, `(M,)` or vectors `(M, d)`, that the figure is about; None for any other figure.
     compute_errors: Callable[[SubTrajectories], FloatArray] | None = None
-    is_of_all_readings: bool = False  #: Whether these errors do not depend on the reading of the document.
+    is_of_all_readings: bool = False  #: Whether these errors do not depend on the reading of the specification.
     is_without_height: bool = False  #: Whether only scores against a ground truth without heights have the figure.
 
 
 def of_completeness(name: str, title: str, *, unit: str = "1", is_count: bool = False) -> FigureKind:
-    """Return a figure of completeness, which is one number and is not in the document."""
+    """Return a figure of completeness, which is one number and is not in the specification."""
     return FigureKind(name, Subject.COMPLETENESS, "", unit, title, is_count=is_count, is_one_number=True)
 
 
@@ -159,7 +159,7 @@ CATALOGUE = (
     ),
     FigureKind("ape", Subject.TRAJECTORY, "", "m", "absolute pose error (APE)"),
     FigureKind("rpe", Subject.TRAJECTORY, "", "m", "relative pose error (RPE)"),
-    # the map; of these figures the document defines only the point error
+    # the map; of these figures the specification defines only the point error
     FigureKind("point_error", Subject.MAP, "4.3.4", "m", "point error", OF_ERRORS, (TOTAL,), topic="point"),
     FigureKind("nearest_distance", Subject.MAP, "", "m", "distance to the nearest true point", OF_ERRORS, (TOTAL,)),
     FigureKind("disparity_error", Subject.MAP, "", "px", "disparity error"),
@@ -184,7 +184,7 @@ CATALOGUE = (
     ),
     FigureKind("pairs", Subject.MAP, "", "1", "mapping pairs of the ground truth", is_count=True, is_one_number=True),
     FigureKind("maps", Subject.MAP, "", "1", "maps of the live run", is_count=True, is_one_number=True),
-    # calls; the document defines the time on the target, and leaves the method of measuring memory to the supplier
+    # calls; the specification defines the time on the target, and leaves the method of measuring memory to the supplier
     FigureKind("localisation", Subject.TIMING, "4.2.1", "s", "localisation time", OF_ERRORS, OF_CALLS),
     FigureKind("mapping_call", Subject.TIMING, "4.3.1", "s", "mapping call time", OF_ERRORS, OF_CALLS),
     FigureKind("mapping", Subject.TIMING, "", "s", "mapping time", (), OF_CALLS),
@@ -207,7 +207,7 @@ CATALOGUE = (
     FigureKind("peak", Subject.MEMORY, "4.2.2", "bytes", "peak memory", ONE_NUMBER, ONE_NUMBER, is_one_number=True),
     FigureKind("heap_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the heap", (), ONE_NUMBER, is_one_number=True),
     FigureKind("stack_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the stack", (), ONE_NUMBER, is_one_number=True),
-    # completeness, and the consistency of the covariance: not in the document
+    # completeness, and the consistency of the covariance: not in the specification
     of_completeness(JUDGED, "judged fraction of the expected items"),
     of_completeness("missing", "missing"),
     of_completeness(IN_GAPS, "evident gaps"),
@@ -255,11 +255,11 @@ CATALOGUE = (
         "sub-trajectories tested by the covariance of steps",
         is_one_number=True,
     ),
-    # confidence of the figures (metrics.errors.three_sigma): not in the document
+    # confidence of the figures (metrics.errors.three_sigma): not in the specification
     FigureKind("confidence", Subject.EVIDENCE, "", "1", "confidence of mean + 3 sigma"),
     FigureKind("shape", Subject.EVIDENCE, "", "1", "relative sigma of position errors"),
     FigureKind("normality", Subject.EVIDENCE, "", "1", "p-value of the normality of position errors"),
-    # evidence without a ground truth (package `evidence`): not in the document
+    # evidence without a ground truth (package `evidence`): not in the specification
     FigureKind("difference", Subject.EVIDENCE, "", "m", "difference of positions"),
     FigureKind("attitude_difference", Subject.EVIDENCE, "", "deg", "difference of attitudes"),
     FigureKind("difference_nees", Subject.EVIDENCE, "", "1", "normalised difference squared (NEES)"),

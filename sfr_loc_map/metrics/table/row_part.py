@@ -66,6 +66,16 @@ class Place(StrEnum):
     STATED = "stated"  #: Reported by an external node, which measures time and memory of its own calls.
 
 
+CALLS_IN_WORDS = {
+    CallKind.LOCALISATION: "localisation calls",
+    CallKind.MAPPING_CALL: "mapping calls",
+    CallKind.MAPPING: "mapping calls of single pairs",
+    CallKind.FUSION: "fusion calls",
+}
+PLACES_IN_WORDS = {Place.HOST: "", Place.TARGET: " on the target", Place.STATED: " as reported by the node"}
+"""Places of calls, which follow the words of the calls."""
+
+
 class RowPart(NamedTuple):
     """The part of a row."""
 
@@ -89,6 +99,14 @@ class RowPart(NamedTuple):
         """The part as written in a score; None if it is empty."""
         place = "" if self.place is Place.HOST else self.place
         return " ".join(filter(None, (place, self.what, self.call))) or None
+
+    @property
+    def words(self) -> str:
+        """The part in words, for a message."""
+        if self.call is None:
+            return self.what
+        of_what = "memory of the " if self.what == Scope.MEMORY else ""
+        return of_what + CALLS_IN_WORDS[self.call] + PLACES_IN_WORDS[self.place]
 
     def at(self, place: Place) -> RowPart:
         """Return this part for calls that were measured at another place."""

@@ -42,7 +42,7 @@ MB = 1_000_000
 DROPS = {
     "dropped_overload": "arrived faster than they are processed: reduce the rate, or use a faster host",
     "dropped_in_transport": "were lost between their publisher and this node",
-    "dropped_unpaired": "of one side had no message of the other side within the stamp tolerance, or within the queue",
+    "dropped_unpaired": "had no message of the other side within the stamp tolerance, or within the queue",
     "dropped_rejected": "were unusable",
     "dropped_stale": "were not newer than the previous one",
     "dropped_stray": "had no stamp, or a stamp far from those of their neighbours",

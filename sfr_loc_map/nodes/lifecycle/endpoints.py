@@ -48,7 +48,7 @@ class Endpoints:
         """Return a publisher that sends only while the node is active."""
         incompatible = self._warning(
             f"a subscriber of {self._node.resolve_topic_name(topic)} requests stricter {{}} than this node offers, so "
-            f"it receives nothing: change the subscriber, or the parameter output_reliability of this node"
+            f"it receives nothing: change the subscriber{{own}}"
         )
         qos = profile(self.reliability, depth)
         if latched:
@@ -127,10 +127,14 @@ class Endpoints:
         return guarded
 
     def _warning(self, text: str) -> Callable[[Any], None]:
-        """Return a callback that warns of an incompatible peer; `text` has fields for the policy and its parameter."""
+        """Return a callback that warns of an incompatible peer; `text` has fields for the policy and its parameter.
+
+        The field `own` is the parameter of this node that sets a policy of its publishers, if there is one.
+        """
 
         def warn(event: Any) -> None:  # noqa: ANN401 - rclpy's
             policy = qos_policy_name_from_kind(event.last_policy_kind)
-            self._warn(text.format(policy, parameter=policy.lower()))
+            own = ", or the parameter output_reliability of this node" if policy == "RELIABILITY" else ""
+            self._warn(text.format(policy, parameter=policy.lower(), own=own))
 
         return warn

@@ -41,6 +41,15 @@ from sfr_loc_map.nodes.lifecycle.worker import Worker
 from sfr_loc_map.topics import configuration_topic
 
 C = TypeVar("C", bound=NodeConfig)
+IN_PROGRESS = {
+    "configure": "configuring",
+    "activate": "activating",
+    "deactivate": "deactivating",
+    "cleanup": "cleaning up",
+    "shutdown": "shutting down",
+    "error": "processing an error",
+}
+"""State of a node during a transition, by the name of the transition."""
 WAITING_REQUESTS = 1000
 """Queue depth of a service: requests wait for the worker, and the default of 10 overflows during a long job."""
 
@@ -138,7 +147,8 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._counts_before = counts
         for name, count in counts.items():
             if (more := count - before.get(name, 0)) > 0:
-                text = f"{more} messages {DROPS.get(name, name)} in {LOG_PERIOD_S:g} s ({name} {count})"
+                why = DROPS.get(name, "were dropped")
+                text = f"{more} messages in the last {LOG_PERIOD_S:g} s {why} ({name}: {count} in total)"
                 self.get_logger().warning(text)
 
     def restart_after_fault(self) -> None:
@@ -277,7 +287,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self, name: str, goal: str, *steps: Callable[[], object], undo: Callable[[], None] | None = None
     ) -> TransitionCallbackReturn:
         """Run the steps of a transition; `undo` restores the previous state after an SfrError."""
-        before, self.state = self.state, f"{name} under way"
+        before, self.state = self.state, IN_PROGRESS[name]
         try:
             for step in steps:
                 step()

@@ -190,7 +190,8 @@ def _parameter(name: str, value: object, base: Mapping[str, object], origin: str
             parse_fault(with_amount(fault, amount))
         if kind.info.neutral is None:
             raise ConfigError(
-                f"{origin}: '{kind}' has an effect at every amount: give a fault with an amount without one"
+                f"{origin}: '{kind}' has an effect at every amount: give a fault that leaves the scenario unchanged at "
+                f"some amount, such as {FaultKind.EXPOSURE}"
             )
         return Parameter(name, low, high, kind.info.neutral, fault)
     low, high = _bounds(value, origin)

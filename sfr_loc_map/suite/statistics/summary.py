@@ -94,7 +94,7 @@ class ReplacedTruth:
 
 
 class CommonDeviation(Struct, frozen=True, kw_only=True):
-    """A deviation of one or more results from the document, or data of them that is not judged."""
+    """A deviation of one or more results from the specification, or data of them that is not judged."""
 
     text: str  #: The deviation of the result with the largest number in the text.
     results: int  #: Number of results with this deviation.

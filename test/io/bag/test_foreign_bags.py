@@ -276,7 +276,7 @@ def test_a_compressed_bag_is_read(tmp_path: Path, mode: CompressionMode) -> None
     [
         ("relative_file_paths", "file_paths", "relative_file_paths"),
         ("  - x.mcap\n", "  - other.mcap\n", "names 'other.mcap', which is missing"),
-        ("compression_mode: ''", "compression_mode: file", "compressed by '': zstd is required"),
+        ("compression_mode: ''", "compression_mode: file", "compressed by '', which is not supported"),
         (f"  message_count: {COUNT}\n  relative", "  message_count: 1000\n  relative", f"{COUNT} of 1000 messages"),
     ],
 )
