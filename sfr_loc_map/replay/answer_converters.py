@@ -141,7 +141,7 @@ class CloudConverter:
         that those of an organised cloud are omitted.
         """
         stamp_ns = stamp_of(message)
-        finite = np.isfinite(points).all(axis=1)
+        finite = np.asarray(np.isfinite(points).all(axis=1))
         kept = finite if message.height > 1 else np.ones_like(finite)
         self._received.add_points(stamp_ns, points[kept])
         try:

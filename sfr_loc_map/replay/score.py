@@ -117,7 +117,7 @@ def _scored_cloud(source: Source, result: ReplayResult) -> CloudToScore | None:
     if not pairs or len(pairs) < len(result.mapped_ns) or any(pair.truth is None for pair in pairs):
         return None
     points = np.asarray(xyz, np.float64)
-    finite = np.isfinite(points).all(axis=1)
+    finite = np.asarray(np.isfinite(points).all(axis=1))
     cloud = None if result.cloud is None else result.cloud.select(finite)
     loaded = LoadedCloud(points[finite], cloud, not_finite=int(np.count_nonzero(~finite)))
     return CloudToScore(loaded, truths_of(pairs, source.nav.rig))
