@@ -77,7 +77,6 @@ class AnswerBook(Generic[Content]):
         if frames != self.frames:
             self._note(FindingKind.OTHER_FRAME, stamp_ns, f"frames {frames} instead of {self.frames}")
             return None
-        self._unanswered_in_a_row = 0
         if stamp_ns in self._sent:
             return content if self._answered(stamp_ns, now_s) else None
         # the stamp of no pair, or of a pair whose last image is not published yet
@@ -165,6 +164,7 @@ class AnswerBook(Generic[Content]):
         if stamp_ns in self._latency_s:
             self._note(FindingKind.DOUBLED, stamp_ns, "the pair was answered already")
             return False
+        self._unanswered_in_a_row = 0
         latency_s = received_s - self._sent[stamp_ns]
         self._latency_s[stamp_ns] = latency_s
         if latency_s < -EARLY_S:

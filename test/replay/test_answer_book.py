@@ -7,7 +7,7 @@ import time
 import pytest
 
 from sfr_loc_map.metrics.table.records import FindingKind
-from sfr_loc_map.replay.answer_book import EARLY_S, MAX_EARLY, AnswerBook
+from sfr_loc_map.replay.answer_book import EARLY_S, MAX_EARLY, MAX_IN_A_ROW, AnswerBook
 
 TIMEOUT_S = 1.0
 PAIR_NS = 1_000
@@ -75,3 +75,17 @@ def test_an_early_answer_that_was_dropped_is_not_an_answer(book: AnswerBook[int]
     assert book.counts.other_stamp == MAX_EARLY + 2
     assert [book.note_sent(stamp_ns, 10.0) for stamp_ns in (1, 2)] == [None, 2]
     assert (book.counts.answered, book.counts.missing, book.counts.other_stamp) == (1, 1, MAX_EARLY + 1)
+
+
+@pytest.mark.parametrize("repeats_its_first_stamp", [False, True])
+def test_answers_to_no_pair_do_not_prolong_the_replay(book: AnswerBook[int], repeats_its_first_stamp: bool) -> None:
+    """A node that answers each pair with a wrong stamp is no longer awaited after `MAX_IN_A_ROW` pairs."""
+    book.note_sent(0, 10.0)
+    book.note_answer(0, "ds -> rb", "", 0)
+    for stamp_ns in range(PAIR_NS, (MAX_IN_A_ROW + 1) * PAIR_NS, PAIR_NS):
+        book.note_sent(stamp_ns, 10.0)
+        assert not book.is_settled(stamp_ns)
+        book.note_answer(0 if repeats_its_first_stamp else stamp_ns + 1, "ds -> rb", "", 0)
+        book.note_waited(stamp_ns)
+    book.note_sent(-PAIR_NS, 10.0)
+    assert book.is_settled(-PAIR_NS)
