@@ -29,7 +29,8 @@ def processes_watched(text: str, started: Sequence[int]) -> list[int]:
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error):
             words = process.cmdline()
-            named = "--watch" not in words and (text == process.name() or text in " ".join(words))
+            is_replay = any(word.partition("=")[0] == "--watch" for word in words)  # its command line has the text, too
+            named = not is_replay and (text == process.name() or text in " ".join(words))
             if str(process.pid) == text if text.isdigit() else named:
                 found[process.pid] = process.parents()
     if not found:

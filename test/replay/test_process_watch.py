@@ -45,3 +45,18 @@ def test_a_publisher_belongs_to_the_watched_process_or_to_its_descendant(sleepin
 def test_the_processes_that_the_replay_started_are_always_watched(sleeping: int) -> None:
     assert set(processes_watched(str(sleeping), [os.getppid()])) == {os.getppid()}  # the other is its descendant
     assert set(processes_watched(str(os.getpid()), [sleeping])) == {os.getpid(), sleeping}
+
+
+@pytest.mark.parametrize("option", [("--watch", "{text}"), ("--watch={text}",)])
+def test_a_replay_is_not_the_process_that_its_command_line_names(option: tuple[str, ...]) -> None:
+    text = f"node_of_{os.getpid()}"
+    sleep = [sys.executable, "-c", "import time; time.sleep(60)"]
+    with (
+        subprocess.Popen([*sleep, text]) as node,
+        subprocess.Popen([*sleep, *(word.format(text=text) for word in option)]) as replay,
+    ):
+        try:
+            assert processes_watched(text, []) == [node.pid]
+        finally:
+            node.kill()
+            replay.kill()
