@@ -69,7 +69,8 @@ def with_findings(records: Sequence[CallRecord], node: ExternalResult) -> list[C
     a pair without an answer has no call. If there are more findings than calls, those that prevent a pass are stated.
     """
     found = [*records]
-    free = [row for row, record in enumerate(records) if record.task == node.score.task]
+    of_task = [row for row, record in enumerate(records) if record.task == node.score.task]
+    free = [row for row in of_task if not records[row].finding]
     for finding in sorted(node.findings, key=lambda finding: not finding.kind.fails)[: len(free)]:
         first_ns = finding.first_stamp_ns or 0
         row = min(free, key=lambda row: abs(records[row].stamp_ns - first_ns))

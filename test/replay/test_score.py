@@ -32,6 +32,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.score_json import to_dict
 from sfr_loc_map.metrics.table.records import (
     AnswerCounts,
+    CallFinding,
     ExternalScore,
     FindingKind,
     FindingRecord,
@@ -39,7 +40,7 @@ from sfr_loc_map.metrics.table.records import (
     MethodRecord,
 )
 from sfr_loc_map.replay.external_poses import with_converted_poses
-from sfr_loc_map.replay.files import ReplayFiles, save_replay
+from sfr_loc_map.replay.files import ReplayFiles, save_replay, with_findings
 from sfr_loc_map.replay.result import ExternalResult, ReplayResult
 from sfr_loc_map.replay.score import score_replay
 from sfr_loc_map.report.summary import banner_of
@@ -262,6 +263,16 @@ def test_the_files_of_a_replay_state_the_method_and_its_errors(tmp_path: Path) -
     assert {finding.kind for finding in load_call_stats(files.stats).findings} == set(kinds[1:])
     save_replay(replace(result, external=None), files, OURS)
     assert load_call_stats(files.stats).method == OURS
+
+
+def test_a_finding_on_a_node_does_not_replace_that_of_a_call() -> None:
+    of_call = str(CallFinding(FindingKind.INVALID_RESULT, "of the call"))
+    calls = [CallRecord(1, 0.1, "tracking"), CallRecord(2, 0.1, "tracking", finding=of_call)]
+    node = ExternalScore(task="localisation", topic="t", frames="odom", answers=AnswerCounts(), latency_s=None)
+    crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=2, text="why")
+    run = ExternalResult(MethodRecord(name="n", version=None, kind=MethodKind.EXTERNAL), node, (crash,))
+    stated = [call.finding for call in with_findings(calls, run)]
+    assert stated == [str(CallFinding(FindingKind.CRASHED, "why")), of_call]
 
 
 @pytest.mark.parametrize("doubled", [0, 3])
