@@ -153,7 +153,8 @@ class _Table:
         with refusing(f"cannot read '{path}'", advice):
             rows = list(csv.DictReader(io.StringIO(read_table_text(path, advice), newline="")))
         if not rows or needed not in rows[0] or rows[0].keys().isdisjoint(("state", *COST_NAMES, COVARIANCE_NAMES[0])):
-            found = f"the columns are {', '.join(list(rows[0])[:5])}" if rows else "the table has no row"
+            columns = [name for name in rows[0] if name is not None] if rows else []  # None: cells without a column
+            found = f"the columns are {', '.join(columns[:5])}" if rows else "the table has no row"
             required = f"{needed} and one of state, processing_time_s and cov_00 are required in each row"
             raise InputError(f"statistics '{path}': {found}: {required}; {advice}")
         return cls(path, rows)

@@ -175,3 +175,9 @@ def test_what_is_not_a_call_is_refused_in_one_line(text: str) -> None:
     with pytest.raises(InputError) as refused:
         decode_call(text, Task.LOCALISATION)
     assert len(str(refused.value).splitlines()) == 1
+
+
+def test_a_table_with_more_cells_than_columns_is_refused_by_its_columns(tmp_path: Path) -> None:
+    (tmp_path / "calls.csv").write_text("a,b\n1,2,3\n")
+    with pytest.raises(InputError, match="the columns are a, b:"):
+        load_call_stats(tmp_path / "calls.csv")
