@@ -12,6 +12,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from sfr_loc_map.calls.call_record import CallRecord, call_of_estimate
 from sfr_loc_map.config import changed
 from sfr_loc_map.errors import InputError
@@ -130,8 +132,7 @@ def localise(
 def localise_with(how: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> Iterator[Step]:
     """Yield the step of each pair of a drive by a method under test."""
     check_configuration(how.method.config, sequence.ground_truth)
-    first_ns, *later_ns = sequence.stamps_ns[:2]
-    step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
+    step_s = _frame_step_s(sequence.stamps_ns)
     setup = (sequence.rig, T_ds_rb, how.limits)
     with IsolatedLocaliser(how.method, *setup, rate_hz=1.0 / step_s, hidden=how.hidden) as localiser:
         for pair in sequence.pairs():
@@ -149,6 +150,13 @@ def localise_with(how: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> 
                 finding=call.finding,
             )
             yield Step(estimate, record, localiser.record)
+
+
+def _frame_step_s(stamps_ns: Sequence[int]) -> float:
+    """Return the median time between pairs, s, so that a missing pair does not change the rate."""
+    steps_ns = np.diff(np.asarray(stamps_ns, np.int64))
+    steps_ns = steps_ns[steps_ns > 0]
+    return float(np.median(steps_ns)) / NS_PER_S if len(steps_ns) else DEFAULT_STEP_S
 
 
 def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:

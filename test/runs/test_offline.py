@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -23,8 +26,9 @@ from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.localisation.visualisation import STRIP
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.runs import localiser_run
 from sfr_loc_map.runs.drive_start import start_pose, true_start, unstamped_start_warning
-from sfr_loc_map.runs.localiser_run import localise, run_localiser
+from sfr_loc_map.runs.localiser_run import DEFAULT_STEP_S, localise, localise_with, run_localiser
 from sfr_loc_map.runs.mapper_run import map_pairs
 from sfr_loc_map.runs.track_video import track_video
 
@@ -131,3 +135,22 @@ def test_a_film_has_one_image_for_each_pair_and_estimates_stay_the_same(tmp_path
 def test_a_drive_without_pairs_is_refused() -> None:
     with pytest.raises(InputError, match="no complete pair"):
         run_localiser(PairsInMemory(LOC_RIG, []), LocalisationConfig(), StartPose(Transform.identity()))
+
+
+@pytest.mark.parametrize(("steps", "rate_hz"), [((2, 1, 1, 1), 10.0), ((), 1.0 / DEFAULT_STEP_S)])
+def test_a_missing_pair_at_the_start_does_not_change_the_rate_that_a_method_is_given(
+    monkeypatch: pytest.MonkeyPatch, steps: tuple[int, ...], rate_hz: float
+) -> None:
+    given: list[float] = []
+
+    @contextmanager
+    def started(*_: object, rate_hz: float, hidden: object) -> Iterator[None]:
+        given.append(rate_hz)
+        yield
+
+    monkeypatch.setattr(localiser_run, "IsolatedLocaliser", started)
+    stamps_ns = np.cumsum([0, *steps]) * (NS_PER_S // 10)
+    sequence = SimpleNamespace(rig=LOC_RIG, stamps_ns=stamps_ns.tolist(), ground_truth=None, pairs=list)
+    how = SimpleNamespace(method=SimpleNamespace(config=None), limits=None, hidden=())
+    assert not list(localise_with(cast("Any", how), cast("Any", sequence), Transform.identity()))
+    assert given == [pytest.approx(rate_hz)]
