@@ -37,7 +37,8 @@ def corrected(
         found = diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig).found
     if found is not None and found.setting:
         drive = drive.converted(PoseConvention.parse([found.setting]))
-        done = struct_replace(done, diagnosed=found.setting, fitted=found.fitted, sentence=found.sentence)
+        fitted = done.fitted or found.fitted
+        done = struct_replace(done, diagnosed=found.setting, fitted=fitted, sentence=found.sentence)
     return drive, None if done == ConventionRecord() else done
 
 

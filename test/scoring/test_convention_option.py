@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.cli_result import Sfr
-from helpers.made_scene import write_folder
+from helpers.made_scene import LOC_RIG, write_folder
 from helpers.score_rows import number
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
+from sfr_loc_map.metrics.frames.association import Estimates
+from sfr_loc_map.scoring import conversion
+from sfr_loc_map.scoring.inputs import Correction, DriveToScore
 
 WORLD = Transform(Rotation.from_euler("xyz", [0.4, -1.0, 2.0]).as_matrix(), np.array([4.0, -5.0, 6.0]))
 FIGURES = ("position", "attitude", "heading")
@@ -138,3 +144,14 @@ def test_a_diagnosis_is_applied_only_where_asked_for_and_the_score_says_so(
     assert sfr("score", tmp_path / "m.csv", source, *options, tmp_path / "n.json", "--apply-diagnosis").code == 0
     assert "convention" not in json.loads((tmp_path / "n.json").read_text())
     assert figures(tmp_path / "n.json") == figures(tmp_path / "m.json")
+
+
+def test_a_diagnosis_after_a_fitted_factor_leaves_the_conversion_fitted(
+    monkeypatch: pytest.MonkeyPatch, estimate: Trajectory
+) -> None:
+    found = SimpleNamespace(setting="metres_per_unit=0.001", fitted=False, sentence="in millimetres")
+    monkeypatch.setattr(conversion, "diagnose", lambda *_: SimpleNamespace(found=found))
+    correction = Correction(PoseConvention.parse(["metres_per_unit=1.07"]), apply_diagnosis=True)
+    _, done = conversion.corrected(DriveToScore(Estimates.of(estimate), estimate, LOC_RIG), correction, ScoreConfig())
+    assert done is not None
+    assert (done.diagnosed, done.fitted) == (found.setting, True)
