@@ -67,6 +67,11 @@ class ExternalNode:
         """Task of the node."""
         return self._options.task
 
+    @property
+    def timeout_s(self) -> float:
+        """Timeout of the answer to a pair, s."""
+        return self._options.timeout_s
+
     def receive(self, message: Any) -> None:  # noqa: ANN401 - of the converter's `kind`
         """Count an answer, and accept it if it is used. An answer before its pair is accepted once the pair is sent."""
         if self._first_publishers is None:

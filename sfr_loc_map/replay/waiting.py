@@ -54,9 +54,11 @@ class ResultWaits:
         """Wait for the missing results, finish a map in progress, and wait for the last map.
 
         Each wait for results ends if none has arrived for `QUIET_S`, so that lost pairs do not fail a replay at a rate.
-        The wait for the answer of our mapper is longer, because nothing arrives during a fusion.
+        An external node has at least its timeout for an answer. The wait for the answer of our mapper is longer,
+        because nothing arrives during a fusion.
         """
-        self._wait_while_results_arrive(self._has_all_results)
+        timeout_s = 0.0 if self._external is None else self._external.timeout_s
+        self._wait_while_results_arrive(self._has_all_results, max(QUIET_S, timeout_s))
         maps = self._received.maps
         if not maps.is_external and maps.sent_ns:
             self._finish_map()
@@ -105,7 +107,7 @@ class ResultWaits:
         """
         problem = f"{Task.MAPPING.node} did not finish its map"
         answer = self._peer.request(Trigger, f"{Task.MAPPING.node}/finish", Trigger.Request(), problem)
-        self._wait_while_results_arrive(self._has_all_maps)
+        self._wait_while_results_arrive(self._has_all_maps, QUIET_S)
         maps, left = divmod(len(self._received.maps.mapped_ns), self._pairs_per_map)
         if left and self._received.maps.map_count <= maps and not answer.success:
             raise NodeError(f"{problem}: {answer.message}")
@@ -116,12 +118,12 @@ class ResultWaits:
         pairs = len(maps.sent_ns)
         return len(maps.mapped_ns) == pairs and maps.map_count >= math.ceil(pairs / self._pairs_per_map)
 
-    def _wait_while_results_arrive(self, is_complete: Callable[[], bool]) -> None:
-        """Wait until a condition holds, or until no result has arrived for `QUIET_S`."""
+    def _wait_while_results_arrive(self, is_complete: Callable[[], bool], quiet_s: float) -> None:
+        """Wait until a condition holds, or until no result has arrived for `quiet_s`."""
         unchanged = Unchanged()
 
         def is_over() -> bool:
             self._collector.check_nodes()
-            return is_complete() or unchanged.seconds(self._received.count) >= QUIET_S
+            return is_complete() or unchanged.seconds(self._received.count) >= quiet_s
 
         self._peer.spin(math.inf, is_over)

@@ -2,6 +2,7 @@
 
 import time
 from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -111,6 +112,24 @@ def test_a_fusion_that_takes_longer_than_the_quiet_time_keeps_its_map(
         received.maps.sent_ns.add(1)
         waits.finish()
     assert received.maps.map_count == 1
+
+
+def test_an_external_node_has_its_timeout_for_the_last_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The answer takes longer than the quiet time of a replay."""
+    monkeypatch.setattr(waiting, "QUIET_S", 0.1)
+    received = Received.without_messages(Task.MAPPING)
+    received.maps.sent_ns.add(1)
+    with ReplayPeer(SimpleNamespace(processes={}, check=lambda: None)) as peer:
+        answered_s = time.monotonic() + 0.6
+
+        def is_settled(_: int) -> bool:
+            return time.monotonic() >= answered_s
+
+        settling = {"is_settled": is_settled, "check_process": lambda: None}
+        external = cast("Any", SimpleNamespace(task=Task.MAPPING, timeout_s=30.0, **settling))
+        collector = ResultCollector(peer, received)
+        ResultWaits(peer, received, collector, external, pairs_per_map=1, is_lock_step=False).finish()
+        assert is_settled(1)
 
 
 def test_a_map_of_left_pairs_that_cannot_be_finished_fails_the_replay(monkeypatch: pytest.MonkeyPatch) -> None:
