@@ -106,7 +106,7 @@ def test_a_signal_while_the_node_is_being_prepared_ends_it_cleanly(
         ("raise NodeError('sought a,\\n found b')", (), 2, "slow_node: sought a, found b\ncode 2\n"),
         ("1 / 0", (), 1, "ZeroDivisionError"),
         ("self.create_timer(0.01, self.fail)", (), 1, "NodeError: after the start"),
-        ("pass", ("--ros-args", "--params-file", "/nowhere.yaml"), 2, "slow_node: ROS does not start"),
+        ("pass", ("--ros-args", "--params-file", "/nowhere.yaml"), 2, "slow_node: ROS cannot be initialised"),
     ],
 )
 def test_errors_of_ours_are_one_line_and_exit_2_and_others_keep_their_traceback(
