@@ -33,10 +33,15 @@ def hash_path(path: Path) -> str:
         raise InputError(f"cannot hash '{error.filename}': {error.strerror}; check the permissions") from error
 
 
+def is_ignored(path: Path) -> bool:
+    """Return whether the hash of a folder ignores an entry: hidden files and folders, and compiled Python code."""
+    return path.name.startswith(".") or path.name == "__pycache__"
+
+
 def visible_files(folder: Path) -> list[Path]:
     """Return all entries of a folder that are not folders, sorted by name; raise OSError if a folder is not readable.
 
-    Links to folders are followed, as by the readers. Hidden files and folders, and compiled Python code, are excluded.
+    Links to folders are followed, as by the readers. Entries that `is_ignored` names are excluded.
     """
     return sorted(_visible_files(folder, ()), key=str)
 
@@ -48,7 +53,7 @@ def _visible_files(folder: Path, above: tuple[tuple[int, int], ...]) -> Iterator
     if identity in above:
         return
     for path in folder.iterdir():
-        if path.name.startswith(".") or path.name == "__pycache__":
+        if is_ignored(path):
             continue
         if path.is_dir():
             yield from _visible_files(path, (*above, identity))

@@ -1,115 +1,148 @@
 """Files that the process of a method may read and write; see docs/decisions/0010-isolation.md.
 
 The process may read programs, libraries, the interpreter with its packages, the method's own code, and the paths in the
-variables SFR_METHOD_FILES and PYTHONPATH. Paths that may hold the ground truth (`Source.truth_paths`) are excluded. The
-method's own code is a package, or a file or library with the other code in the same folder. Other files in this folder
-and in the working directory are not readable, because they may be copies of the ground truth. The process may write
-only to its scratch folder and to devices.
+variables SFR_METHOD_FILES, PYTHONPATH and LD_LIBRARY_PATH. Paths that may hold the ground truth (`Source.truth_paths`)
+are excluded, and so are files in the own code that its hash ignores. The method's own code is a package, or a file or
+library with the other code in the same folder. Other files in this folder and in the working directory are not
+readable, because they may be copies of the ground truth. The process may write only to its scratch folder and to
+devices.
 """
 
 from __future__ import annotations
 
 import os
+import re
+import site
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from contextlib import suppress
 from glob import glob
 from pathlib import Path
 
 from sfr_loc_map.child_process import LIBRARY_PATH, child_environment, inherited_environment
 from sfr_loc_map.methods.child.supervisor import Rules
-from sfr_loc_map.methods.own_code import code_of
+from sfr_loc_map.methods.own_code import code_of, unhashed_of
 from sfr_loc_map.methods.registry import Isolation, Method
 from sfr_loc_map.metrics.table.records import MethodKind
 
 OWN_FILES = "SFR_METHOD_FILES"  #: Variable with additional readable paths, separated as in PATH.
-VARIABLES = (
-    "PATH",
-    "HOME",
-    "USER",
-    "LOGNAME",
-    "SHELL",
-    "LANG",
-    "LANGUAGE",
-    "TZ",
-    "TZDIR",
-    "TMPDIR",
-    "VIRTUAL_ENV",
-    LIBRARY_PATH,
-    OWN_FILES,
+PERMITTING = (OWN_FILES, "PYTHONPATH", LIBRARY_PATH)  #: Variables whose paths a method may read.
+FOLDERS = (
+    *("PATH", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX", "CUDA_HOME", "CUDA_PATH", "TZDIR"),
+    *(LIBRARY_PATH, OWN_FILES),
 )
-"""Variables that a method receives, beside those that begin with one of `PREFIXES`. Other variables could configure a
-method without a trace in the score; the configuration of a method is a file (`--config`)."""
-PREFIXES = (
-    *("LC_", "XDG_", "PYTHON", "CONDA_"),
-    *("NUMBA_", "OMP_", "OPENBLAS_", "MKL_", "BLIS_", "NVPL_", "CUDA_", "NVIDIA_", "OPENCV_"),
+"""Variables with paths. A method receives the paths that exist."""
+WORDS = (
+    *("LANG", "LANGUAGE", "LC_ALL", "LC_CTYPE", "LC_NUMERIC", "TZ", "USER", "LOGNAME"),
+    *("PYTHONHASHSEED", "PYTHONMALLOC", "PYTHONOPTIMIZE", "PYTHONUNBUFFERED", "PYTHONUTF8"),
+    *("OMP_NUM_THREADS", "OMP_THREAD_LIMIT", "OMP_DYNAMIC", "OMP_SCHEDULE", "OMP_STACKSIZE"),
+    *("OMP_PLACES", "OMP_PROC_BIND", "OMP_WAIT_POLICY", "OMP_NESTED", "OMP_MAX_ACTIVE_LEVELS"),
+    *("OPENBLAS_NUM_THREADS", "OPENBLAS_CORETYPE", "BLIS_NUM_THREADS", "NVPL_BLAS_DEBUG_CPU_TYPE"),
+    *("MKL_NUM_THREADS", "MKL_DYNAMIC", "MKL_CBWR", "MKL_ENABLE_INSTRUCTIONS", "MKL_THREADING_LAYER"),
+    *("NUMBA_NUM_THREADS", "NUMBA_THREADING_LAYER", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_DISABLE_JIT"),
+    *("NUMBA_OPT", "NUMBA_LOOP_VECTORIZE", "NUMBA_SLP_VECTORIZE", "NUMBA_ENABLE_AVX", "NUMBA_DISABLE_INTEL_SVML"),
+    *("CUDA_VISIBLE_DEVICES", "CUDA_DEVICE_ORDER", "CUDA_LAUNCH_BLOCKING", "CUDA_MODULE_LOADING"),
+    *("NVIDIA_VISIBLE_DEVICES", "NVIDIA_DRIVER_CAPABILITIES", "NVIDIA_TF32_OVERRIDE"),
+    *("OPENCV_FOR_THREADS_NUM", "OPENCV_IPP", "OPENCV_OPENCL_DEVICE", "OPENCV_OPENCL_RUNTIME"),
 )
-"""Beginnings of the names of variables of the system, of Python and of numerical libraries."""
+"""Variables of the system, of Python and of numerical libraries. A method receives those with a value of `WORD`."""
+WORD = re.compile("[A-Za-z0-9_.,:@/+{}-]{0,64}")  #: Numbers and short words; `{0:4}` are places of OpenMP.
 SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/snap", "/sys")
 FACTS = ("cpuinfo", "meminfo", "stat", "version", "filesystems", "loadavg", "sys/kernel", "sys/vm", "driver")
 DEVICES = ("null", "zero", "full", "random", "urandom", "tty", "dri", "kfd", "nvidia*")
 PACKAGE = Path(__file__).parents[1]
 PACKAGES = ("site-packages", "dist-packages")  #: Folder names of installed packages.
-KERNELS = "sfr_loc_map.methods.child.numba_cache"
+LOCATORS = "sfr_loc_map.methods.child.numba_cache"
+KERNELS_OF_USER = "SFR_KERNELS"  #: Variable with the user's cache folder of numba, for `numba_cache.OfUser`.
 
 
 def isolation_of(restrictions: str, *, can_read_all_files: bool) -> Isolation:
     """Return the isolation of a process from the restrictions in force and the paths that the user permitted."""
-    readable = os.environ.get(OWN_FILES) or None
-    exception = "" if readable is None else f"; readable by {OWN_FILES}: {readable}"
-    return Isolation(restrictions + exception, can_read_all_files, readable)
+    permitted = {name: paths for name in PERMITTING if (paths := _permitted_by(name))}
+    text = "".join(f"; readable by {name}: {os.pathsep.join(paths)}" for name, paths in permitted.items())
+    readable = os.pathsep.join(path for paths in permitted.values() for path in paths) or None
+    return Isolation(restrictions + text, can_read_all_files, readable)
+
+
+def _permitted_by(name: str) -> list[str]:
+    """Return the paths of a variable; of a search path, those outside of the system and the interpreter."""
+    paths = _paths_in(os.environ.get(name, ""))
+    if name == OWN_FILES:
+        return paths
+    of_all = [path.resolve() for path in (*map(Path, SYSTEM), *_prefixes())]
+    return [path for path in paths if not any(Path(path).resolve().is_relative_to(item) for item in of_all)]
+
+
+def _paths_in(value: str) -> list[str]:
+    return [path for path in value.split(os.pathsep) if path]
+
+
+def _prefixes(*pythons: Path) -> list[Path]:
+    """Return the folders of this interpreter and of others."""
+    prefixes = [Path(sys.prefix), Path(sys.base_prefix), *(path.parent.parent for path in pythons)]
+    return [path for path in prefixes if path != path.parent]  # /bin/python3 does not permit the root
 
 
 def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> Rules:
     """Return the paths that a method may list, read and write, with the scratch folder and without hidden paths."""
     code = code_of(method.kind, method.adapter, method.target)
-    pythons = [method.python, method.python.resolve()]
-    prefixes = [Path(sys.prefix), Path(sys.base_prefix), *(path.parent.parent for path in pythons)]
-    prefixes = [path for path in prefixes if path != path.parent]  # /bin/python3 does not permit the root
-    variables = (os.environ.get(name, "") for name in (OWN_FILES, "PYTHONPATH", LIBRARY_PATH))
-    named = [text for value in variables for text in value.split(os.pathsep) if text]
+    prefixes = _prefixes(method.python, method.python.resolve())
+    named = [text for name in PERMITTING for text in _paths_in(os.environ.get(name, ""))]
     named += [text for text in sys.path if Path(text).name in PACKAGES]
     named += [method.vocabulary] if method.vocabulary else []
-    own = [PACKAGE, Path.home() / ".cache" / "numba", *code]
+    own = [PACKAGE, _kernels_of_user(), *code]
     wanted: list[str | Path] = [*SYSTEM, *(f"/proc/{name}" for name in FACTS), *prefixes, *named, *own]
-    hidden = [path.resolve() for path in hidden]
+    unhashed = unhashed_of([path for path in code if path.resolve() != PACKAGE.resolve()])  # has compiled kernels
+    closed = frozenset(path.resolve() for path in (*hidden, *unhashed))
+    above = frozenset(parent for path in closed for parent in path.parents)
     names = [path.resolve().parent for path in (PACKAGE, *code)]  # the interpreter lists these to find packages
     read: list[Path] = []
     for path in dict.fromkeys(Path(item).resolve() for item in wanted):
-        parts = list(_without(path, hidden))
+        parts = list(_without(path, closed, above))
         read += parts
         if parts != [path] and path.is_dir():
             names.append(path)
     read.append(Path("/proc/self"))  # read-only, so that the process cannot reset its peak memory
     devices = [path for name in DEVICES for path in glob(f"/dev/{name}")]
-    write = [folder, *(part for path in devices for part in _without(Path(path), hidden))]
+    write = [folder, *(part for path in devices for part in _without(Path(path), closed, above))]
     return Rules(names=list(map(str, names)), read=list(map(str, read)), write=list(map(str, write)))
 
 
 def environment_of(method: Method, folder: Path) -> dict[str, str]:
     """Return the environment of a method's process, which finds code and compiled kernels where this process does.
 
-    A method under test receives only the variables of `VARIABLES` and `PREFIXES`; a peer receives all.
+    A method under test receives only the variables of `FOLDERS` and `WORDS`; a peer receives all.
     """
     if method.kind is MethodKind.PEER:
         return {**inherited_environment(), "TMPDIR": str(folder)}
-    found = child_environment()
-    found |= {"TMPDIR": str(folder), "NUMBA_CACHE_DIR": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
-    found = {name: value for name, value in found.items() if name in VARIABLES or name.startswith(PREFIXES)}
-    found["NUMBA_CACHE_LOCATOR_CLASSES"] = f"{KERNELS}.BesideSources,{KERNELS}.OfUser,UserProvidedCacheLocator"
+    given = child_environment()
     if method.kind is MethodKind.PYTHON:  # this process's working directory is searched first
-        found["PYTHONPATH"] = os.pathsep.join((str(Path.cwd()), found["PYTHONPATH"]))
+        given["PYTHONPATH"] = os.pathsep.join((str(Path.cwd()), given["PYTHONPATH"]))
+    found = {name: given[name] for name in WORDS if name in given and WORD.fullmatch(given[name])}
+    for name in FOLDERS:
+        existing = [path for path in _paths_in(given.get(name, "")) if os.path.exists(path)]
+        if existing:
+            found[name] = os.pathsep.join(existing)
+    if site.ENABLE_USER_SITE:  # packages of the user are in the user's home, not in that of the method
+        found["PYTHONUSERBASE"] = site.getuserbase()
+    found |= dict.fromkeys(("HOME", "TMPDIR", "NUMBA_CACHE_DIR"), str(folder))
+    found |= {"PYTHONDONTWRITEBYTECODE": "1", KERNELS_OF_USER: str(_kernels_of_user())}
+    found["NUMBA_CACHE_LOCATOR_CLASSES"] = f"{LOCATORS}.BesideSources,{LOCATORS}.OfUser,UserProvidedCacheLocator"
     return found
 
 
-def _without(path: Path, hidden: Sequence[Path]) -> Iterator[Path]:
-    """Yield a path, or the parts of it that contain no hidden paths."""
-    if any(path == item or item in path.parents for item in hidden):
+def _kernels_of_user() -> Path:
+    return Path.home() / ".cache" / "numba"
+
+
+def _without(path: Path, hidden: Set[Path], above: Set[Path]) -> Iterator[Path]:
+    """Yield a path, or the parts of it that contain no hidden paths; `above` has the parents of all hidden paths."""
+    if not hidden.isdisjoint((path, *path.parents)):
         return
-    if not any(path in item.parents for item in hidden):
+    if path not in above:
         yield path
         return
     with suppress(OSError):
         for part in path.iterdir():
             if not part.is_symlink():  # a rule for a link would permit its target, which may be hidden
-                yield from _without(part, hidden)
+                yield from _without(part, hidden, above)

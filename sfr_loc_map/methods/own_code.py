@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator, Sequence
 from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from pathlib import Path
 
-from sfr_loc_map.hashes import hash_path
+from sfr_loc_map.hashes import hash_path, is_ignored
 from sfr_loc_map.metrics.table.records import MethodKind
 
 CODE = ("*.py", "*.so", "*.so.*")  #: File patterns of modules and libraries.
@@ -40,6 +41,23 @@ def _code_beside(file: Path) -> list[Path]:
     modules = [path for pattern in CODE for path in folder.glob(pattern)]
     packages = [path.parent for path in folder.glob("*/__init__.py")]
     return [file, *sorted({*modules, *packages} - {file})]
+
+
+def unhashed_of(code: Sequence[Path]) -> Iterator[Path]:
+    """Yield the files and folders in and beside own code that its hash ignores.
+
+    Python would load compiled code from these folders in place of the sources. Links are omitted, because isolation
+    applies to their targets.
+    """
+    for path in code:
+        entries = path.iterdir() if path.is_dir() else [path.parent / "__pycache__"]
+        for entry in entries:
+            if entry.is_symlink() or not entry.exists():
+                continue
+            if is_ignored(entry):
+                yield entry
+            elif entry.is_dir():
+                yield from unhashed_of([entry])
 
 
 def code_sha256(kind: MethodKind, adapter: str, target: str) -> str | None:

@@ -132,7 +132,7 @@ def _unbound_calls(run: Run) -> Iterator[str]:
 def _readable_files(method: MethodRecord | None) -> Iterator[str]:
     """Yield a caveat if the user permitted the method to read further files."""
     if method is not None and method.readable_files is not None:
-        readable = f"SFR_METHOD_FILES: {method.readable_files}"
+        readable = f"SFR_METHOD_FILES, PYTHONPATH or LD_LIBRARY_PATH: {method.readable_files}"
         yield f"it is not verified that the files that {method.name} could read ({readable}) contain no ground truth"
 
 

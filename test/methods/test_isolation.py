@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -43,6 +44,19 @@ def test_without_hidden_paths_the_complete_folder_is_readable(tmp_path: Path, da
     assert str(data) in found["read"]
     assert readable(found, data / "truth" / "poses.csv")
     assert not readable(found, tmp_path / "other")
+
+
+@pytest.mark.parametrize("name", ["PYTHONPATH", "LD_LIBRARY_PATH"])
+def test_folders_that_a_search_path_makes_readable_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Folders of the system and of the interpreter are readable for each method."""
+    monkeypatch.delenv("SFR_METHOD_FILES", raising=False)
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    monkeypatch.setenv(name, f"{sys.prefix}/lib:/opt/ros/lib:{tmp_path}")
+    assert readable(rules(tmp_path), tmp_path / "truth.csv")
+    text = f"files; readable by {name}: {tmp_path}"
+    assert isolation_of("files", can_read_all_files=False) == (text, False, str(tmp_path))
 
 
 @pytest.mark.parametrize(

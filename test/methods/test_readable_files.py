@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import csv
+import py_compile
+from importlib.util import cache_from_source
 from pathlib import Path
+from py_compile import PycInvalidationMode
 
 import pytest
 
@@ -29,7 +32,7 @@ class Reader:
 
 def can_read(path):
     try:
-        return bool(Path(path).read_text())
+        return bool(Path(path).read_bytes())
     except OSError:
         return False
 """
@@ -76,6 +79,37 @@ def test_a_class_of_a_file_reads_the_code_beside_it_and_no_other_file(tmp_path: 
     assert not call.finding
     found = {name: value for name, value in call.statistics.items() if name.startswith(str(tmp_path))}
     assert found == dict.fromkeys(map(str, code), 1.0) | dict.fromkeys(map(str, copies), 0.0)
+
+
+@pytest.mark.parametrize("place", ["package", "file"])
+def test_what_the_hash_of_the_own_code_ignores_is_neither_read_nor_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    """Python loads the compiled code of an unchecked hash in place of the sources."""
+    folder = tmp_path / "ignoring_candidate"
+    (folder / "tools").mkdir(parents=True)
+    code, constants = folder / "reader.py", folder / "constants.py"
+    for path in (folder / "__init__.py", folder / "tools" / "__init__.py", folder / "tools" / ".truth"):
+        path.write_text("# 1")
+    (folder / ".truth.csv").write_text("stamp_ns,x,y,z")
+    compiled = Path(cache_from_source(constants))
+    constants.write_text("GAIN = 1.0")
+    py_compile.compile(str(constants), str(compiled), invalidation_mode=PycInvalidationMode.UNCHECKED_HASH)
+    constants.write_text("GAIN = 0.0")
+    statement = "self.statistics['gain'] = constants.GAIN\n        return"
+    imported = "from . import constants" if place == "package" else "import constants"
+    code.write_text(f"{imported}\n{READER.replace('return', statement, 1)}")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))  # permits the complete folder
+    unreadable = [compiled, folder / "tools" / ".truth"]
+    spec = "ignoring_candidate.reader:Reader" if place == "package" else f"{code}:Reader"
+    if place == "package":
+        unreadable.append(folder / ".truth.csv")
+    method = find_method(spec, Task.LOCALISATION, "\n".join(map(str, unreadable)))
+    with IsolatedLocaliser(method, LOC_RIG, Transform.identity(), hidden=()) as localiser:
+        _, call = localiser.localise(loc_pair(0))
+    assert not call.finding
+    assert [name for name in (*map(str, unreadable), "gain") if call.statistics[name]] == []
 
 
 def test_the_simulated_sources_of_a_suite_are_hidden(tmp_path: Path) -> None:

@@ -16,8 +16,9 @@ from sfr_loc_map.bench.method_benchmark import methods_to_compare
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.methods.child.numba_cache import OfUser
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
-from sfr_loc_map.methods.isolation import environment_of
+from sfr_loc_map.methods.isolation import PACKAGE, environment_of, rules_of
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
 from sfr_loc_map.suite_names import Task
@@ -76,20 +77,62 @@ def test_a_peer_is_found_in_its_interpreter(tmp_path: Path, monkeypatch: pytest.
         estimate, call = slam.localise(replace(loc_pair(1), stamp_ns=loc_pair(0).stamp_ns + 1_100_000_000))
     assert not call.finding
     about = {"name": "orbslam3", "version": "9.1", "kind": MethodKind.PEER}
-    assert slam.record == MethodRecord(**about, isolation=slam.record.isolation)
+    assert slam.record == MethodRecord(**about, isolation=slam.record.isolation, readable_files=str(tmp_path))
     T_first_now = Transform(np.eye(3), np.array([0.0, 0.0, 1.1]))
     expected = true_pose(0) @ LOC_RIG.T_rb_left @ T_first_now @ LOC_RIG.T_rb_left.inverse()
     np.testing.assert_allclose(estimate.T_ds_rb.matrix, expected.matrix, atol=1e-12)
 
 
-def test_a_method_receives_no_variables_that_only_its_supplier_knows(
+VARIABLES = {
+    "OMP_NUM_THREADS": "1",
+    "OMP_PLACES": "{0:4},{4:4}",
+    "OPENBLAS_NUM_THREADS": "2",
+    "MKL_NUM_THREADS": "3",
+    "NUMBA_NUM_THREADS": "4",
+    "CUDA_VISIBLE_DEVICES": "0,1",
+    "LC_ALL": "de_DE.UTF-8@euro",
+    "TZ": "Europe/Berlin",
+}
+TRUTHS = {
+    "MODE": "good",
+    "PATH_TO_TRUTH": "truth.csv",
+    "LC_TRUTH": "1",
+    "NUMBA_X": "1",
+    "PYTHON_TRUTH": "1",
+    "XDG_TRUTH": "1",
+    "LC_CTYPE": "1 2 3",
+    "LANG": "0.123," * 20,
+    "CONDA_PREFIX": "/0.1,0.2",
+    "VIRTUAL_ENV": "0.1" * 5000,
+}
+
+
+def test_a_method_receives_only_known_variables_with_a_plain_value(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A name that begins with that of another variable is another name."""
-    monkeypatch.setenv("MODE", "good")
-    monkeypatch.setenv("PATH_TO_TRUTH", "truth.csv")
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    for name, value in (VARIABLES | TRUTHS).items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("PATH", f"/usr/bin{os.pathsep}/0.1,0.2,0.3{os.pathsep}/bin")
     (tmp_path / "item.py").write_text("")
     found = environment_of(find_method(f"{tmp_path / 'item.py'}:Mine", Task.LOCALISATION), tmp_path)
-    assert {"MODE", "PATH_TO_TRUTH"}.isdisjoint(found)
-    assert (found["OMP_NUM_THREADS"], found["PATH"]) == ("1", os.environ["PATH"])
+    assert VARIABLES.items() <= found.items()
+    assert TRUTHS.keys().isdisjoint(found)
+    assert (found["PATH"], found["HOME"]) == (f"/usr/bin{os.pathsep}/bin", str(tmp_path))
+
+
+def test_kernels_in_the_cache_folder_of_the_user_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The method has another home folder."""
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    method = find_method("opencv", Task.LOCALISATION)
+    source = str(PACKAGE / "methods" / "isolation.py")
+    kernels = tmp_path / "home" / ".cache" / "numba"
+    place = kernels / OfUser.get_suitable_cache_subpath(source)
+    place.mkdir(parents=True)
+    (place / "isolation.kernel.nbi").touch()
+    assert str(kernels) in rules_of(method, tmp_path, ())["read"]
+    for name, value in environment_of(method, tmp_path).items():
+        monkeypatch.setenv(name, value)
+    locator = OfUser.from_function(environment_of, source)
+    assert locator is not None
+    assert locator.get_cache_path() == str(place)

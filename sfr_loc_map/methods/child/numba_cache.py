@@ -32,4 +32,9 @@ class BesideSources(_Kept, caching.InTreeCacheLocator):
 
 
 class OfUser(_Kept, caching.UserWideCacheLocator):
-    """Kernels in the user's cache folder."""
+    """Kernels in the user's cache folder, which SFR_KERNELS names, because the method has another home folder."""
+
+    def get_cache_path(self) -> str:
+        """Return the folder of the kernels of the source file."""
+        name: str = self.get_suitable_cache_subpath(self._py_file)  # type: ignore[no-untyped-call]
+        return os.path.join(os.environ["SFR_KERNELS"], name)
