@@ -32,7 +32,7 @@ SOURCES: dict[str, tuple[Made, str] | tuple[Made, str, tuple[str, ...]]] = {
     "nan in poses": (broken.nan_in_poses, "(groundtruth|pairs).csv' line 3.*not .*finite.*; correct"),
     "backwards": (broken.backwards, "pairs.csv'.*in increasing order"),
     "broken rig": (broken.broken_rig, "rig.json.*truncated"),
-    "no place on the rover": (broken.no_place_on_the_rover, "T_rb_locsb.*: add it", ("localise",)),
+    "no place on the rover": (broken.no_place_on_the_rover, "T_rb_locsb.*: set extrinsics", ("localise",)),
     "four pairs": (broken.four_pairs, "has 4 stereo pairs: a source with 1 to 3 is required for a map", ("map",)),
     "no drive": (broken.four_pairs, "no drive .*: give a source that has one", ("localise",)),
 }
