@@ -138,7 +138,8 @@ class Condition:
     def parse(cls, text: str) -> Condition:
         """Return the condition of a text such as `distance=5`, `time=60`, `frames=100` or `distance=5,time=10`.
 
-        A unit after the number is accepted (`distance=5 m`). MetricsError if the text is not a valid condition.
+        A unit after the number is accepted (`distance=5 m`). The parts are sorted by kind, so that conditions with the
+        same parts are equal. MetricsError if the text is not a valid condition.
         """
         parts = []
         for word in text.split(","):
@@ -159,7 +160,8 @@ class Condition:
             parts.append(cls(kind, value))
         if len({part.kind for part in parts}) < len(parts):
             raise MetricsError(f"'{text}' has the same kind of condition twice: give each kind once")
-        return cls(parts[0].kind, parts[0].value, tuple(parts[1:]))
+        first, *others = sorted(parts, key=lambda part: list(ConditionKind).index(part.kind))
+        return cls(first.kind, first.value, tuple(others))
 
     @property
     def is_of_time(self) -> bool:

@@ -146,9 +146,9 @@ def test_the_verdict_over_all() -> None:
 
 def test_reasons_why_something_is_not_judged() -> None:
     truth, estimate = drive(1)
-    score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5", "distance=1e6")))
+    score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5", "distance=1000001")))
     assert len(reasons_not_judged(score)) == 1
-    assert "distance=1e+06" in reasons_not_judged(score)[0]
+    assert "distance=1000001" in reasons_not_judged(score)[0]
     few = judged_by(with_position(None, count=1), parse_limits(LIMIT, "limits"))
     assert "too few values: 1" in reasons_not_judged(few)[0]
 
@@ -243,6 +243,9 @@ def test_a_limit_on_horizontal_errors_is_judged_by_each_reading() -> None:
     readings = {row.part: row.mean_plus_3sigma for row in score.rows("horizontal", condition="distance=5")}
     assert readings["pose"] is not None
     assert readings["position"] == readings["displacement"] > 2.0 * readings["pose"]
+    assert score.number("horizontal", "mean", condition=None, part="5 m") is not None, (
+        "over a distance travelled as well"
+    )
     content = {"trajectory": [{"condition": "distance=5", "horizontal_mean_plus_3sigma_m": 1.5 * readings["pose"]}]}
     (verdict,) = judged_by(score, parse_limits({**content, "minimum_independent": 1}, "limits")).on_limits
     assert verdict.by_reading == {"pose": "pass", "displacement": "fail", "position": "fail"}

@@ -10,7 +10,7 @@ from helpers import ROOT
 from helpers.random_drives import as_score
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
-from sfr_loc_map.metrics.errors.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.errors.trajectory_score import parsed_conditions, score_trajectory
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.frames.placement import ERROR_FUNCTIONS
 
@@ -113,6 +113,9 @@ def test_several_conditions_read_back() -> None:
     assert condition.setting == "distance=5,time=10"
     assert Condition.parse(condition.setting) == condition
     assert condition.label == "5 m and 10 s"
+    assert Condition.parse("time=10,distance=5") == condition, "whatever the order of its parts"
+    given = ("time=10,distance=5", "distance=5", "distance=5,time=10", "distance=5.0")
+    assert parsed_conditions(TrajectoryScoreConfig(conditions=given)) == [condition, Condition.parse("distance=5")]
 
 
 def test_the_worked_example_of_the_page_on_rebasing() -> None:

@@ -121,7 +121,9 @@ def error_rows(
                 yield error_row(kind, condition, str(reading), other)
 
 
-def growth_rows(poses: Poses, length_m: Lengths, spacing: int, error_function: ErrorFunction) -> Iterator[Figure]:
+def growth_rows(
+    poses: Poses, length_m: Lengths, spacing: int, error_function: ErrorFunction, *, has_height: bool
+) -> Iterator[Figure]:
     """Yield the rows of the error as a function of the length of the sub-trajectory."""
     count = len(length_m)
     for metres in DISTANCES_M:
@@ -132,6 +134,6 @@ def growth_rows(poses: Poses, length_m: Lengths, spacing: int, error_function: E
         starts, ends = starts[is_short], ends[is_short]
         if len(starts):
             sub_trajectories = SubTrajectories(starts, ends, poses, error_function(poses, starts, ends))
-            for kind in error_figures(has_height=True):
+            for kind in error_figures(has_height=has_height):
                 if not kind.is_of_all_readings:
                     yield error_row(kind, None, distance_part(metres), sub_trajectories)

@@ -81,7 +81,8 @@ def score_trajectory(
     figures = [row for result in results for row in result.figures]
     figures += largest_fraction_beyond(figures)
     figures.append(largest_standing_fraction(figures))
-    figures += growth_rows(placed.poses, placed.length_m, config.spacing, placed.error_function)
+    has_height = as_truth(truth).has_height
+    figures += growth_rows(placed.poses, placed.length_m, config.spacing, placed.error_function, has_height=has_height)
     figures += truth_error_rows(truth, frames.stamps_ns if association.interpolated else frames.stamps_ns[:0])
     path = path_rows(placed.estimates, frames, placed.length_m) if details else None
     return TrajectoryResult(
@@ -169,10 +170,10 @@ def result_of_condition(
 
 
 def parsed_conditions(config: TrajectoryScoreConfig) -> list[Condition]:
-    """Return the conditions of the settings; MetricsError if there are none."""
+    """Return the conditions of the settings, each once; MetricsError if there are none."""
     if not config.conditions:
         raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
-    return [Condition.parse(text) for text in config.conditions]
+    return list(dict.fromkeys(Condition.parse(text) for text in config.conditions))
 
 
 def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:

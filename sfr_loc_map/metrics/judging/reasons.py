@@ -138,5 +138,4 @@ def why_unmet(condition: Condition, drive: DriveExtent) -> str:
         why = "the drive never turns by this angle"
     else:
         why = "the drive never reaches this straight-line distance"
-    named = ",".join(f"{part.kind}={part.value:g}" for part in condition.parts)
-    return f"condition {named}: {why}"
+    return f"condition {condition.setting}: {why}"

@@ -62,8 +62,10 @@ class SequentialTest(NamedTuple):
                 return state, drives
         return VerdictState.NOT_ENOUGH_DATA, drives
 
-    def more_without_failure(self, failures: int, drives: int) -> int:
-        """Return the number of additional drives without a failure that lead to a pass."""
+    def more_without_failure(self, failures: int, drives: int) -> int | None:
+        """Return the number of additional drives without a failure that lead to a pass; None if no number does."""
+        if failures and not self.good:
+            return None
         step = self.ratio(0, 1)
         missing = (math.log(1.0 - self.confidence) - self.ratio(failures, drives)) / step
         return max(math.ceil(missing - 1e-9), 1)

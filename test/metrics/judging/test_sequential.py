@@ -68,6 +68,13 @@ def test_an_unknown_error_proves_nothing(interpretation: Population) -> None:
         assert (found.state, found.bound) == ("not enough data", None)
 
 
+def test_no_number_of_drives_passes_after_a_failure_if_no_failure_is_acceptable() -> None:
+    """The error of the truth leaves the failure undecided."""
+    terms = Terms(0.9, 0.9, Population.ENSEMBLE, good=0.0)
+    proof = prove(terms, 0.1, {"": [Sample(np.array([0.101]), 1.0)]}, truth_error=0.05)
+    assert (proof.state, proof.record.more) == (VerdictState.NOT_ENOUGH_DATA, None)
+
+
 def test_the_order_of_drives_draws_no_other_errors() -> None:
     rng = np.random.default_rng(1)
     drives = {str(number): [Sample(rng.random((50, 3)), 50.0)] for number in range(30)}
