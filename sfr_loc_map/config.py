@@ -64,10 +64,16 @@ def parameters(config_type: type, prefix: str = "") -> Iterator[ParamInfo]:
         yield ParamInfo(name=name, type=kind, default=item.default, **item.metadata)
 
 
-def flatten(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - a mapping or configuration dataclass
+def flatten(
+    config: Any,  # noqa: ANN401 - a mapping or configuration dataclass
+    prefix: str = "",
+    *,
+    keeps_empty: bool = False,
+) -> dict[str, Any]:
     """Return the values of a configuration, or of a nested mapping, by dotted name.
 
-    ConfigError if a mapping gives a name twice, as `a.b` and as `b` in `a`.
+    With `keeps_empty`, an empty mapping is a value, so that its name can be checked. ConfigError if a mapping gives a
+    name twice, as `a.b` and as `b` in `a`.
     """
     flat: dict[str, Any] = {}
     items = (
@@ -75,7 +81,10 @@ def flatten(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - 
     )
     for name, value in items.items():
         is_nested = isinstance(value, Mapping) or is_dataclass(value)
-        found = flatten(value, f"{prefix}{name}.") if is_nested else {f"{prefix}{name}": value}
+        if is_nested and (value or not keeps_empty):
+            found = flatten(value, f"{prefix}{name}.", keeps_empty=keeps_empty)
+        else:
+            found = {f"{prefix}{name}": value}
         if twice := flat.keys() & found.keys():
             raise ConfigError(f"'{min(twice)}' is given twice: give it once")
         flat |= found
@@ -89,6 +98,11 @@ def changed(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - 
     return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
 
+def is_empty(value: object) -> bool:
+    """Return whether a value of a YAML file is that of a name without values: missing or an empty mapping."""
+    return value is None or (isinstance(value, Mapping) and not value)
+
+
 _KINDS: Mapping[type, str] = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 """Words for the types of parameters in a message."""
 
@@ -99,10 +113,12 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
     Raises ConfigError, whose single line reports all faults.
     """
     try:
-        flat = flatten(values)
+        flat = flatten(values, keeps_empty=True)
     except ConfigError as error:
         raise ConfigError(f"{origin}: {error}") from error
     known = {info.name: info for info in parameters(config_type)}
+    groups = {name[:end] for name in known for end, letter in enumerate(name) if letter == "."}
+    flat = {name: value for name, value in flat.items() if name not in groups or not is_empty(value)}
     problems = [f"unknown key '{name}'{suggestion(name, known)}" for name in flat if name not in known]
     converted: dict[str, Any] = {}
     for name, value in flat.items():

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from sfr_loc_map.config import build, flatten, suggestion
+from sfr_loc_map.config import build, flatten, is_empty, suggestion
 from sfr_loc_map.config_yaml import load_yaml
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.suite_names import MONITOR_NODE, SUITE_NODES, Task
@@ -83,7 +83,7 @@ def _read_flat(path: Path) -> dict[str, Any]:
     """Return the values of a YAML file by dotted name."""
     content = load_yaml(path)
     try:
-        return flatten(content)
+        return flatten(content, keeps_empty=True)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
 
@@ -104,6 +104,8 @@ def _sections_of_nodes(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
         for parameter, value in parameters.get(name, {}).items():
             prefix, _, key = parameter.partition(".")
             section = _SECTION_OF_PREFIX.get(prefix)
+            if not key and is_empty(value):
+                continue
             if section is None or name not in (ALL_NODES, NODE_SECTIONS[section].nodes[0]):
                 continue
             if section == "sync" and key != STAMP_TOLERANCE:  # nodes have other settings of their inputs
@@ -119,7 +121,7 @@ def _by_node(flat: Mapping[str, Any], path: Path) -> dict[str, dict[str, Any]]:
         node, is_parameter, name = key.partition(f".{ROS_PARAMETERS}.")
         if is_parameter:
             nodes.setdefault(node, {})[name] = value
-        elif value is not None:
+        elif not is_empty(value):
             raise ConfigError(
                 f"{path}: '{key}' is not in {ROS_PARAMETERS}, but the file has parameters of nodes: move '{key}' to a "
                 "file without parameters of nodes"
@@ -175,7 +177,7 @@ def _sections_of_file(flat: Mapping[str, Any], path: Path) -> dict[str, Any]:
                 f"{path}: unknown section '{section}'{suggestion(section, SECTIONS)}: parameters belong to a section, "
                 "such as localisation or mapping"
             )
-        if value is None and not name:
+        if not name and is_empty(value):
             continue
         check_form(section, name, value, f"{path}: '{key}'")
         if name:

@@ -71,7 +71,7 @@ def simulate(
 
     if len(paths) > 2:
         raise ConfigError(f"{len(paths)} paths given: a configuration (optional) and an output are required")
-    values = flatten(load_yaml(paths[0])) if len(paths) == 2 else {}
+    values = flatten(load_yaml(paths[0]), keeps_empty=True) if len(paths) == 2 else {}
     values.update(parse_settings(settings, "KEY=VALUE is required, such as terrain.relief_m=0.2"))
     if seed is not None:
         values["seed"] = seed
