@@ -139,7 +139,7 @@ def read_table(path: Path, needed: str = "the data set requires it") -> Iterator
                 if not read:
                     check_text(block)
                 read += len(block)
-                lines += block.count(b"\n") + block.count(b"\r")
+                lines += block.count(b"\n") + block.count(b"\r") - block.count(b"\r\n")
                 if max(size, read) > MAX_TABLE_BYTES:
                     raise OSError(errno.EFBIG, f"it is larger than {MAX_TABLE_BYTES / MB:g} MB", str(path))
                 if lines > MAX_TABLE_LINES:

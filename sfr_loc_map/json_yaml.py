@@ -97,14 +97,16 @@ class _BoundedLoader(yaml.SafeLoader):
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:  # noqa: ANN401 - the library's
         node = super().compose_mapping_node(anchor)
-        keys: set[tuple[str, str]] = set()
+        keys: set[Any] = set()
         for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
             if key.style is None and _EXPONENT.match(key.value):  # a name such as `1e-3`
                 key.tag = "tag:yaml.org,2002:str"
-            if (key.tag, key.value) in keys:  # the library would keep the last value
+            if key.tag == "tag:yaml.org,2002:merge":  # several merge keys are several maps
+                continue
+            name = self.construct_object(key)  # different texts may have one value, such as 1 and 01
+            if name in keys:  # the library would keep the last value
                 raise yaml.YAMLError(f"'{key.value}' occurs twice, the second time in line {key.start_mark.line + 1}")
-            if key.tag != "tag:yaml.org,2002:merge":  # several merge keys are several maps
-                keys.add((key.tag, key.value))
+            keys.add(name)
         return node
 
     def bounded_int(self, node: yaml.ScalarNode) -> int:

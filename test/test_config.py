@@ -60,6 +60,7 @@ def test_nested_names_in_both_forms_and_whole_numbers_where_they_mean_the_same()
         assert build(Whole, values) == replace(Whole(), matcher=Matcher(max_disparity=8))
     built = build(Whole, {"voxel_m": 1, "ranges_m": [1, 2.5], "labels": []})
     assert built == replace(Whole(), voxel_m=1.0, ranges_m=(1.0, 2.5), labels=())
+    assert build(Whole, {"matcher": None}) == build(Whole, {"matcher": {}}) == Whole()
     assert (type(built.voxel_m), type(built.ranges_m[0])) == (float, float)
 
 
@@ -79,6 +80,8 @@ def test_nested_names_in_both_forms_and_whole_numbers_where_they_mean_the_same()
         ({"voxel_m": 10**400}, "a number is required"),
         ({"ranges_m": 1.0}, "a list is required"),
         ({"centre_m": [1.0]}, "'centre_m' is [1.0]: a list of 2 numbers is required"),
+        ({"matchr": {}}, "unknown key 'matchr' (did you mean 'matcher.method'?)"),
+        ({"voxel_m": {}}, "'voxel_m' is {}: a number is required"),
         ({"voxel": 1.0, "fill": 1}, "unknown key 'voxel' (did you mean 'voxel_m'?); 'fill' is 1"),
     ],
 )
@@ -108,6 +111,8 @@ def test_every_number_of_the_suite_refuses_infinity(config_type: type) -> None:
         (b"[" * 1000, "nested too deeply"),
         (b"a: &a [*a]", "within its own anchor"),
         (b"a: 1\nb: {c: 1, c: 2}", "'c' occurs twice, the second time in line 2"),
+        (b"yes: 1\ntrue: 2", "'true' occurs twice, the second time in line 2"),
+        (b"a: {1: 1, 01: 2}", "'01' occurs twice"),
         (BOMB.encode(), "aliases expand to more than 100000 values"),
         (b"#" * 1_000_001, "larger than 1 MB"),
         (None, "cannot read '.*c.yaml': No such file"),
@@ -211,6 +216,9 @@ def test_nodes_of_a_namespace_are_read(tmp_path: Path, node: str) -> None:
         ("conditions: [5]\n", "'conditions' is"),
         ("conditions: distance=5\n", "'conditions' is"),
         ("sync: 0\n", "'sync' is 0"),
+        ("localistaion: {}\n", "unknown section 'localistaion' .did you mean 'localisation'"),
+        ("limits: {a: {}}\n", "'limits.a' is {}"),
+        ("localisation_node: {ros__parameters: {localistaion: {}}}\n", "unknown parameter 'localistaion'"),
     ],
 )
 def test_an_ambiguous_or_malformed_file_is_refused(tmp_path: Path, text: str, words: str) -> None:
@@ -220,8 +228,15 @@ def test_an_ambiguous_or_malformed_file_is_refused(tmp_path: Path, text: str, wo
 
 
 def test_an_empty_section_does_not_remove_its_values(tmp_path: Path) -> None:
-    (tmp_path / "sfr.yaml").write_text("truth.source: a\ntruth:\nlimits:\n")
+    (tmp_path / "sfr.yaml").write_text("truth.source: a\ntruth:\nlimits:\nmapping: {}\n")
     assert read_sections(tmp_path / "sfr.yaml") == {"truth": {"source": "a"}}
+
+
+@pytest.mark.parametrize("empty", ["{}", "{ros__parameters: {}}", "{ros__parameters: {localisation: }}"])
+def test_nodes_without_parameters_are_accepted(tmp_path: Path, empty: str) -> None:
+    text = f"localisation_node: {empty}\nmonitor_node: {{ros__parameters: {{truth.source: a}}}}\n"
+    (tmp_path / "nodes.yaml").write_text(text)
+    assert read_sections(tmp_path / "nodes.yaml") == {"truth": {"source": "a"}}
 
 
 def test_other_nodes_with_similar_names_are_ignored(tmp_path: Path) -> None:

@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sfr_loc_map import inputs
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.hashes import hash_path
-from sfr_loc_map.inputs import read_bytes
+from sfr_loc_map.inputs import read_bytes, read_table
 from sfr_loc_map.json_yaml import MAX_DEPTH, parse_json
 from sfr_loc_map.message_text import one_line
 
@@ -71,3 +72,14 @@ def test_a_lease_of_the_writer_does_not_delay_a_reader(tmp_path: Path) -> None:
     finally:
         signal.signal(signal.SIGIO, before)
     assert read_bytes(path, 10) == b"1"
+
+
+@pytest.mark.parametrize("end", ["\n", "\r", "\r\n"])
+def test_a_line_of_a_table_counts_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str) -> None:
+    monkeypatch.setattr(inputs, "MAX_TABLE_LINES", 3)
+    path = tmp_path / "t.csv"
+    path.write_bytes(f"1{end}2{end}3{end}".encode())
+    assert b"".join(read_table(path)) == path.read_bytes()
+    path.write_bytes(f"1{end}2{end}3{end}4{end}".encode())
+    with pytest.raises(InputError, match="more than 3 lines"):
+        list(read_table(path))

@@ -11,7 +11,8 @@ import pytest
 from helpers import made_layouts as made
 from helpers.made_worlds import make_world, write_folder
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.registry import format_of, open_source
+from sfr_loc_map.io.sequence import SourceFormat
 from sfr_loc_map.io.source_config import CalibrationConfig, FramesConfig, SourceConfig, SyncConfig
 from sfr_loc_map.io.truth.config import TruthConfig
 
@@ -53,6 +54,16 @@ def test_a_broken_text_is_one_error(tmp_path: Path, layout: str, file: str, old:
     (folder / file).write_text(new if old is ALL else text.replace(old, new, 1))
     with pytest.raises(InputError, match=f"^[^\n]*{tmp_path}[^\n]*{words}[^\n]*$"):
         open_source(folder)
+
+
+@pytest.mark.parametrize("name", ["truth.mcap", "truth.db3"])
+def test_a_bag_in_a_data_set_folder_does_not_make_it_a_bag(tmp_path: Path, name: str) -> None:
+    folder = LAYOUTS["folder"](tmp_path / "a")
+    (folder / name).write_bytes(b"")
+    assert format_of(folder) is SourceFormat.FOLDER
+    (tmp_path / "b" / name).mkdir(parents=True)
+    with pytest.raises(InputError, match="has no supported format"):
+        format_of(tmp_path / "b")
 
 
 def test_blank_lines_of_a_list_of_pairs_are_ignored(tmp_path: Path) -> None:

@@ -16,6 +16,8 @@ from sfr_loc_map.json_yaml import parse_yaml
 
 METADATA = "rosbag2_bagfile_information"  #: Name of the content of metadata.yaml.
 STORAGE_SUFFIXES = (".mcap", ".db3")
+DATA_SET_FILES = tuple(f"{part}/{name}" for part in (".", "loc", "nav") for name in ("pairs.csv", "rig.json"))
+"""Files any of which identifies a data set folder."""
 ROS1_MAGIC = b"#ROSBAG"
 ROS1_SUFFIXES = (".bag", ".active")  #: Endings of finished files, and of the files of a recorder that was killed.
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -23,11 +25,21 @@ ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  #: Magic number of a Zstandard frame (RFC 8878
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path looks like a bag: the folder of a ROS 2 bag, its storage file, or a ROS 1 bag."""
+    """Return whether a path looks like a bag: the folder of a ROS 2 bag, its storage file, or a ROS 1 bag.
+
+    A data set folder is not a bag if a bag, such as that of its truth, is among its files.
+    """
     if path.is_dir():
-        parts = ("metadata.yaml", *(f"*{suffix}" for suffix in STORAGE_SUFFIXES))
-        return any(True for part in parts for _ in path.glob(part))
+        if (path / "metadata.yaml").exists():
+            return True
+        return bool(_stored_in(path)) and not any((path / name).exists() for name in DATA_SET_FILES)
     return path.suffix in STORAGE_SUFFIXES or (path.suffix in ROS1_SUFFIXES and is_ros1_bag(path))
+
+
+def _stored_in(folder: Path) -> list[Path]:
+    """Return the storage files in a folder in the order of their numbers."""
+    found = (file for suffix in STORAGE_SUFFIXES for file in folder.glob(f"*{suffix}") if not file.is_dir())
+    return sorted(found, key=_by_number)
 
 
 def is_ros1_bag(path: Path) -> bool:
@@ -70,7 +82,7 @@ def bag_files(path: Path) -> BagFiles:
     check_exists(path, "give the folder of a bag, or its .mcap, .db3 or .bag file")
     found = BagFiles((path,))
     if path.is_dir():
-        stored = sorted((file for suffix in STORAGE_SUFFIXES for file in path.glob(f"*{suffix}")), key=_by_number)
+        stored = _stored_in(path)
         metadata = path / "metadata.yaml"
         found = _files_of_metadata(metadata, stored) if metadata.exists() else BagFiles(tuple(stored))
     if not found.paths:

@@ -265,7 +265,8 @@ def _samples_of_compressed(message: Any) -> Samples:  # noqa: ANN401 - a sensor_
         if _has_colour(data):
             return image
         if mosaic is not None:
-            return _mosaic(image.pixels, FIRST_TWO.get(mosaic[1], mosaic[1]), "it")
+            pixels = image.pixels if image.pixels.ndim == 2 else image.pixels[:, :, 0]  # grey with alpha
+            return _mosaic(np.ascontiguousarray(pixels), FIRST_TWO.get(mosaic[1], mosaic[1]), "it")
         if "bayer" in form and not form.partition("compressed")[2].strip():
             raise InputError(
                 f"its format '{form[:40]}' is a Bayer mosaic of unknown order: name the order, such as bayer_rggb8"

@@ -22,6 +22,7 @@ from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_bytes, read_table_text, refusing, split_lines
+from sfr_loc_map.io.bag.files import DATA_SET_FILES
 from sfr_loc_map.io.calibration.rig_file import read_rig, rig_json
 from sfr_loc_map.io.clouds.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.clouds.point_image import checked_points
@@ -48,8 +49,6 @@ NAV_COLUMNS = (
 )
 TRUTH_COLUMN = "truth"
 HEADERS = (LOC_COLUMNS, NAV_COLUMNS, (*NAV_COLUMNS, TRUTH_COLUMN))
-FILES = tuple(f"{part}/{name}" for part in (".", "loc", "nav") for name in ("pairs.csv", "rig.json"))
-"""Files any of which identifies a data set folder."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +66,7 @@ class FolderNavSequence(ImageFiles):
 
 def is_folder(path: Path) -> bool:
     """Return whether a path is a data set folder."""
-    return any((path / name).exists() for name in FILES)
+    return any((path / name).exists() for name in DATA_SET_FILES)
 
 
 @dataclass(frozen=True, slots=True)

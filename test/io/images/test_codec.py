@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+import zlib
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.images.codec import SampleDepth, Samples, decoded, encode_jpeg, encode_png, samples_of
+from sfr_loc_map.io.images.codec import PNG_MAGIC, SampleDepth, Samples, decoded, encode_jpeg, encode_png, samples_of
 
 images = hnp.arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))
 HEADER = SimpleNamespace(stamp=SimpleNamespace(sec=12, nanosec=34))
@@ -50,6 +51,16 @@ def test_colours_become_luma_in_any_order(image: np.ndarray) -> None:
     alpha = np.dstack((rgb, image)), np.dstack((rgb[..., ::-1], image))
     for colour, coding in ((rgb[..., ::-1], "bgr8"), (alpha[0], "rgba8"), (alpha[1], "bgra8")):
         np.testing.assert_array_equal(samples_of(message(colour, coding)).grey(), first)
+
+
+def test_a_mosaic_in_a_png_may_have_an_alpha_channel() -> None:
+    mosaic = np.random.default_rng(3).integers(0, 256, (6, 8), dtype=np.uint8)
+    rows = b"".join(b"\0" + np.dstack((row, np.full_like(row, 255))).tobytes() for row in mosaic)
+    parts = (b"IHDR" + struct.pack(">IIBBBBB", 8, 6, 8, 4, 0, 0, 0), b"IDAT" + zlib.compress(rows), b"IEND")
+    chunks = (struct.pack(">I", len(part) - 4) + part + struct.pack(">I", zlib.crc32(part)) for part in parts)
+    data = np.frombuffer(PNG_MAGIC + b"".join(chunks), np.uint8)
+    found = samples_of(SimpleNamespace(header=HEADER, format="bayer_rggb8; png compressed", data=data))
+    np.testing.assert_array_equal(found.grey(), samples_of(message(mosaic, "bayer_rggb8")).grey())
 
 
 @pytest.mark.parametrize("bits", [8, 16])
