@@ -204,7 +204,7 @@ def _topics(bag: Bag, given: SourceConfig) -> Findings:
             values.append(Value("topics", name, topic, reason))
     if guess.layout:
         values.append(
-            Value("calibration", "stereo_layout", guess.layout, "by the width and height of its images; sure")
+            Value("calibration", "stereo_layout", guess.layout, "by the width and height of its images; likely")
         )
     if guess.truth and not bag.matches(TRUE_POSES) and not given.truth.source and not given.truth.frame:
         values.append(Value("truth", "source", guess.truth, guess.truth_reason))

@@ -19,7 +19,12 @@ from sfr_loc_map.topics import NAV_POSE, TRUE_POINTS
 
 IMAGES = (IMAGE, COMPRESSED)
 FEWEST = 0.5  #: Smallest ratio of the numbers of images of the two sides.
-WIDE, TALL = 1.95, 0.95  #: An image contains both sides if its width / height is above or below these.
+WIDE, TALL = 1.95, 0.95  #: An image may contain both sides if its width / height is above or below these.
+SENSOR_SHAPES = (1.0, 2448 / 2048, 5 / 4, 4 / 3, 3 / 2, 752 / 480, 8 / 5, 16 / 9)
+"""Width / height of common sensors. An image contains both sides if its halves have such a shape."""
+SHAPE_TOLERANCE = 0.02
+"""Relative difference of a half from a shape in `SENSOR_SHAPES`, such as 0.006 of the 672 x 376 of a ZED camera. A half
+of a cropped image of KITTI, 620 x 376, differs by 0.03 from all of them."""
 
 _CAMERA = "(?:cam|camera|fisheye|image|img|eye|ir|mono|sensor)?"
 SIDE_WORDS = words(rf"(?:{_CAMERA}|infra(?:red_?)?)(left|right|[lr]|(?<=infra)[12]|(?<=infrared_)[12]){_CAMERA}")
@@ -217,8 +222,22 @@ def _choose_double_image(choices: _Choices, images: Sequence[SeenTopic]) -> str:
         choices.report_ambiguous("loc/left/", double)
         return ""
     width, height = double[0].size
+    if not _has_halves(width, height):
+        choices.remarks.append(
+            f"loc/left: images of '{double[0].name}' are {width} x {height}, but halves of this size are unusual: if "
+            "they contain both sides, give the topic and calibration.stereo_layout"
+        )
+        return ""
     choices.take(f"loc/left/{_kind(double[0])}", double, "its shape is that of two images; likely")
     return "side_by_side" if width > height else "top_bottom"
+
+
+def _has_halves(width: int, height: int) -> bool:
+    """Return whether an image divides into two equal halves with the shape of a sensor."""
+    is_wide = width > height
+    divided = width if is_wide else height
+    shape = width / 2 / height if is_wide else width / (height / 2)
+    return divided % 2 == 0 and any(abs(shape / sensor - 1.0) <= SHAPE_TOLERANCE for sensor in SENSOR_SHAPES)
 
 
 def _choose_others(choices: _Choices, seen: Sequence[SeenTopic]) -> None:

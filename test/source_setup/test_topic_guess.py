@@ -202,6 +202,10 @@ CASES = {
     "one above the other": Case(
         "Jpeg 1280x1440 /stereo/image_raw/compressed", "raw /stereo/image_raw/compressed", layout="top_bottom"
     ),
+    "one wide camera alone": Case(
+        "Image 1241x376 /camera/image_raw\nInfo 1241x376 /camera/camera_info", remark="1241 x 376"
+    ),
+    "one wide camera alone, of an even width": Case("Image 1242x376 /camera/image_raw", remark="1242 x 376"),
     "one camera alone": Case("Image 1280x720 /camera/image_raw\nInfo 1280x720 /camera/camera_info"),
     "camera_ros, two nodes": Case(
         """
