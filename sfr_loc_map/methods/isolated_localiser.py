@@ -22,7 +22,8 @@ from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.table.records import FindingKind
 
 COVARIANCE_TOLERANCE = 1e-6
-"""Largest asymmetry and largest negative eigenvalue of a covariance, relative to its largest element."""
+"""Largest asymmetry and largest negative eigenvalue of a covariance whose positions and rotations are scaled so that
+their largest variances are 1, because m^2 and rad^2 cannot be compared."""
 STEP_NUMBERS = 48
 """Number of values in the uncertainty of a step (`StepEstimate.uncertainty`): covariance (21), systematic vector (6)
 and noise (21)."""
@@ -124,9 +125,11 @@ def _covariance(numbers: list[float] | None) -> FloatArray | None:
     if np.isnan(covariance).all():
         return None
     _finite(covariance, "covariance")
-    tolerance = COVARIANCE_TOLERANCE * np.abs(covariance).max()
-    is_symmetric = np.abs(covariance - covariance.T).max() <= tolerance
-    if not is_symmetric or np.linalg.eigvalsh(covariance).min() < -tolerance:
+    largest = np.abs(np.diag(covariance)).reshape(2, 3).max(axis=1)
+    scales = np.repeat(np.sqrt(np.where(largest > 0.0, largest, 1.0)), 3)
+    scaled = covariance / scales / scales[:, None]
+    is_symmetric = np.abs(scaled - scaled.T).max() <= COVARIANCE_TOLERANCE
+    if not is_symmetric or np.linalg.eigvalsh(scaled).min() < -COVARIANCE_TOLERANCE:
         text = "the covariance is not symmetric and positive semi-definite"
         raise MethodFailureError(FindingKind.INVALID_RESULT, text)
     return covariance

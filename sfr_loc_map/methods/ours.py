@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import yaml
-
 from sfr_loc_map.config import build
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.json_yaml import parse_yaml
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MappingConfig
@@ -15,9 +14,9 @@ from sfr_loc_map.mapping.mapper import Mapper
 
 def localiser(rig: StereoRig, config: str) -> Localiser:
     """Return our localiser, which starts at the identity."""
-    return Localiser(rig, build(LocalisationConfig, yaml.safe_load(config) or {}), Transform.identity())
+    return Localiser(rig, build(LocalisationConfig, parse_yaml(config) or {}), Transform.identity())
 
 
 def mapper(rig: StereoRig, config: str) -> Mapper:
     """Return our mapper."""
-    return Mapper(rig, build(MappingConfig, yaml.safe_load(config) or {}))
+    return Mapper(rig, build(MappingConfig, parse_yaml(config) or {}))

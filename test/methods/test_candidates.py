@@ -50,6 +50,12 @@ class Odd:
         if kind == "indefinite":
             covariance = np.eye(6) + 2.0 * (np.eye(6, k=1) + np.eye(6, k=-1))
             return PoseEstimate(pair.stamp_ns, Transform.identity(), covariance, TrackingState.TRACKING)
+        if kind == "negative":
+            covariance = np.diag([1.0, 1.0, 1.0, -5e-7, 1e-6, 1e-6])
+            return PoseEstimate(pair.stamp_ns, Transform.identity(), covariance, TrackingState.TRACKING)
+        if kind == "rounded":
+            covariance = np.diag([1.0, 1.0, -1e-9, 1e-6, 1e-6, -1e-15])
+            return PoseEstimate(pair.stamp_ns, Transform.identity(), covariance, TrackingState.TRACKING)
         return self.results[kind]
 
 class Holder:
@@ -149,9 +155,11 @@ def test_ours_gives_the_same_bits_in_a_process_of_its_own(drive: Path) -> None:
 
 def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Path) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
-    made = calls(f"{tmp_path}/classes.py:Odd", "matrix transform none wrong raise nan indefinite matrix", 8)
+    made = calls(
+        f"{tmp_path}/classes.py:Odd", "matrix transform none wrong raise nan indefinite negative rounded matrix", 10
+    )
     assert [estimate.state.value for estimate, _ in made] == [
-        "tracking", "tracking", "lost", "lost", "lost", "lost", "lost", "tracking"
+        "tracking", "tracking", "lost", "lost", "lost", "lost", "lost", "lost", "tracking", "tracking"
     ]  # fmt: skip
     assert [call.finding for _, call in made] == [
         "",
@@ -162,6 +170,8 @@ def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Pat
         "raised: RuntimeError: no idea",
         "not finite: the pose contains a non-finite number",
         "invalid result: the covariance is not symmetric and positive semi-definite",
+        "invalid result: the covariance is not symmetric and positive semi-definite",
+        "",
         "",
     ]
     moved = true_pose(0) @ Transform(np.eye(3), np.array([0.0, 2.0, 0.0]))

@@ -13,15 +13,23 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, loc_pair, true_pose
 from sfr_loc_map import __version__
 from sfr_loc_map.bench.method_benchmark import methods_to_compare
+from sfr_loc_map.config import parameters
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.methods import ours
 from sfr_loc_map.methods.child.numba_cache import OfUser
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolation import PACKAGE, environment_of, rules_of
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.table.records import MethodKind, MethodRecord
 from sfr_loc_map.suite_names import Task
+
+
+def test_ours_reads_numbers_as_files_of_the_suite_do() -> None:
+    """JSON writes a small number as 5e-05, which YAML 1.1 reads as a text."""
+    name = next(info.name for info in parameters(LocalisationConfig) if info.type is float and info.low <= 5e-5)
+    ours.localiser(LOC_RIG, json.dumps({name: 5e-5}))
 
 
 def test_names_are_looked_up(tmp_path: Path, sfr: Sfr) -> None:
