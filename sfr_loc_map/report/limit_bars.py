@@ -12,6 +12,8 @@ from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.report.verdict_view import VerdictView, share_of_limit, verdict_views
 
+MOST_DRAWN = 10.0  #: Largest drawn fraction of a limit. JSON has no infinite numbers.
+
 
 @dataclass(frozen=True, slots=True)
 class LimitBar:
@@ -34,7 +36,7 @@ class LimitBar:
     margin: str
     interval: str
     bound: float  #: The limit in the unit of its name.
-    share: float | None
+    share: float | None  #: At most `MOST_DRAWN`, like the ends of the interval.
     low: float | None
     high: float | None
     text: str  #: The whole comparison in one phrase.
@@ -42,22 +44,23 @@ class LimitBar:
 
 def limit_bars(score: Score) -> list[LimitBar]:
     """Return all limits of a score: missed limits first, then the others by decreasing fraction of the limit."""
-    bars = [_bar(place, view) for place, view in enumerate(verdict_views(score))]
-    return sorted(bars, key=_order)
+    views = sorted(enumerate(verdict_views(score)), key=_order)
+    return [_bar(place, view) for place, view in views]
 
 
-def _order(bar: LimitBar) -> tuple[bool, float, int]:
-    """Return the sort key of a bar: missed limits first, then by decreasing fraction of the limit.
+def _order(placed: tuple[int, VerdictView]) -> tuple[bool, float, int]:
+    """Return the sort key of a limit: missed limits first, then by decreasing fraction of the limit.
 
     Within both groups an unknown fraction is last.
     """
-    unused = math.inf if bar.share is None else -bar.share
-    return bar.state != VerdictState.FAIL, unused, bar.place
+    place, view = placed
+    unused = math.inf if view.use is None else -view.use
+    return view.item.state is not VerdictState.FAIL, unused, place
 
 
 def _bar(place: int, view: VerdictView) -> LimitBar:
     item = view.item
-    ends = sorted(share_of_limit(item, bound) for bound in item.interval or ())
+    ends = sorted(_drawn(share_of_limit(item, bound)) for bound in item.interval or ())
     margin = f", margin {view.margin_text}" if view.margin_text else ""
     return LimitBar(
         place=place,
@@ -77,8 +80,12 @@ def _bar(place: int, view: VerdictView) -> LimitBar:
         margin=view.margin_text,
         interval=view.interval.text if item.interval else "",
         bound=item.limit,
-        share=view.use,
+        share=None if view.use is None else _drawn(view.use),
         low=ends[0] if ends else None,
         high=ends[1] if ends else None,
         text=f"{view.name}: {view.comparison}{margin}",
     )
+
+
+def _drawn(share: float) -> float:
+    return min(share, MOST_DRAWN)

@@ -34,7 +34,6 @@ from sfr_loc_map.tables.model import (
     number,
 )
 
-MOST_SHOWN = 10.0  #: Largest displayed fraction of a limit.
 WITHOUT_NAME = (None, *Reading)  #: Parts that are omitted in the name of a limit: the readings of the specification.
 
 
@@ -186,11 +185,14 @@ def confidence_text(item: Verdict) -> str:
 
 
 def share_of_limit(item: Verdict, value: float) -> float:
-    """Return the fraction of a limit that a value uses; for a lower bound, the limit divided by the value."""
+    """Return the fraction of a limit that a value uses; for a lower bound, the limit divided by the value.
+
+    The fraction is infinite for a limit of 0 that is exceeded, and for a value of 0 below a lower bound.
+    """
     used, available = (item.limit, abs(value)) if item.is_lower_bound else (abs(value), item.limit)
     if available == 0.0:
-        return MOST_SHOWN if used else 0.0
-    return min(used / available, MOST_SHOWN)
+        return math.inf if used else 0.0
+    return used / available
 
 
 def _count(item: Verdict, key: str, score: Score | None) -> Cell:

@@ -44,12 +44,13 @@ def verdict(value: float | None, limit: float, state: VerdictState, name: str = 
 
 
 def test_missed_limits_come_first_the_worst_before_the_others() -> None:
-    failed = [verdict(value, 0.1, FAIL) for value in (0.12, 0.3)]
+    failed = [verdict(value, 0.1, FAIL) for value in (0.12, 1.1, 2.0)]
     met = [verdict(value, 0.1, PASS, "heading_mean_deg") for value in (0.01, -0.09)]
     undecided = verdict(None, 0.1, VerdictState.NOT_ENOUGH_DATA)
     shown = look_first(Score(verdicts=(*met, *failed, undecided)))
     assert [item.why for item in shown] == [
-        "The limit is missed: 300 mm, limit ≤ 100 mm.",
+        "The limit is missed: 2 m, limit ≤ 0.1 m.",
+        "The limit is missed: 1.1 m, limit ≤ 0.1 m.",
         "The limit is missed: 120 mm, limit ≤ 100 mm.",
         "There is not enough data to judge this limit: no data.",
         "This limit is met with the smallest margin: -0.09 deg, limit ≤ 0.1 deg.",
