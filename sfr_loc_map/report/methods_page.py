@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind, label_of
+from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import KINDS, OF_CALLS, TOTAL, FigureKind, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.table.row_part import ANY
@@ -120,16 +121,22 @@ def _methods(named: Named) -> Table:
     if any(score.has(Subject.MAP) for _, score in named):
         larger = KINDS["coverage"].is_better_if_larger
         shown.append(MethodColumn(Column("coverage", PERCENT), _coverage, is_better_if_larger=larger))
-    for statistic in OF_CALLS:
-        shown.append(MethodColumn(Column(f"time {statistic}", MILLISECOND), partial(_times, statistic=statistic)))
-    shown.append(MethodColumn(Column("memory", MIB), _peaks))
+    for task in TASKS:
+        if not any(score.figure(task.call, part=None) or _latency(score, task) for _, score in named):
+            continue
+        for statistic in OF_CALLS:
+            times = partial(_time, task=task, statistic=statistic)
+            shown.append(MethodColumn(Column(f"{task.name} time {statistic}", MILLISECOND), times))
+    for task in TASKS:
+        if any(score.number("peak", part=task.call) is not None for _, score in named):
+            shown.append(MethodColumn(Column(f"{task.name} memory", MIB), partial(_peak, task=task)))
     shown.append(MethodColumn(Column("findings"), _finding_count))
     ordered = sorted(named, key=lambda item: rank_of(item[1], condition))
     columns = [_cells_of(column, [score for _, score in ordered]) for column in shown]
     rows_of_all = tuple((Cell.head(name), *cells) for (name, _), *cells in zip(ordered, *columns, strict=True))
     note = (
-        "Errors: mean + 3 sigma, with its 95 % interval. Time per call: localisation / mapping call. A latency "
-        "is marked: it includes transport and queueing, unlike a time per call. Memory: largest peak. "
+        "Errors: mean + 3 sigma, with its 95 % interval. Time: per call of the task. A latency is "
+        "marked: it includes transport and queueing, unlike a time per call. Memory: largest peak. "
         f"{MARKS['best']} best, {MARKS['worst']} worst of the column, among the methods that have not failed, have no "
         "missing results and agree with the convention of the truth. The other methods follow them."
     )
@@ -206,23 +213,21 @@ def _frames(score: Score, name: str) -> Cell:
     return optional_cell(None if score.association is None else getattr(score.association, name))
 
 
-def _times(score: Score, statistic: str) -> Cell:
-    rows = [score.figure(task.call, part=None) for task in TASKS]
-    latency = None if score.external is None else score.external.latency_s
-    if latency is not None and not any(rows):
-        seconds = getattr(latency, statistic)
-        return Cell(f"latency {number(seconds, unit=MILLISECOND)}")
-    return _joined([None if row is None else row.statistic(statistic) for row in rows], MILLISECOND)
+def _time(score: Score, task: Task, statistic: str) -> Cell:
+    row, latency = score.figure(task.call, part=None), _latency(score, task)
+    if row is None and latency is not None:
+        return Cell(f"latency {number(getattr(latency, statistic), unit=MILLISECOND)}")  # not ranked: no time per call
+    return optional_cell(None if row is None else row.statistic(statistic), MILLISECOND)
 
 
-def _peaks(score: Score) -> Cell:
-    return _joined([score.number("peak", part=task.call) for task in TASKS], MIB)
+def _latency(score: Score, task: Task) -> Statistics | None:
+    """Return the latency of an external node that has the task."""
+    node = score.external
+    return node.latency_s if node is not None and node.task == task.name else None
 
 
-def _joined(numbers: Sequence[float | None], unit: Unit) -> Cell:
-    values = [value for value in numbers if value is not None]
-    text = " / ".join(number(value, unit=unit) for value in values)
-    return Cell(text or ABSENT, values[0] if len(values) == 1 else None)
+def _peak(score: Score, task: Task) -> Cell:
+    return optional_cell(score.number("peak", part=task.call), MIB)
 
 
 def _provenance(named: Named) -> Table:
@@ -290,10 +295,10 @@ def _cost(named: Named, task: Task) -> list[plots.Plot]:
     data, times, errors = [], [], []
     condition = compared_condition([score for _, score in named])
     for k, (name, score) in enumerate(named):
-        seconds, node = score.number(task.call, "p50", part=None), score.external
-        is_latency = seconds is None and node is not None and node.task == task.name
-        if is_latency and node is not None and node.latency_s is not None:
-            seconds = node.latency_s.p50
+        seconds, latency = score.number(task.call, "p50", part=None), _latency(score, task)
+        is_latency = seconds is None and latency is not None
+        if seconds is None and latency is not None:
+            seconds = latency.p50
         rows = [row for row in compared_rows(score, condition) if row.subject is task.subject]
         error = rows[0].mean_plus_3sigma if rows else None
         if not seconds or not error:

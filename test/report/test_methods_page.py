@@ -59,13 +59,33 @@ def test_each_method_has_a_row_and_a_latency_is_no_time_per_call(scores: list[Sc
     cells = {column.title: [row[k].text for row in table.rows] for k, column in enumerate(table.columns)}
     assert cells["method"] == ["sfr", "their node"]
     assert cells["kind"] == ["built-in", "external"]
-    assert cells["time p50"][1] == "latency 50"
-    assert "latency" not in cells["time p50"][0]
-    assert cells["time p50"][0].endswith(" / 2500"), "the call of the document, not its stage for one pair"
-    assert " / " in cells["memory"][0]
-    assert cells["memory"][1] == "-"
+    assert cells["localisation time p50"][1] == "latency 50"
+    assert "latency" not in cells["localisation time p50"][0]
+    assert cells["mapping time p50"] == ["2500", "-"], "the call of the document, not its stage for one pair"
+    assert cells["localisation memory"][1] == "-"
     total = scores[0].number("position", "mean_plus_3sigma")
     assert cells["position error over 5 m"][0].startswith(f"{1e3 * total:.4g}")
+
+
+def test_times_and_memory_of_a_task_are_only_compared_with_those_of_the_same_task(scores: list[Score]) -> None:
+    """A mapping call was the worst localisation call, and a method with both tasks was not compared at all."""
+    both = scores[0]
+    slower = replace(
+        both,
+        figures=tuple(
+            replace(row, p50=2.0 * row.p50) if row.figure == "localisation" and row.p50 is not None else row
+            for row in both.figures
+        ),
+    )
+    of_mapping = replace(
+        both, figures=tuple(row for row in both.figures if "localisation" not in (row.figure, str(row.part)))
+    )
+    named = {"both": both, "slower": slower, "mapping": of_mapping}
+    table = methods_tables(list(named.values()), list(named))[0]
+    columns = {column.title: k for k, column in enumerate(table.columns)}
+    marks = {row[0].text: row[columns["localisation time p50"]].mark for row in table.rows}
+    assert marks == {"both": "best", "slower": "worst", "mapping": ""}
+    assert not any(row[columns["mapping time p50"]].mark for row in table.rows)
 
 
 def test_errors_are_compared_over_a_condition_that_all_scores_have(scores: list[Score]) -> None:
