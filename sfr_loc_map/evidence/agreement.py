@@ -81,7 +81,7 @@ def compare(first: ComparedRun, other: ComparedRun, condition: Condition) -> Agr
 def squares_of(ours: RunAtPairs, theirs: RunAtPairs, starts: IntArray, ends: IntArray) -> list[float]:
     """Return the normalised squares of the differences over sub-trajectories that do not overlap.
 
-    Sub-trajectories with a lost pose or an unknown covariance are skipped.
+    Sub-trajectories with a lost pose, or with a covariance that is unknown or not usable, are skipped.
     """
     compared = np.unique(np.concatenate((starts, ends)))
     our_sums, their_sums = ours.sums_at(compared), theirs.sums_at(compared)
@@ -102,7 +102,7 @@ def squares_of(ours: RunAtPairs, theirs: RunAtPairs, starts: IntArray, ends: Int
     for start, end in without_overlap(covariances):
         (difference,) = relative_errors(ours.poses, theirs.poses, np.array([start]), np.array([end]))
         squares.append(normalised_square(difference, covariances[start, end]))
-    return squares
+    return [square for square in squares if square is not None]
 
 
 def probability_of(squares: FloatArray) -> float:

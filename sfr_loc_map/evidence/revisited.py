@@ -47,7 +47,7 @@ class Closure:
     again: int  #: Number of the pair of the second visit.
     path_m: float  #: Path between both visits.
     error: FloatArray  #: `(6,)` difference of both motions, m and rad, in the axes of the forward run.
-    square: float | None  #: Normalised square of the difference; None if a covariance is unknown.
+    square: float | None  #: Normalised square of the difference; None if a covariance is unknown or not usable.
 
     @property
     def misclosure_m(self) -> float:
@@ -114,8 +114,11 @@ def closure_between(forward: ComparedRun, direct: ComparedRun, first: int, again
 
 
 def growth_between(run: ComparedRun, start: int, end: int) -> FloatArray | None:
-    """Return the covariance of one estimate given another, with all errors that the run models."""
-    if run.estimates.steps is None:
+    """Return the covariance of one estimate given another, with all errors that the run models.
+
+    None if it is unknown, as after a lost pose between them, which has no step.
+    """
+    if run.estimates.steps is None or run.estimates.lost[start : end + 1].any():
         return None
     sums = sums_of_steps(run.estimates, run.estimates.steps, np.array([start, end]))
     return relative_covariance(sums[start], sums[end], run.estimates.trajectory.positions[end])

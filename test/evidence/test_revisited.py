@@ -158,6 +158,23 @@ def test_misclosures_are_as_large_as_consistent_covariances_predict() -> None:
     assert 3 <= alarms <= 30, "15 are expected"
 
 
+@pytest.mark.parametrize("flaw", ["lost pose", "shrunken covariance"])
+def test_a_path_without_a_usable_covariance_has_a_misclosure_without_a_square(flaw: str) -> None:
+    forward_run, direct = circle(0, STEPS, (1e-3, 4e-4), heading=0.3), circle(1, 1, (2e-3, 1e-3), heading=2.0)
+    estimates, steps = forward_run.estimates, forward_run.estimates.steps
+    assert steps is not None
+    lost = estimates.lost.copy()
+    if flaw == "lost pose":
+        lost[STEPS // 2] = True
+    else:
+        steps = -100.0 * steps
+    closure = closure_between(
+        replace(forward_run, estimates=replace(estimates, steps=steps, lost=lost)), direct, 0, STEPS
+    )
+    assert closure is not None
+    assert closure.square is None
+
+
 def test_the_law_of_several_places_adds_their_squares() -> None:
     """Six squares of 6 are usual; a place without a covariance counts in the difference alone."""
     places = [Closure(0, 10, 2.0, np.full(6, 0.01), 6.0)] * 6 + [Closure(20, 40, 2.0, np.full(6, 0.01), None)]

@@ -120,13 +120,13 @@ def nees_rows(
             before, after = symmetric(estimates.covariance[[first, last]])
             growth = published_growth(before, after, move)
         growth = growth + truth_noise(truth_sigmas, move)
-        try:
-            found = {name: normalised_square(error[part], growth[part, part]) for name, part in PARTS.items()}
-        except np.linalg.LinAlgError:  # the covariance shrank, for example because a calibration was estimated
+        found = {name: normalised_square(error[part], growth[part, part]) for name, part in PARTS.items()}
+        usable = {name: value for name, value in found.items() if value is not None}
+        if len(usable) < len(found):
             not_usable += 1
             continue
         from_steps += is_of_steps
-        for name, value in found.items():
+        for name, value in usable.items():
             squares[name].append(value)
     if not squares["pose"] and not not_usable:
         return
@@ -160,9 +160,16 @@ def published_growth(before: FloatArray, after: FloatArray, move: FloatArray) ->
     return np.asarray(0.5 * (growth + growth.T))
 
 
-def normalised_square(error: FloatArray, covariance: FloatArray) -> float:
-    """Return `e^T Q^-1 e`; LinAlgError if the covariance is not positive definite."""
-    whitened = np.linalg.solve(np.linalg.cholesky(covariance), error)
+def normalised_square(error: FloatArray, covariance: FloatArray) -> float | None:
+    """Return `e^T Q^-1 e`; None if the covariance is not usable, because it is not positive definite.
+
+    A covariance that shrank is not positive definite, for example because a calibration was estimated.
+    """
+    try:
+        root = np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        return None
+    whitened = np.linalg.solve(root, error)
     return float(whitened @ whitened)
 
 
