@@ -93,6 +93,8 @@ class RecordingCheck:
             "pairs_of_source": {subject: check.pairs_of_source for subject, check in self.checks.items()},
             "calibration": list(self.calibration),
             "advice": self.advice,
+            "disagreements": self.disagreements,
+            "not_checked": self.not_checked,
             "figures": to_plain(self.figures),
         }
 

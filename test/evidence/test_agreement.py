@@ -135,6 +135,17 @@ def test_an_estimate_of_another_clock_or_without_attitudes_is_refused() -> None:
         at_pairs_of(stereo, positions)
 
 
+def test_a_covariance_that_is_not_positive_definite_gives_no_square() -> None:
+    turns, moves = true_steps(np.random.default_rng(1))
+    first, other = run_of("a", turns, moves, 1), run_of("b", turns, moves, 2)
+    steps = other.estimates.steps
+    assert steps is not None
+    shrunken = replace(other, estimates=replace(other.estimates, steps=-9.0 * steps))
+    found = compare(first, shrunken, CONDITION)
+    assert len(found.differences.position_m) > 60
+    assert len(found.differences.squares) == 0
+
+
 def test_too_few_sub_trajectories_are_not_enough_data() -> None:
     turns, moves = true_steps(np.random.default_rng(1))
     runs = run_of("a", turns, moves, 1), run_of("b", turns, moves, 2)
@@ -237,9 +248,18 @@ def test_the_advice_follows_from_all_runs(px: float, extremes: tuple[float, floa
 )
 def test_a_recording_is_consistent_only_if_each_of_its_subjects_is(drive: str, maps: str, overall: str) -> None:
     checks = {
-        subject: Check(results=(CheckResult(result),), figures=(), disagreements=(), pairs=30, pairs_of_source=30)
+        subject: Check(
+            results=(CheckResult(result),),
+            figures=(),
+            disagreements=("why",) if result == "inconsistent" else (),
+            pairs=30,
+            pairs_of_source=30,
+        )
         for subject, result in (("drive", drive), ("maps", maps))
     }
-    assert RecordingCheck(checks).to_dict()["result"] == overall
+    content = RecordingCheck(checks).to_dict()
+    assert content["result"] == overall
+    assert bool(content["not_checked"]) == (maps == "not enough data")
+    assert content["disagreements"] == (["why"] if drive == "inconsistent" else [])
     redo = RecordingCheck(checks, (CameraOffset("pitch", 4, 0.5, 0.4, 0.6, 0.1, None),)).to_dict()
     assert redo["result"] == redo["results"]["calibration"] == "inconsistent"
