@@ -100,6 +100,16 @@ def test_a_fractional_overlap_needs_as_many_values_as_each_series_lacks() -> Non
     assert prove_sample(terms, 100.0, sample).record.more == 19
 
 
+@pytest.mark.parametrize("beyond", [0, 8])
+def test_errors_beyond_the_limit_by_less_than_the_error_of_the_truth_fail_nothing(beyond: int) -> None:
+    """A fail is decided by the lower bound, whatever the upper bound is."""
+    terms = Terms(prob=0.95, confidence=0.95, interpretation=Population.TEMPORAL)
+    errors = np.array([0.101] * (92 if beyond else 20) + [0.5] * beyond)
+    sample = Sample(errors, float(len(errors)))
+    assert prove_sample(terms, 0.1, sample).state == "fail"
+    assert prove_sample(terms, 0.1, sample, truth_error=0.05).state == "not enough data"
+
+
 # ---- as limits
 
 

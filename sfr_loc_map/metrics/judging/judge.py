@@ -26,7 +26,7 @@ from sfr_loc_map.metrics.config import Reading, VerdictState, worst_of
 from sfr_loc_map.metrics.judging.incomplete import incompleteness, text_of
 from sfr_loc_map.metrics.judging.limit_scope import needed_part
 from sfr_loc_map.metrics.judging.limited_value import LimitedValue, truth_error_of, value_of
-from sfr_loc_map.metrics.judging.proof import SEQUENTIAL, Proof, bound_row, prove, sample_of
+from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
 from sfr_loc_map.metrics.score.limits import BOUND, Limit, LimitedNumber, Limits, LimitSection, Rules, margin_of, meets
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import Verdict
@@ -201,10 +201,7 @@ def proof_verdict(limit: Limit, proof: Proof, row_index: int | None, truth_error
     independent = proof.record.independent
     figure = LimitedValue(proof.bound, proof.n, row_index=row_index, independent=independent, truth_error=truth_error)
     verdict = open_verdict(limit, figure)
-    # a sequential test counts drives and has considered the error of the truth for each of them
-    is_open = verdict.is_within_truth_error and proof.record.method != SEQUENTIAL
-    state = verdict.state if is_open else proof.state
-    return struct_replace(verdict, state=state, proof=proof.record)
+    return struct_replace(verdict, state=proof.state, proof=proof.record)
 
 
 def open_verdict(limit: Limit, figure: LimitedValue) -> Verdict:

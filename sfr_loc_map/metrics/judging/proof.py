@@ -60,13 +60,13 @@ def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]], tr
     if not all(np.isfinite(sample.errors).all() for samples in runs.values() for sample in samples):
         return prove_sample(terms, limit, Sample(np.empty(0), 0.0))  # an unknown error permits no decision
     if terms.interpretation is Population.TEMPORAL:
-        proofs = [prove_sample(terms, limit, sample) for samples in runs.values() for sample in samples]
+        proofs = [prove_sample(terms, limit, sample, truth_error) for samples in runs.values() for sample in samples]
         if not proofs:
             return prove_sample(terms, limit, Sample(np.empty(0), 0.0))
         return min(proofs, key=lambda proof: (proof.state.severity, -(proof.bound or 0.0)))
     sample = sample_over_drives(terms.interpretation, runs)
     if terms.good is None:
-        return prove_sample(terms, limit, sample)
+        return prove_sample(terms, limit, sample, truth_error)
     return prove_sequentially(terms, limit, sample, truth_error)
 
 
@@ -126,19 +126,23 @@ def error_of_drive(interpretation: Population, name: str, samples: Sequence[Samp
     return np.asarray(errors[generator.integers(len(errors))])
 
 
-def prove_sample(terms: Terms, limit: float, sample: Sample) -> Proof:
-    """Return whether a sample proves that the fraction `prob` of the errors is within a limit."""
+def prove_sample(terms: Terms, limit: float, sample: Sample, truth_error: float = 0.0) -> Proof:
+    """Return whether a sample proves that the fraction `prob` of the errors is within a limit.
+
+    The error of the truth must not change the decision: a pass requires the upper bound to be at most
+    `limit - truth_error`, and a fail requires the lower bound to exceed `limit + truth_error`.
+    """
     prob = terms.prob
     confidence = terms.confidence
     bound = tolerance_bound(sample, prob, confidence, is_normal=terms.normal)
     state = VerdictState.NOT_ENOUGH_DATA
-    if bound.upper is not None and bound.upper <= limit:
+    if bound.upper is not None and bound.upper <= limit - truth_error:
         state = VerdictState.PASS
-    elif bound.lower is not None and bound.lower > limit:
+    elif bound.lower is not None and bound.lower > limit + truth_error:
         state = VerdictState.FAIL
     more = None
     if state is VerdictState.NOT_ENOUGH_DATA:
-        needed = count_needed(sample, limit, prob, confidence, is_normal=terms.normal)
+        needed = count_needed(sample, limit - truth_error, prob, confidence, is_normal=terms.normal)
         given = sample.series_count if bound.method is BoundMethod.ORDER else int(sample.independent)
         more = None if needed is None else max(needed - given, 1)
     return Proof(state, bound.upper, record_of(terms, bound.method.value, sample.independent, more), len(sample.errors))
