@@ -564,7 +564,10 @@ class Localiser:
         if state.path.datum.pending is None:
             return state
         path, is_map_forgotten = trajectory.with_pending_pose(state.path, stamp_ns, self._model)
-        return replace(state, path=path, landmark_map=None if is_map_forgotten else state.landmark_map)
+        if is_map_forgotten:
+            # the next window begins at the external pose and continues no window that diverged
+            return replace(state, path=path, landmark_map=None, has_diverged=False)
+        return replace(state, path=path)
 
     def _estimate(self, stamp_ns: int, state: State, outcome: Outcome, clock: StageClock) -> PoseEstimate:
         """Return the pose of RB in DS and its covariance, converted from the left camera in the world."""

@@ -15,8 +15,8 @@ Five other events change the state:
   images, and the pose of the earlier image in the memory of the ground. If its adjustment diverged, the map is
   discarded, the calibration is reset and `has_diverged` is set instead.
 - An external pose is applied: path. `trajectory._placed` applies a pose whose stamp is more than 1.5 periods later
-  than the last pair that was accepted or began a window, and a pose without such a pair. The map is then discarded.
-  `trajectory._rebased` applies any other pose.
+  than the last pair that was accepted or began a window, and a pose without such a pair. The map is then
+  discarded, and `has_diverged` is reset. `trajectory._rebased` applies any other pose.
 - A pair arrives: path (its stamp; with the first pair also the stamp of the start pose).
 - `set_pose` is called: path.
 - `reset` is called: all.
@@ -71,7 +71,8 @@ class State:
     keyframes: int = 0  #: Number of keyframes since the start.
     #: Number of the first keyframe at which a preceding gap no longer degrades the window.
     clean_from_keyframe: int = 0
-    #: Whether an adjustment diverged, and no window has begun since then.
+    #: Whether an adjustment diverged, and neither a window has begun nor the map was discarded for an external pose
+    #: since then.
     has_diverged: bool = False
     status: TrackingState = TrackingState.INITIALISING  #: State published last.
     reason: StateReason | None = None  #: Reason published last.

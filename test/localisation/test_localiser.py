@@ -421,6 +421,16 @@ def test_a_diverged_adjustment_is_reported_by_the_first_pair_that_can_begin_a_wi
     assert (later.state, later.reason) == (TrackingState.DEGRADED, StateReason.UNSEEN_MOTION)
 
 
+def test_a_window_that_begins_at_a_pose_from_outside_does_not_report_an_earlier_divergence() -> None:
+    by, number = with_pending_keyframe()
+    by._pending = Future()
+    by._pending.set_exception(np.linalg.LinAlgError("singular matrix"))
+    by.set_pose(StartPose(true_pose(number + 2), 1e-4 * np.eye(6), DRIVE[number + 2].stamp_ns))
+    run([black(number + index) for index in range(3)], by)
+    begun = by.process(DRIVE[number + 3])
+    assert (begun.state, begun.reason) == (TrackingState.DEGRADED, StateReason.UNSEEN_MOTION)
+
+
 @pytest.mark.parametrize("is_singular", [False, True])
 def test_a_diverged_adjustment_begins_a_window_and_is_reported(*, is_singular: bool) -> None:
     by, number = with_pending_keyframe()
