@@ -201,12 +201,10 @@ class GroundMemory:
     def typical_after(self, conclusion: Conclusion, unexplained: float) -> float | None:
         """Return the typical fraction of unexplained landmarks after a pair.
 
-        Only pairs with one motion change the fraction. The fraction does not change after an unusual pair if the ground
-        is identified, or while the ground is in doubt.
+        Only pairs with one motion change the fraction, and only while the ground is not in doubt. Once there is a
+        typical fraction, an unusual pair does not reach this conclusion (`cases.Unexplained`).
         """
         if conclusion is not Conclusion.ONE_MOTION or self.identification.phase is Phase.IN_DOUBT:
-            return self.typical
-        if self.is_identified and not self.is_usual(unexplained):
             return self.typical
         typical = unexplained if self.typical is None else self.typical
         gain = RISING_GAIN if unexplained > typical else FALLING_GAIN
