@@ -311,6 +311,7 @@ def _step_to_kept_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tup
     before = path.published
     seconds = 0.0 if before.stamp_ns is None else (stamp_ns - before.stamp_ns) / NS_PER_S
     unobserved = _unobserved_rb(path, path.last.unobserved_s(stamp_ns), model)
+    # both are diagonal, so that the larger elements form a covariance
     growth = np.maximum(unobserved - before.unobserved_rb, _unobserved_rb(path, seconds, model))
     covariance = growth + MIN_VARIANCE * np.eye(6)
     now = path.last.T_world_left
@@ -318,7 +319,15 @@ def _step_to_kept_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tup
     motion = np.zeros(6)
     if before.T_world_left is not None:
         motion = StepMotion.between(before.T_world_left, now, model).vector
-    step = StepEstimate(seconds, motion, covariance, np.zeros(6), before.noise, before.noise, ZERO)
+    step = StepEstimate(
+        seconds=seconds,
+        motion=motion,
+        covariance=covariance,
+        systematic=np.zeros(6),
+        noise=before.noise,
+        noise_before=before.noise,
+        speed_change=ZERO,
+    )
     return published, step
 
 

@@ -207,8 +207,9 @@ EFFECTS: Final[dict[type[Case], Effects]] = {
 """Consequences of each case. `GroundMemory.after` applies them to the memory.
 
 Three cases differ while the ground is not identified. They have two motions, or part of the image does not follow the
-only motion. The motion that is not selected may then be the ground's, so that the pose is degraded, and its covariance
-includes the ambiguity.
+only motion. The motion that is not selected may then be the ground's, so that the pose is degraded. Its covariance
+includes the ambiguity. For `OwnBody` it includes the unobserved motion instead, because the cells of the body are
+excluded from the next pairs.
 """
 
 

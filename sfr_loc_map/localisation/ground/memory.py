@@ -38,8 +38,9 @@ TYPICAL_FACTOR = 1.25
 Chosen by hand. If larger, fewer faults are reported on drives with many outliers. If smaller, clean pairs of such
 drives are degraded."""
 RISING_GAIN = 0.1
-"""Update gain of the typical fraction if the fraction of a pair is larger. Chosen by hand. If the gain is larger, a
-fault becomes typical before it is reported. If it is smaller, rougher ground is reported for longer."""
+"""Update gain of the typical fraction if the fraction of a pair is larger, but usual. An unusual fraction is learnt
+only if there is no typical fraction yet. Chosen by hand. If the gain is larger, a fault that grows slowly becomes
+typical before it is reported. If it is smaller, ground that becomes rougher is reported more often."""
 FALLING_GAIN = 0.5
 """Update gain of the typical fraction if the fraction of a pair is smaller. Chosen by hand, so that a fault at the
 start has no effect after a few pairs. If the gain is larger, one clean pair makes the next pairs unusual. If the gain

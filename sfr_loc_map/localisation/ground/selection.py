@@ -12,14 +12,14 @@
 
 In the following examples the rover moves in each pair.
 
-An object with a quarter of the landmarks enters the view while the ground is identified:
+An object with a quarter of the landmarks is in view for one pair while the ground is identified:
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|
 | 1 | two motions | `MainOfTwo` | none | cells of the object are excluded for seven pairs; still identified |
 | 2 | one motion; no landmark is left on the object | `OneMotion` | none | unchanged |
 
-The same object enters the view before the ground is identified:
+The same object is in view for one pair before the ground is identified:
 
 | pair | shows | case | finding | memory after the pair |
 |---|---|---|---|---|

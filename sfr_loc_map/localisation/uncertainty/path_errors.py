@@ -108,6 +108,7 @@ def sums_after_step(
         corrected += corrected_px Z / (f b) displacement
         directed  += (0, lens_turn length of the displacement) + ambiguity
         turned    += (angle of the added directed error) position
+        followed_px = drift.followed_px, which is a sum itself (`DriftEstimate`)
 
     A step backwards undoes the turn of a step forwards (`systematic_step`). The length in `directed` has no sign, so
     that the sum is an upper bound on a path with both.
