@@ -93,7 +93,8 @@ class _Listener(event.Listener):
 def announce_compilation(say: Say) -> Iterator[None]:
     """Report progress and duration of compilations within the `with` block.
 
-    The reported total is the number of kernels in all loaded modules. A part uses nearly all of them.
+    The reported total is the number of kernels in all loaded modules. The localiser or the mapper alone compiles nearly
+    all of them.
     """
     begin_s = said_s = 0.0
     done: set[object] = set()

@@ -114,7 +114,7 @@ def _line(error: Exception) -> str:
         context: typer.Context | None = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "sfr"
         message: str = error.format_message()  # type: ignore[attr-defined]
-        message = message.replace(": Value error, ", ": ").rstrip(".")  # of the validation of option values
+        message = message.replace(": Value error, ", ": ").rstrip(".")  # the validation of option values adds this
         return f"{message}: see '{command} --help'"
     if isinstance(error, OSError) and error.strerror and not error.filename:  # an error of an open stream names no file
         return f"cannot write to standard output, or read or write an open file: {error.strerror}; check the disk"

@@ -46,7 +46,7 @@ class Closure:
     first: int  #: Number of the pair of the first visit, from 0.
     again: int  #: Number of the pair of the second visit.
     path_m: float  #: Path between both visits.
-    error: FloatArray  #: `(6,)` difference of both motions, m and rad, in the axes of the forward run.
+    error: FloatArray  #: `(6,)` accumulated minus directly measured motion, m and rad, in the axes of the first run.
     square: float | None  #: Normalised square of the difference; None if a covariance is unknown or not usable.
 
     @property

@@ -50,7 +50,7 @@ class MotionSince(NamedTuple):
 
     T_last_now: Transform
     size: MotionSize
-    seconds: float  #: Time; 0 before the first pair.
+    seconds: float  #: Time since that pose; 0 before the first pair.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

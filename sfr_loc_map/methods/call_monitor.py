@@ -110,7 +110,7 @@ class Measurement:
     """Resource use of one call."""
 
     answer_s: float  #: From the copy of the images to the complete answer.
-    usage: CallUsage  #: Its time is `answer_s` and the work of the method before the call.
+    usage: CallUsage  #: Its time is `answer_s` plus the work of the method before the call.
     tree: TreeUsage  #: Resource use of all processes after the call.
     cpu_s: float  #: Processor time of the call.
     cpu_between_s: float  #: Processor time since the previous call.

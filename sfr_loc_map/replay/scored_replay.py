@@ -113,11 +113,13 @@ def _save(result: ReplayResult, files: ReplayFiles, options: ReplayOptions) -> N
 def _remarks(result: ReplayResult) -> Iterator[str]:
     """Yield remarks on missing results of our nodes, and on the answers of an external node."""
     theirs = None if result.external is None else result.external.score.task
+    slower = "give a smaller --rate, or --rate 0, which waits for each pair"
     if result.posed.missing and theirs != Task.LOCALISATION:
-        yield f"{result.posed.missing} of {result.posed.sent} pairs have no odometry: the nodes could not keep up"
+        missing, pairs = result.posed.missing, result.posed.sent
+        yield f"{missing} of {pairs} pairs have no odometry: the nodes could not keep up; {slower}"
     if result.mapped.missing and theirs != Task.MAPPING:
         missing, pairs = result.mapped.missing, result.mapped.sent
-        yield f"{missing} of {pairs} pairs are missing in the map: the nodes could not keep up"
+        yield f"{missing} of {pairs} pairs are missing in the map: the nodes could not keep up; {slower}"
     if (node := result.external) is not None:
         answers = node.score.answers
         yield f"external node {node.method.name}: {answers.answered} of {answers.pairs} pairs answered"

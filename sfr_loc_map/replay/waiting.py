@@ -53,7 +53,8 @@ class ResultWaits:
     def finish(self) -> None:
         """Wait for the missing results, finish a map in progress, and wait for the last map.
 
-        Each wait for results ends if none has arrived for `QUIET_S`, so that lost pairs do not fail a replay at a rate.
+        Each wait for results ends if none has arrived for `QUIET_S`, so that lost pairs do not fail a replay
+        that is not in lock step.
         An external node has at least its timeout for an answer. The wait for the answer of our mapper is longer,
         because nothing arrives during a fusion.
         """

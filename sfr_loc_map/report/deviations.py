@@ -97,7 +97,7 @@ def _reading(score: Score) -> Iterator[str]:
         literal_text = f"{number(literal, unit=unit)} {unit.symbol}"
         compared.append(f"mean + 3 sigma over {label_of(condition)} {used_text}, by displacements {literal_text}")
     yield (
-        f"Errors are computed by the reading '{association.rebase}'. Literally, the specification compares "
+        f"Errors are computed by the reading '{association.rebase}' of the specification. Literally, it compares "
         f"displacements [4.2.3.1]{': ' if compared else ''}{'; '.join(compared)}."
     )
 
@@ -334,8 +334,8 @@ def _frames_beyond(score: Score) -> Iterator[str]:
             largest = None if others is None else others.max
             size = "" if largest is None or others is None else f" up to {largest:.3g} {others.unit}"
             yield (
-                f"{100.0 * share.value:.3g} % of the frames, at which no judged sub-trajectory over "
-                f"{label_of(condition)} starts or ends, have a {share.part} error{size}, far above the judged errors."
+                f"{100.0 * share.value:.3g} % of all frames have a {share.part} error{size}, far above the judged "
+                f"errors, and are not judged: no judged sub-trajectory over {label_of(condition)} starts or ends there."
             )
 
 
@@ -359,7 +359,8 @@ def _origin_of_truth(score: Score) -> Iterator[str]:
 def _converted_poses(score: Score) -> Iterator[str]:
     """Yield the conversion of the poses before scoring."""
     if score.convention is not None:
-        yield f"The poses were converted before scoring: {', '.join(score.convention.declared) or 'as diagnosed'}."
+        by_user = ", ".join(score.convention.declared)
+        yield f"The poses were converted before scoring by {by_user or score.convention.diagnosed}."
 
 
 DEVIATIONS: tuple[Callable[[Score], Iterator[str]], ...] = (

@@ -110,4 +110,7 @@ def save_dem(path: Path, grid: TerrainGrid) -> None:
             others = {name: getattr(grid, name) for name in ("slope_rad", "roughness_m", "step_m", "hazard")}
             np.savez_compressed(temporary, **of_model, **others)
         elif not cv2.imwrite(str(temporary), shaded_heights(model)):
-            raise OutputError(f"cannot write '{path}': the image could not be encoded")
+            raise OutputError(
+                f"cannot write '{path}': OpenCV could not encode or write the image; check the free space, or choose a "
+                "name that ends in .npz"
+            )

@@ -85,7 +85,10 @@ def calls_of_poses(
         if own := [item for item in items if _has_call_of_pose(item, trajectory)]:
             return united(own)
     if any(len(item.localised_ns) for item in (*stats, *of_target)):
-        _log.warning("no call of the statistics has the stamp of an estimate: the lost poses are unknown")
+        _log.warning(
+            "no call (--stats, --target-timing) has the stamp of a pose of the estimate, so the lost poses are "
+            "unknown: give the calls of the run that produced the estimate"
+        )
     return None
 
 

@@ -130,9 +130,9 @@ def _sparse_truth(drive: DriveToScore, association: Association) -> Iterator[str
         expected, what = len(drive.estimates.trajectory), "estimates"
     if association.mode is AssociationMode.MATCH and association.truth_poses <= FEW_TRUE_POSES * expected:
         yield (
-            f"the truth has {association.truth_poses} poses for {expected} {what}: frames and spacing count true "
-            "poses; the figures do not contain errors between true poses; sfr score --frames images interpolates the "
-            "truth to every image"
+            f"the truth has only {association.truth_poses} poses for {expected} {what}: only these are scored, errors "
+            "between them are not in the figures, and --spacing and conditions of frames count true poses; sfr score "
+            "--frames images interpolates the truth to every image"
         )
 
 
@@ -185,7 +185,7 @@ def calls_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detai
 def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool) -> CallsResult:
     """Return the figures of the calls on this host; an external node is measured from outside.
 
-    The name of the clock declares times that a node stated in messages, which nothing outside of the node measured.
+    Times that a node states in its messages are not measured from outside. The name of their clock is `STATED_CLOCK`.
     """
     calls = [concatenated([item.calls for item in run.stats])] if run.stats else []
     clock = STATED_CLOCK if any(item.is_stated for item in run.stats) else HOST_CLOCK

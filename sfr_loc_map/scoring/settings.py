@@ -53,6 +53,6 @@ def score_settings(conditions: Sequence[str] | None, **settings: Unpack[ScoreSet
 def _interval(scored_range: object) -> tuple[object, object]:
     """Return the two ends of an interval; their values are checked with the other settings."""
     if not isinstance(scored_range, Sequence | np.ndarray) or len(scored_range) != 2 or isinstance(scored_range, str):
-        raise ConfigError(f"scored_range is {scored_range!r:.60}: two ranges in metres, (FROM, TO), are required")
+        raise ConfigError(f"scored_range is {scored_range!r:.60}: two distances in metres, (FROM, TO), are required")
     first, last = scored_range
     return first, last

@@ -111,7 +111,7 @@ def test_calls_that_cannot_be_are_refused_and_those_of_another_drive_told(
             load_call_stats(path)
     path.write_text("stamp_ns,state\n5,lost\n")
     assert not estimates_of_calls(straight(3), [load_call_stats(path)]).lost.any()
-    assert "no call of the statistics has the stamp of an estimate" in caplog.text
+    assert "has the stamp of a pose of the estimate, so the lost poses are unknown" in caplog.text
 
 
 def test_a_cloud_file_without_its_kind_needs_the_option_and_one_with_it_is_not_contradicted(

@@ -281,7 +281,8 @@ class BagRecorder:
 
     def write(self, topic: Any, received_ns: int, raw: bytes) -> None:  # noqa: ANN401
         """Add a serialised message."""
-        self._last_ns = max(self._last_ns, received_ns)  # times do not decrease: the order of files without an index
+        # Never decreasing, because a file without an index is read in the order of writing, which must be that of time.
+        self._last_ns = max(self._last_ns, received_ns)
         with self._reporting():
             self._check_synced()
             self._writer.write(topic, self._last_ns, raw)

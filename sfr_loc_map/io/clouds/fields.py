@@ -52,14 +52,16 @@ def stated_in(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | N
             raise ValueError(f"its comments 'sfr {name}' contradict each other")
     fused, stamps = stated.get(FUSED), stated.get(PAIR_STAMPS)
     if fused not in (None, "true", "false"):
-        raise ValueError(f"'sfr {FUSED}' is '{fused[:40]}': true or false is required")
+        raise ValueError(f"its comment 'sfr {FUSED}' has the value '{fused[:40]}': true or false is required")
     words = (stamps or "").split()
     if len(words) > MAX_PAIR_STAMPS:
-        raise ValueError(f"'sfr {PAIR_STAMPS}' lists {len(words)} stamps: at most {MAX_PAIR_STAMPS} are allowed")
+        raise ValueError(
+            f"its comment 'sfr {PAIR_STAMPS}' lists {len(words)} stamps: at most {MAX_PAIR_STAMPS} are allowed"
+        )
     try:
         stamps_ns = tuple(map(parse_stamp_ns, words))
     except ValueError as error:
-        raise ValueError(f"'sfr {PAIR_STAMPS}': {error}") from error
+        raise ValueError(f"its comment 'sfr {PAIR_STAMPS}': {error}") from error
     return None if fused is None else fused == "true", None if stamps is None else stamps_ns
 
 

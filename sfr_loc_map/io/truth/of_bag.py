@@ -136,8 +136,11 @@ def _tf_poses(bag: Bag, frame: str) -> Trajectory:
         chain = chain_above(frames, child, parent)
     moving = [name for name in chain if not frames[name].is_static]
     if not moving or (parent and frames[chain[-1]].parent != parent):
-        known = ", ".join(sorted(f"{item.parent}:{name}" for name, item in frames.items())) or "none"
-        raise InputError(f"bag '{bag.path}' has no moving transform '{frame}' on /tf: it has {known}")
+        known = ", ".join(sorted(f"{item.parent}:{name}" for name, item in frames.items() if not item.is_static))
+        raise InputError(
+            f"bag '{bag.path}' has no moving transform '{frame}' on /tf: it has {known or 'none'}; choose one with "
+            "truth.frame=PARENT:CHILD"
+        )
     where = f"/tf of bag '{bag.path}'"
     with refusing(where, "record it again"):
         for name in moving:

@@ -35,7 +35,7 @@ DRIFT_SHARE = 0.02
 rover with a zero-velocity update repeats its pose while the truth drifts, for instance by 3 mm in 90 s."""
 EXACT_SHARE = 1e-5  #: Relative error of a motion that no odometry reaches: 10 um per metre.
 RESOLUTIONS_M = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  #: Resolutions of positions that are recognised, m.
-FINEST_M = RESOLUTIONS_M[-1]  #: Resolution of the positions of a file that is finer than those recognised, at most.
+FINEST_M = RESOLUTIONS_M[-1]  #: Upper bound of the resolution of a file that is finer than all recognised ones, m.
 COARSEST_OF_COPIES_M = 1e-3
 """Resolution at which positions are compared that lie on the same coarser grid as the true positions, m. A copy then
 equals the truth exactly, and the grid may be that of the drive and not that of the file."""
@@ -80,7 +80,8 @@ def copy_rows(frames: Frames, truth: Trajectory, is_reported: Mask, *, interpola
 def judged_of_truth(frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]]) -> Figure:
     """Return the row of the judged motions that equal the true motions, for the condition with the largest fraction.
 
-    This detects true poses that are used only at the starts and ends, where no two successive poses are true.
+    This detects an estimate that equals the truth only at the starts and ends of the judged sub-trajectories, where no
+    two successive poses are true.
     """
     resolution_m = resolution_of_copies(frames.position, frames.true_position)
     worst = figure_row("errors_of_truth", n=0)

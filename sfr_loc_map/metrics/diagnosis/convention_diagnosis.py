@@ -58,7 +58,8 @@ class Hypothesis(Record, frozen=True, kw_only=True):
     def prevents_verdict(self) -> bool:
         """Whether the figures are meaningless, because estimate and truth use different conventions.
 
-        An offset of the stamps does not change the meaning of the figures, because the method under test may be late.
+        An offset of the stamps does not prevent a verdict: the method under test may be late, and its errors are then
+        real.
         """
         return self.mismatch != TIME_OFFSET
 

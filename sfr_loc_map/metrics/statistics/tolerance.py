@@ -156,7 +156,9 @@ def radius_of(prob: float, shape: tuple[float, ...]) -> float:
 def confidence_of(
     factor: float, count: float, shape: tuple[float, ...], prob: float, *, zero_mean: bool = False
 ) -> float | None:
-    """Return the confidence that `norm(mean) + factor norm(sigma)` exceeds a fraction of normal errors.
+    """Return the confidence that a bound covers at least the fraction `prob` of normal errors.
+
+    The bound is `norm(mean) + factor norm(sigma)`.
 
     `shape` contains the sigmas of the errors. The result is the lower of the confidences for a mean of zero and for a
     dominant mean, or with `zero_mean` that for a mean of zero. None for fewer than two independent values.

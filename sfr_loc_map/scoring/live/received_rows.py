@@ -140,7 +140,7 @@ class ReceivedRows:
         self._estimates = _Rows(ESTIMATE)
         self._truth = _Rows(TRUE_POSE)
         self._covariance_ns = -1  # stamp of the last estimate with a published covariance
-        self._warned = set[str]()  # warnings about the truth that were logged, without their numbers
+        self._warned = set[str]()  # logged warnings about the truth, with the numbers in them removed
 
     def add_estimate(
         self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], covariance: FloatArray | None

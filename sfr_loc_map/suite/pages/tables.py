@@ -302,7 +302,8 @@ def _rank(error: float | None) -> float:
 def linked(summary: Summary) -> list[ScoredJob]:
     """Return the results that have their own page: the worst drives and the worst maps.
 
-    If there are too many, half of the pages are reserved for maps and half for drives.
+    If there are too many, maps and drives have up to half of the pages each. Pages that one of them does not need go to
+    the other.
     """
     drives = worst_first(summary)
     maps = [result for result in worst_maps_first(summary.results) if result.score.association is None]

@@ -53,7 +53,7 @@ class DriveTrace:
     """Features by which copies of one drive are detected."""
 
     poses: int = 0  #: Number of poses of the ground truth; 0 if there is none.
-    path_m: tuple[float, ...] = ()  #: x, y, z of poses of the ground truth, in the frame of the first pose.
+    path_m: tuple[float, ...] = ()  #: x, y, z of poses of the truth, in axes of the first pose if it has an attitude.
     grey: tuple[int, ...] = ()  #: Pixels of the first left image; empty without images.
     steps_m: tuple[float, ...] = ()  #: Distances between successive poses of the ground truth.
     bends_m: tuple[float, ...] = ()  #: Norms of the differences between successive steps.

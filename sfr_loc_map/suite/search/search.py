@@ -193,7 +193,7 @@ def _is_open(store: Store, job: Job) -> bool:
 
 
 def _check_host(store: Store, jobs: Sequence[Job]) -> None:
-    """Raise an InputError if a job failed for a reason other than its scenario."""
+    """Raise an InputError if a job failed for a reason other than invalid input."""
     for job in jobs:
         if _is_open(store, job):
             failure = store.failure(job)
