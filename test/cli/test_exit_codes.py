@@ -97,7 +97,7 @@ def test_exit_code_and_verdict_of_the_score_agree_on_a_condition_without_a_limit
         ("timing:\n  localisation_p95_s: 0.5\n", "limit localisation_p95_s: no data"),
         (
             "minimum_count: 100\ntrajectory:\n  - condition: distance=2\n    heading_mean_deg: 1\n",
-            "limit heading_mean_deg over 2 m: only ",
+            "limit heading_mean_deg over 2 m: too few values",
         ),
         (
             "trajectory:\n  - condition: distance=50\n    heading_mean_deg: 1\n    position_mean_m: 1\n",

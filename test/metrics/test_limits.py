@@ -230,7 +230,7 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
         assert row.rmse is not None
         smaller = replace(row, rmse=0.9 * row.rmse)
         rows = tuple(smaller if each is row else each for each in score.figures)
-        assert "rmse of horizontal" in (fault_of_raw_values(replace(score, figures=rows)) or "")
+        assert "'rmse' of 'horizontal" in (fault_of_raw_values(replace(score, figures=rows)) or "")
         assert "its errors are absent" in (fault_of_raw_values(replace(score, errors=(), details=None)) or "")
 
 
@@ -401,5 +401,5 @@ def test_a_limit_on_the_target_without_its_calls_names_the_option_that_gives_the
     limits = parse_limits({"target": {"localisation_p95_s": 1.0}}, "limits")
     rows = (figure_row("judged", part="drive", n=2, value=1.0),)
     incomplete = judged_by(Score(figures=rows), limits).incomplete or ""
-    assert "target localisation" in incomplete
+    assert "localisation calls on the target" in incomplete
     assert "option target_timing" in incomplete

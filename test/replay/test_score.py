@@ -193,7 +193,7 @@ def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_pat
     result = ReplayResult(estimate, None, [], ())
     score = score_replay(source, result, score_config(["frames=2"], {}), None)
     assert "100 % of the mapping pairs have no point" in (score.incomplete or "")
-    assert any("the truth has 3 poses for 12 images" in text for text in score.warnings)
+    assert any("the truth has only 3 poses for 12 images" in text for text in score.warnings)
 
 
 def test_the_calls_of_a_replay_belong_to_its_estimate(tmp_path: Path) -> None:

@@ -30,9 +30,9 @@ def test_deviations_are_found_by_comparison_with_the_document(judge: Judge) -> N
     assert judge.sfr("report", judge.folder / "score.json", *options).code == 0
     text = report.read_text()
     for said in (
-        "start every 20 frames; the document states 10",
-        "by the reading &#39;pose&#39;. Literally, the document compares displacements",
-        "was measured on the host; the document requires the target",
+        "start every 20 frames; the specification states 10",
+        "by the reading &#39;pose&#39; of the specification. Literally, it compares displacements",
+        "was measured on the host; the specification requires the target",
         "The limits allow missing_max_share 0.5; the default is 0.",
         "The limits require 2 independent sub-trajectories; the default is 5.",
         "Number TR-7, issue 2",
@@ -134,10 +134,10 @@ def test_a_sparse_truth_and_unknown_images_are_conditions_of_the_verdict(tmp_pat
     save_trajectory(tmp_path / "t.csv", Trajectory(truth.stamps_ns[::2], truth.positions[::2], truth.quats_xyzw[::2]))
     rules = limits(tmp_path, {**POSITION, "minimum_independent": 2})
     done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules, "--json", score)
-    assert (done.code, "the figures do not contain errors between true poses" in done.err) == (0, True), done.err
+    assert (done.code, "errors between them are not in the figures" in done.err) == (0, True), done.err
     sfr("report", score, "--test-report", page)
     for text in (
-        "the figures do not contain errors between true poses",
+        "errors between them are not in the figures",
         "The images of the drive are unknown",
         "150 estimates",
     ):

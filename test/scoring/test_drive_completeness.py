@@ -204,7 +204,7 @@ def test_frames_that_are_true_poses_not_images_are_said(judge: Judge) -> None:
     sparse = judge.truth[::5]
     result, score = judge(truth=sparse)
     assert (result.code, score["association"]["matched"]) == (0, 81)
-    assert "the truth has 81 poses for 401 estimates" in result.err
+    assert "the truth has only 81 poses for 401 estimates" in result.err
     result, score = judge("--frames", "images", truth=sparse)
     assert (result.code, score["association"]["matched"]) == (0, POSES)
     assert score["association"]["mode"] == "interpolate"

@@ -62,7 +62,7 @@ def test_wrong_frames_between_the_starts_are_no_pass(tmp_path: Path, sfr: Sfr, e
     code, text, score = judged_frames(with_wrong(wrong), tmp_path, sfr)
     assert code == 3, text
     assert score["verdict"] == "incomplete"
-    assert "sub-trajectory, because starts are 10 frames apart" in text
+    assert "because starts are 10 frames apart" in text
     named = {1: "frames 1-9, 11-19, 21-29", 5: "frames 1, 6, 12, 17", 9: "frames 1, 11, 21"}[every]
     assert named in text
     assert "... --partial" not in text, "a part of the frames was judged already"
