@@ -161,7 +161,7 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.score(folder, folder, stats=5), "stats has the type int: a path is required"),  # type: ignore[arg-type]
         (lambda: suite.score(truth, folder, fused=True), "fused applies only to clouds"),
         (lambda: suite.score(truth, folder, apply_diagnosis="no"), "apply_diagnosis is 'no'"),  # type: ignore[arg-type]
-        (lambda: suite.score(cloud, folder, scored_range=5), "scored_range is 5: two ranges"),  # type: ignore[arg-type]
+        (lambda: suite.score(cloud, folder, scored_range=5), "scored_range is 5: two distances"),  # type: ignore[arg-type]
         (lambda: suite.map(folder, fuse="no"), "fuse is 'no'"),  # type: ignore[arg-type]
         (lambda: suite.map(folder, method=None), "method has the type NoneType"),  # type: ignore[arg-type]
         (lambda: suite.PointCloud.load(3), "path has the type int"),  # type: ignore[arg-type]
