@@ -136,11 +136,7 @@ def test_a_sparse_truth_and_unknown_images_are_conditions_of_the_verdict(tmp_pat
     done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules, "--json", score)
     assert (done.code, "errors between them are not in the figures" in done.err) == (0, True), done.err
     sfr("report", score, "--test-report", page)
-    for text in (
-        "errors between them are not in the figures",
-        "The images of the drive are unknown",
-        "150 estimates",
-    ):
+    for text in ("errors between them are not in the figures", "The images of the drive are unknown", "150 estimates"):
         assert text in page.read_text()
 
 
