@@ -43,9 +43,14 @@ def handle_signals() -> None:
 
 
 def ignore_signals() -> None:
-    """Ignore signals permanently while Python itself exits."""
+    """Ignore signals permanently while Python itself exits, so that Python exits with the given code.
+
+    `python -m` ends by SIGINT whatever the exit code is, if the last text that was executed, for example that of a
+    dataclass, has raised KeyboardInterrupt, even if the exception was caught. Another text clears this state.
+    """
     for number in END_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
+    exec("")
 
 
 def hold() -> None:

@@ -39,6 +39,21 @@ def test_localise_writes_the_poses_that_were_finished(source: Path, tmp_path: Pa
     assert film.stat().st_size > 1e5
 
 
+def test_an_interrupt_in_executed_text_as_in_the_import_of_a_dataclass_exits_with_the_usual_code(
+    tmp_path: Path,
+) -> None:
+    lines = (
+        "from sfr_loc_map.cli import main as cli",
+        "cli.app = lambda **_: exec('import signal; signal.raise_signal(signal.SIGINT)')",
+        "raise SystemExit(cli.main())",
+    )
+    (tmp_path / "interrupted.py").write_text("\n".join(lines))
+    done = subprocess.run(
+        [sys.executable, "-m", "interrupted"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (130, "sfr: interrupted: nothing was finished\n")
+
+
 @pytest.mark.parametrize("number", [*END[:2], signal.SIGKILL])
 def test_what_is_overwritten_stays_until_the_new_one_is_whole(
     source: Path, tmp_path: Path, sfr: Sfr, number: signal.Signals
