@@ -38,7 +38,8 @@ def provenance_of(run: Run, config: ScoreConfig) -> Provenance:
         data["truth"] = hash_of_truth(run.drive.truth)
     if run.cloud is not None:
         data["map_truth"] = hash_arrays(truth.points for truth in run.cloud.truths)
-    found = {role: _input_file(file, data.get(role)) for role, file in origin.files.items()}
+    sha256s = {file: file.sha256() for file in dict.fromkeys(origin.files.values())}  # one bag may have several roles
+    found = {role: _input_file(file, sha256s[file], data.get(role)) for role, file in origin.files.items()}
     if run.drive is not None and isinstance(run.drive.truth, Truth) and "truth" in found:
         found["truth"] = struct_replace(found["truth"], read_from=run.drive.truth.read_from or None)
     if (sha256 := _images_sha256(run)) is not None:
@@ -57,9 +58,9 @@ def provenance_of(run: Run, config: ScoreConfig) -> Provenance:
     )
 
 
-def _input_file(file: ReadFile, data_sha256: str | None) -> InputFile:
+def _input_file(file: ReadFile, sha256: str, data_sha256: str | None) -> InputFile:
     path = file.path
-    return InputFile(path=str(path), resolved=str(path.resolve()), sha256=file.sha256(), data_sha256=data_sha256)
+    return InputFile(path=str(path), resolved=str(path.resolve()), sha256=sha256, data_sha256=data_sha256)
 
 
 def hash_of_truth(truth: Trajectory) -> str:
