@@ -595,15 +595,14 @@ def exit_code_of_tests(folder: Path, test_module: str, marks: str, executed_to: 
         nothing = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nothing, 1)
         os.dup2(nothing, 2)
-        tracer = Coverage(data_file=None, source=[str(folder / "sfr_loc_map")])
-        if executed_to is not None:
-            tracer.start()
-        code = int(pytest.main([test_module, "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-m", marks]))
-        if executed_to is not None:
-            tracer.stop()
-            data = tracer.get_data()
-            lines = {file: data.lines(file) for file in data.measured_files()}
-            executed_to.write_text(json.dumps(lines), encoding="utf-8")
+        words = [test_module, "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-m", marks]
+        if executed_to is None:
+            os._exit(int(pytest.main(words)))
+        coverage = Coverage(data_file=None, source=[str(folder / "sfr_loc_map")])
+        with coverage.collect():
+            code = int(pytest.main(words))
+        data = coverage.get_data()
+        executed_to.write_text(json.dumps({file: data.lines(file) for file in data.measured_files()}), encoding="utf-8")
         os._exit(code)
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
