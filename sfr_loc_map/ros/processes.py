@@ -18,7 +18,7 @@ from sfr_loc_map.child_process import adopt_descendants, child_environment, end_
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.signals import END_SIGNALS, hold
 
-ESCALATION = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
+ESCALATION = ((signal.SIGINT, 10.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 3.0))
 """Signals that end processes, each with the time until the next signal, s."""
 START = "sfr_loc_map.nodes.start"  #: Module that runs a node and handles signals before the imports.
 CANNOT_START = 2  #: Exit code of a node with invalid arguments or settings.

@@ -120,10 +120,10 @@ def test_lost_poses_are_shown_and_the_last_state_is_the_final_report(tmp_path: P
         page, code = asked(url + "report"), replay.end(SIGINT)
     assert code == 0, replay.text
     assert b"ocalisation and mapping report" in page
+    live = last.pop("live")
+    assert (live["poses"], live["ended"], live["aborted"], live["stale_reasons"]) == (12, True, None, []), replay.text
     assert shown.result() == [5 <= number < 8 for number in range(12)]
     assert last["association"]["lost"] == 3
-    live = last.pop("live")
-    assert (live["poses"], live["ended"], live["aborted"], live["stale_reasons"]) == (12, True, None, [])
     assert "lost" in [event["kind"] for event in live["events"]]
     assert sum(value**2 for value in live["localisation"]["error_m"]) ** 0.5 < 0.1
     report = json.loads((out / "report.json").read_text())
