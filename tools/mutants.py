@@ -69,7 +69,6 @@ OF_METHODS = (
 )
 """Tests of the calls and measurements of methods; they run with the mutations in `methods`."""
 PASSED, FAILED, NO_TESTS = 0, 1, 5  #: Exit codes of pytest.
-ATTEMPTS = 2  #: Runs of a test module without a mutation; attacks on measured times can fail on a loaded host.
 LIBRARIES = ("hypothesis", "msgspec", "numba", "numpy", "scipy.spatial.transform", "scipy.stats", "yaml")
 """Libraries that are imported once for all mutations."""
 
@@ -625,8 +624,7 @@ def measured(test_modules: Sequence[str], marks: str) -> list[TestModule]:
         executed_to = Path(scratch) / "executed.json"
         for test_module in test_modules:
             begin = time.monotonic()
-            codes = (exit_code_of_tests(folder, test_module, marks, executed_to) for _ in range(ATTEMPTS))
-            if not any(code in (PASSED, NO_TESTS) for code in codes):
+            if exit_code_of_tests(folder, test_module, marks, executed_to) not in (PASSED, NO_TESTS):
                 raise SystemExit(f"a test fails without a mutation: run pytest {test_module}")
             duration_s = time.monotonic() - begin
             lines = json.loads(executed_to.read_text(encoding="utf-8"))
