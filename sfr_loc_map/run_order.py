@@ -135,13 +135,17 @@ class RunOrder(StampOrder[T]):
 class AnyOrder(StampOrder[T]):
     """Assigns stamped items that arrive in any order to runs; `strays` counts the dropped items.
 
-    An item after the first stamp of the run is accepted if the lead over the last stamp is below an hour. An earlier
-    item is accepted once no gap separates it from the run. Consecutive items of another time that have increasing
-    stamps, all before or all after the last stamp, are accepted together in two cases. Either there are `AGREEING`
-    items, and each stamp was received earlier, as when a recording is played again, or is an hour ahead. Or there are
-    `REGULAR` items at a regular pace. The accepted items begin a new run; if they are ahead, the run continues with
-    them. Otherwise, an item is dropped if its stamp was received earlier or is an hour ahead. An item with a stamp of
-    zero or less is also dropped.
+    An item after the first stamp of the run is accepted if the lead over the last stamp is below an hour. An item
+    before the first stamp is accepted once no gap separates the item from the run.
+
+    Consecutive items of another time (`is_of_another_time`) are accepted together if their stamps increase, are all
+    before or all after the last stamp, and one of two conditions holds. Either there are `AGREEING` items, each of
+    which is an hour ahead or has a stamp that was received earlier, as when a recording is played again. Or there are
+    `REGULAR` items at a regular pace. The accepted items begin a new run if they are before the last stamp; otherwise
+    the run continues with them.
+
+    Items of another time that are not accepted in this way are dropped if their stamp was received earlier or is an
+    hour ahead. An item with a stamp of zero or less is also dropped.
     """
 
     def __init__(self) -> None:

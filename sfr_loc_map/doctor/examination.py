@@ -86,7 +86,7 @@ def _found_and_fix(message: str) -> tuple[str, str]:
 
 
 def _without_subject(text: str, subject: str) -> str:
-    """Return a text without the name of the source at its beginning, which the issue states already."""
+    """Remove the name of the source from the beginning of a text, because the issue already states the name."""
     for name in (subject, f"bag {subject}"):
         if text.startswith(f"{name}: "):
             return text.removeprefix(f"{name}: ")

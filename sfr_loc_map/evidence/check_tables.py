@@ -1,7 +1,8 @@
 """Tables of a check without a ground truth (`sfr check`), from its figures: one for each kind of evidence.
 
 `evidence.kinds` states what the numbers of each table show and what they hide. Each line of a table shows the figures
-with the same condition and part (`Item`). The cell of a number has its key in the JSON.
+with the same condition and part (`Item`). A cell with a number also contains the path of this number in the JSON, such
+as `figures.3.value`.
 """
 
 from __future__ import annotations

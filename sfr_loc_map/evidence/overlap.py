@@ -1,8 +1,9 @@
 """Agreement of the maps of several stereo pairs in their overlap.
 
-Each point of a pair is reprojected into another pair. The difference of both ranges is compared with the difference
-that the reported sigmas and poses predict. Both maps share the calibration and, for pairs of one position, the errors
-of the mast's mount. These errors are hidden, so the result is never an accuracy.
+Each point of a pair is reprojected into another pair. The difference between the range of the reprojected point and the
+range measured by the other pair is compared with its standard deviation, which follows from the reported sigmas if the
+poses are correct. Both maps share the errors of the calibration and, for pairs of one position, the errors of the
+mast's mount. Shared errors cancel in the difference, so the result is never an accuracy.
 """
 
 from __future__ import annotations

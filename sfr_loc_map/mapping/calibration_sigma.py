@@ -2,9 +2,10 @@
 
 The configured residual distortion (`CalibrationPrior.distortion_px`) sets the thresholds of vertical disparity:
 
-- A yaw above `SIGNIFICANT_SIGMAS` standard deviations is reported and increases sigma. Distortion of this size could
-  look like a yaw, namely the yaw whose vertical disparity in the corners equals the distortion. This yaw is part of the
-  standard deviation, together with the noise of the measured yaw (`_yaw_threshold_rad`).
+- A yaw above `SIGNIFICANT_SIGMAS` standard deviations is reported and increases sigma. Residual distortion can be
+  mistaken for a yaw. The largest such yaw has a vertical disparity in the image corners that equals the configured
+  distortion. The standard deviation combines this yaw with the noise of the measured yaw and the configured
+  uncertainty of the yaw (`_yaw_threshold_rad`).
 - A vertical offset above the distortion and above `MIN_ROTATION_PX` increases sigma like a pitch
   (`_pitch_threshold_px`). The threshold contains no noise, because an offset is measured to a few hundredths of a
   pixel.
@@ -53,8 +54,8 @@ def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, prior: Calibrat
 def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, prior: CalibrationPrior) -> float:
     """Return the largest yaw that is not significant, rad.
 
-    Residual distortion can cause a saddle like that of a yaw. The accuracy of the yaw is therefore limited to the yaw
-    whose saddle equals the configured distortion in the corners.
+    The vertical disparity of a yaw is a saddle over the image, and residual distortion can have the same shape. The
+    accuracy of the yaw is therefore limited to the yaw whose saddle equals the configured distortion in the corners.
     """
     corner_saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)  # x y in the corner, normalised coordinates
     distortion_rad = prior.distortion_px / (rig.fy * corner_saddle)

@@ -1,4 +1,4 @@
-"""The mapping node, which fuses up to three stereo pairs with known poses to one cloud.
+"""The mapping node, which fuses up to three stereo pairs with known poses into one cloud.
 
 Messages are received in the executor's thread, where pairs wait for their poses. Only the worker's thread accesses the
 mapper and the map in progress.

@@ -222,7 +222,10 @@ class PairNode(ManagedNode[P], ABC):
         self._stereo.forget_waiting()
 
     def publish_call(self, call: CallRecord, level: Level) -> None:
-        """Publish a call with the dropped messages, for programs on `~/call` and for people on /diagnostics."""
+        """Publish the record of a call with the counts of what was dropped.
+
+        Programs read the record on `~/call`, and people read it on /diagnostics.
+        """
         call = replace(call, counts=self.counts())
         self._call_publisher.publish(String(data=encode_call(call)))
         self.status.report_call(call, level, self.meter.method)

@@ -14,8 +14,8 @@ Each step takes values and returns values. The modules in the order of their use
   cloud. `call_checks` refuses calls of another run. `input_files` notes the state of each file before it is read, so
   that a changed file is refused when it is hashed. `load_trajectories` reads poses for pages without a score.
 - conventions: `conversion` converts the estimate to poses of RB in DS and diagnoses convention mismatches.
-- score: `score_parts` scores the trajectory, the map and the calls of a run. `assembly` combines these parts to a score
-  with verdicts and warnings. `provenance` collects the hashes of the files, the settings and facts of the host.
+- score: `score_parts` scores the trajectory, the map and the calls of a run. `assembly` combines these parts into a
+  score with verdicts and warnings. `provenance` collects the hashes of the files, the settings and facts of the host.
 - entry points: `score_run` scores a finished run, and `live` a run in progress from its messages.
 """
 

@@ -318,7 +318,7 @@ def _stone(point: FloatArray, footprint: float, number: int, parameters: Shading
         v, a, b, c = value3(x / length + 0.41 * k, y / length + 0.17 * k, z / length, seed ^ _STONE ^ np.uint32(k))
         tone += 0.16 * fade * v
         slope = 0.13 * fade * parameters.bump
-        # slopes must not follow the tone, as for the ground
+        # the components of the gradient are permuted, so that slopes and tone are uncorrelated (`ground_texture`)
         gx, gy, gz = gx + slope * b, gy + slope * c, gz + slope * a
         length *= 0.5
     dust = smooth_step(0.75, 1.0, 0.5 + 0.5 * unit(mix(h)))

@@ -1,6 +1,6 @@
-"""Evidence of a pair about its main motion, which requires no search for another motion.
+"""Evidence of a pair about its main motion. No search for another motion is required to collect this evidence.
 
-`cases` classifies a pair by this value. The package docstring defines the terms.
+`cases` classifies a pair by its `Evidence`. The package docstring defines the terms.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ accepted. If smaller, good poses are refused while a large object is in view."""
 
 
 class Evidence(NamedTuple):
-    """Evidence of a pair and of the memory about the main motion."""
+    """Evidence about the main motion of a pair, from the pair and from the memory of earlier pairs."""
 
     support: Support  #: What the memory may learn from the main motion.
     is_trusted: bool  #: Whether the pose of the main motion is trusted.

@@ -138,7 +138,7 @@ def pose_noise(
 
 
 def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
-    """Return the signed one-sigma effects `systematic` `(6,)` on one step, in RB, of the errors that all steps share.
+    """Return `systematic` `(6,)`, in RB: the signed one-sigma effects on one step of the errors common to all steps.
 
         systematic = (position, attitude, attitude, attitude)
         position = hypot(disparity_px, yaw_sigma_px, remaining_px) Z / (f b) displacement

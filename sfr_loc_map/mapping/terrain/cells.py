@@ -46,8 +46,8 @@ class CellGrid:
 
         The grid consists of complete cells, so it may extend beyond the square by less than one cell.
 
-        Raises MappingError if the cell size is not positive, no points exist or all are on one side of the square, a
-        coordinate is not finite, or there would be too many cells.
+        Raises MappingError if the cell size is not positive, the cloud is empty, a coordinate is not finite, all points
+        are beyond the same edge of the square, or the grid would have too many cells.
         """
         if not cell_m > 0.0:
             raise MappingError(f"the cell size is {cell_m} m: a positive number is required")

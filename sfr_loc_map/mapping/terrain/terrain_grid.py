@@ -96,9 +96,10 @@ def terrain_grid(
     roughness), steps relative to these planes, and hazards from the ratios of slope, roughness and step to the rover's
     limits.
 
-    To add a criterion of hazard, add a layer of `TerrainGrid` and its ratio to a limit. A property of the ground under
-    the complete footprint, like the slope, is part of `plane_ratio` of `_hazards`. A property of a single cell, like
-    the step, is part of `step_ratio`, so that the cell counts anywhere in the footprint.
+    To add a criterion of hazard, add a layer to `TerrainGrid` and compute the ratio of the layer to its limit. If the
+    criterion describes the ground under the complete footprint, as the slope does, include the ratio in `plane_ratio`
+    of `_hazards`. If the criterion describes a single cell, as the step does, include the ratio in `step_ratio`. The
+    cell then counts anywhere in the footprint.
     """
     cell_m = config.cell_m
     poses = poses_lm_left or None  # an empty sequence means no poses

@@ -152,7 +152,7 @@ SHORTFALLS = (
         0.0,
         "{percent} % of the images (of the poses, if the images are unknown) cannot be judged, because there is no "
         "true pose at their stamp (option frames=images interpolates the truth)",
-        # if the images are unknown, the images without truth are the estimates without truth
+        # if the images are unknown, this figure counts estimates without truth, which this limit also judges
         accepted_without_images_by=("unmatched_max_share",),
         is_of_expected=True,
     ),

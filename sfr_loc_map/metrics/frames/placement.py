@@ -65,9 +65,9 @@ def placed_frames(
     config: TrajectoryScoreConfig,
     images_ns: IntArray | None = None,
 ) -> PlacedFrames:
-    """Return the frames of an estimate and a truth; the estimate is aligned with a truth that has no attitudes.
+    """Return the frames of an estimate and a truth. If the truth has no attitudes, the estimate is first aligned.
 
-    MetricsError for a condition that requires attitudes of a truth without roll and pitch.
+    Raises MetricsError if a condition requires true attitudes, but the truth has no roll and pitch.
     """
     known = as_truth(truth)
     has_turn = any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts)

@@ -81,7 +81,11 @@ def is_disproved(failures: int, count: int, prob: float, confidence: float) -> b
 
 
 def count_for_rate(failures: int, count: int, prob: float, confidence: float) -> int | None:
-    """Return the smallest number of values that proves a fraction at the observed failure rate, None if none does."""
+    """Return how many values demonstrate the fraction `prob` if they fail at the observed rate `failures / count`.
+
+    The result is the smallest such number that is not below `count`; None if there is no such number. Without an
+    observed failure, the result is `zero_failure_count`.
+    """
     if not failures:
         return zero_failure_count(prob, confidence)
     rate = failures / count

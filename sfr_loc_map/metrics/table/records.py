@@ -98,7 +98,8 @@ class CloudRecord(Record, frozen=True, kw_only=True):
 class CallRecords(Record, frozen=True, kw_only=True):
     """How times and memory were measured."""
 
-    clocks: dict[str, str] = {}  #: Clock of the times by kind of call; times of the host do not apply to the target.
+    #: Clock that timed the calls, by kind of call. Times by the clock of the host do not apply to the target.
+    clocks: dict[str, str] = {}
     memory_method: str | None = None  #: Method of measuring memory; null if memory was not measured.
 
 
@@ -111,7 +112,7 @@ class TargetRecord(Record, frozen=True, kw_only=True, forbid_unknown_fields=Fals
     candidate: str | None = None  #: Version of the item under test.
     board: str | None = None  #: Board.
     os: str | None = None  #: Operating system.
-    clock: str | None = None  #: Clock of the times.
+    clock: str | None = None  #: Clock that timed the calls.
     clock_resolution_s: float | None = None  #: Resolution of the clock.
     compiler: str | None = None  #: Compiler.
     flags: str | None = None  #: Flags of the compiler.

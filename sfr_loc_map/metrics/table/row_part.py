@@ -32,7 +32,8 @@ from sfr_loc_map.metrics.config import CallKind
 
 ANY = "*"  #: Accepts every value of a key in a look-up of rows; `score.JUDGED_ROW` selects the judged row instead.
 MOVING = "moving"  #: Part of the rows with the errors of the sub-trajectories in which the rover moves.
-OTHER_FRAMES = "other frames"  #: Part of the rows with the errors at frames without a judged error.
+OTHER_FRAMES = "other frames"
+"""Part of the rows with the errors at the frames at which no judged sub-trajectory starts or ends."""
 POOLED = "pooled"  #: Part of the rows over all drives of a suite.
 FIRST = "first call"  #: Part of the row of the time of the first measured call.
 AFTER_FIRST = "after the first call"  #: Part of the row of the times of the calls after the first.

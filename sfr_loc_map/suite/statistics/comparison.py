@@ -106,7 +106,8 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
         raise MetricsError(
             f"'{names[0]}' and '{names[1]}' have no drive in common: run the same sources, faults and conditions"
         )
-    ratios: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}  # ratios by drive, with its repeats
+    # by group and figure, the ratios of the repeats of each drive
+    ratios: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}
     counts: dict[tuple[str, FigureName], list[tuple[float, float]]] = {}
     for first_result, other_result in common:
         group = first_result.job.group.text

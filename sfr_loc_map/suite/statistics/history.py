@@ -64,8 +64,8 @@ COUNT = Scale(lambda x: 2.0 * np.sqrt(x + 0.375), None, 1.0)
 
 The scale is for the test only, because a mean of roots is far below the mean of counts that differ between jobs.
 """
-#: The floors are chosen: changes of 5 % of an error or a time, 10 % of a NEES, 2 % of memory and 10 % of the jobs
-#: count as noise.
+#: The minimum standard deviations (`Scale.floor`) were chosen by hand: 5 % of an error or a time, 10 % of a NEES, 2 %
+#: of memory, and 10 % of the jobs.
 SCALES: Mapping[ComparedKind, Scale] = {
     ComparedKind.ACCURACY: log_scale(0.05),
     ComparedKind.NEES: log_scale(0.1),
