@@ -16,13 +16,12 @@ import numpy as np
 from scipy.special import gammaincc
 
 from sfr_loc_map.evidence.check_result import CheckResult
-from sfr_loc_map.evidence.paired_runs import SPACING, RunAtPairs, paired, spans_of
+from sfr_loc_map.evidence.paired_runs import SPACING, paired, spans_of
 from sfr_loc_map.evidence.variants import ComparedRun
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.geometry.rotation import matrix_from_quat
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.errors.consistency import Span, normalised_square, relative_errors, without_overlap
+from sfr_loc_map.metrics.errors.consistency import without_overlap
 from sfr_loc_map.metrics.errors.trajectory_errors import select
 from sfr_loc_map.metrics.table.catalogue import REVISITED_PLACES
 from sfr_loc_map.metrics.table.rows import Figure, figure_row, nees_row
@@ -46,11 +45,21 @@ class Differences(NamedTuple):
 class Agreement:
     """The comparison of two runs over one condition."""
 
-    name: str
+    runs: tuple[str, str]  #: Names of the runs.
     condition: str | None  #: Condition of the sub-trajectories; None for paths between visits of a place.
     differences: Differences
     #: Probability of squares at least this large for consistent covariances; None for too few squares.
     probability: float | None
+
+    @property
+    def name(self) -> str:
+        """Name of the comparison in the table of figures."""
+        return " - ".join(self.runs)
+
+    @property
+    def over(self) -> str:
+        """What the differences are over, in words."""
+        return self.condition or REVISITED_PLACES
 
 
 def compare(first: ComparedRun, other: ComparedRun, condition: Condition) -> Agreement:
@@ -58,11 +67,12 @@ def compare(first: ComparedRun, other: ComparedRun, condition: Condition) -> Agr
 
     The motion of the first run ends the sub-trajectories.
     """
-    ours, theirs = paired(first, other)
-    starts, ends = select(condition, SPACING, ours.poses, formulas.path_length_m(ours.poses.position))
-    errors = relative_errors(ours.poses, theirs.poses, starts, ends)
-    squares = np.array(squares_of(ours, theirs, starts, ends))
-    moves = [run.poses.position[ends] - run.poses.position[starts] for run in (ours, theirs)]
+    runs = paired(first, other)
+    path = runs.ours.poses
+    starts, ends = select(condition, SPACING, path, formulas.path_length_m(path.position))
+    errors = runs.errors(starts, ends)
+    squares = np.array(runs.squares(starts, ends))
+    moves = [run.poses.position[ends] - run.poses.position[starts] for run in runs]
     differences = Differences(
         position_m=errors[:, :3],
         attitude_deg=np.degrees(np.linalg.norm(errors[:, 3:], axis=1)),
@@ -71,38 +81,11 @@ def compare(first: ComparedRun, other: ComparedRun, condition: Condition) -> Agr
         independent=len(list(without_overlap(spans_of(starts, ends)))),
     )
     return Agreement(
-        name=f"{first.name} - {other.name}",
+        runs=(first.name, other.name),
         condition=condition.setting,
         differences=differences,
         probability=probability_of(squares) if len(squares) >= MIN_SUB_TRAJECTORIES else None,
     )
-
-
-def squares_of(ours: RunAtPairs, theirs: RunAtPairs, starts: IntArray, ends: IntArray) -> list[float]:
-    """Return the normalised squares of the differences over sub-trajectories that do not overlap.
-
-    Sub-trajectories with a lost pose, or with a covariance that is unknown or not usable, are skipped.
-    """
-    compared = np.unique(np.concatenate((starts, ends)))
-    our_sums, their_sums = ours.sums_at(compared), theirs.sums_at(compared)
-    if not our_sums or not their_sums:
-        return []
-    is_lost = ours.lost | theirs.lost
-    turns = matrix_from_quat(ours.poses.attitude) @ np.swapaxes(matrix_from_quat(theirs.poses.attitude), -1, -2)
-    covariances: dict[Span, FloatArray] = {}
-    for start, end in spans_of(starts, ends):
-        if is_lost[start : end + 1].any():
-            continue
-        our_covariance = ours.covariance_between(our_sums, start, end)
-        their_covariance = theirs.covariance_between(their_sums, start, end)
-        if our_covariance is not None and their_covariance is not None:
-            turn = np.kron(np.eye(2), turns[start])  # from the axes of the other run to those of our run
-            covariances[start, end] = our_covariance + turn @ their_covariance @ turn.T
-    squares = []
-    for start, end in without_overlap(covariances):
-        (difference,) = relative_errors(ours.poses, theirs.poses, np.array([start]), np.array([end]))
-        squares.append(normalised_square(difference, covariances[start, end]))
-    return [square for square in squares if square is not None]
 
 
 def probability_of(squares: FloatArray) -> float:
@@ -127,21 +110,33 @@ def results_of(agreements: Sequence[Agreement]) -> tuple[CheckResult, ...]:
     return tuple(results)
 
 
+def shortage_of(agreements: Sequence[Agreement]) -> str:
+    """Return why no comparison has enough data."""
+    is_revisited = any(item.condition is None for item in agreements)
+    most = max((item.differences.independent for item in agreements), default=0)
+    if not is_revisited and most < MIN_SUB_TRAJECTORIES:
+        return "fewer than three sub-trajectories and no revisited place: give a smaller --condition"
+    return (
+        "too many sub-trajectories have a lost or degraded pose or no usable covariance: sfr localise --stats reports "
+        "the state of each pose"
+    )
+
+
 def disagreement_of(agreements: Sequence[Agreement]) -> str:
     """Return the description of the least probable difference."""
     known = [(item.probability, item) for item in agreements if item.probability is not None]
     probability, worst = min(known, key=lambda item: item[0])
-    over = worst.condition or REVISITED_PLACES
-    runs = " and ".join(f"'{name}'" for name in worst.name.split(" - "))
+    first, other = worst.runs
     return (
-        f"the runs {runs} differ over {over} by more than their covariances predict (probability {probability:.2g} if "
-        "the covariances are correct): see docs/check.md"
+        f"the runs '{first}' and '{other}' differ over {worst.over} by more than their covariances predict "
+        f"(probability {probability:.2g} if the covariances are correct): see docs/check.md"
     )
 
 
 def agreement_rows(agreement: Agreement) -> list[Figure]:
     """Return the rows of the table of figures of a comparison."""
-    differences, where = agreement.differences, (agreement.condition, agreement.name)
+    differences = agreement.differences
+    where = (agreement.condition, agreement.name)
     position = formulas.statistics(differences.position_m)
     attitude = formulas.statistics(differences.attitude_deg)
     least = None if position.rmse is None else 0.5 * position.rmse

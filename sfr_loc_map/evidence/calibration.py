@@ -97,16 +97,6 @@ def right_camera_offsets(runs: Sequence[ComparedRun], rig: StereoRig) -> list[Ca
     return found
 
 
-def wrong_among(offsets: Sequence[CameraOffset]) -> tuple[CameraOffset, ...]:
-    """Return the offsets for which the calibration should be repeated."""
-    return tuple(offset for offset in offsets if offset.is_wrong)
-
-
-def advice_by_angle(offsets: Sequence[CameraOffset]) -> dict[str, Advice]:
-    """Return the recommended action for the calibration file, by angle."""
-    return {offset.angle: offset.advice for offset in offsets}
-
-
 def settled(run: ComparedRun, statistic: str) -> float | None:
     """Return the median of a statistic over the second half of a run."""
     values = [getattr(item, statistic) for item in run.statistics[len(run.statistics) // 2 :]]

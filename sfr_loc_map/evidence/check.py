@@ -7,18 +7,16 @@ from dataclasses import dataclass
 from itertools import islice
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.evidence.agreement import Agreement, agreement_rows, compare, disagreement_of, results_of
+from sfr_loc_map.evidence.agreement import Agreement, agreement_rows, compare, disagreement_of, results_of, shortage_of
 from sfr_loc_map.evidence.calibration import (
     Advice,
     CameraOffset,
-    advice_by_angle,
     corrected_drive,
     cost_row,
     offset_rows,
     right_camera_offsets,
-    wrong_among,
 )
-from sfr_loc_map.evidence.check_result import Check, CheckResult
+from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
 from sfr_loc_map.evidence.other_estimates import at_pairs_of, hat_rows, scale_row
 from sfr_loc_map.evidence.predicted import predicted_rows
 from sfr_loc_map.evidence.revisited import agreement_at, closure_rows, find_closures
@@ -52,12 +50,12 @@ class DriveCheck(Check):
     @property
     def wrong_offsets(self) -> tuple[CameraOffset, ...]:
         """The offsets for which the calibration should be repeated."""
-        return wrong_among(self.offsets)
+        return tuple(offset for offset in self.offsets if offset.is_wrong)
 
     @property
     def advice(self) -> dict[str, Advice]:
-        """The recommended action for the calibration file, for each angle."""
-        return advice_by_angle(self.offsets)
+        """The recommended action for the calibration file, by angle."""
+        return {offset.angle: offset.advice for offset in self.offsets}
 
 
 def check_drive(
@@ -78,13 +76,19 @@ def check_drive(
     if len(drive) < MIN_PAIRS:
         raise InputError(f"the drive has {counted(len(drive), 'pair')}: at least {MIN_PAIRS} are required for a check")
     forward = run_variant(drive, config, Variant.FORWARD, progress)
-    others = [at_pairs_of(forward, other) for other in others]  # before the other runs, because it may be refused
+    others = [at_pairs_of(forward, other) for other in others]
     runs = {Variant.FORWARD: forward}
     runs |= {variant: run_variant(drive, config, variant, progress) for variant in Variant if variant not in runs}
+
+    agreements = list(_agreements_of(runs, conditions))
     closures = find_closures(drive, forward, config)
-    agreements = [*_agreements_of(runs, conditions), *([agreement_at(closures)] if closures else [])]
+    if closures:
+        agreements.append(agreement_at(closures))
+    results = results_of(agreements)
+
     with_others = [compare(forward, other, condition) for condition in conditions for other in others]
     offsets = right_camera_offsets([runs[variant] for variant in CALIBRATED], sequence.rig)
+    wrong_offsets = [offset for offset in offsets if offset.is_wrong]
     figures = (
         *(row for agreement in (*agreements, *with_others) for row in agreement_rows(agreement)),
         *(row for condition in conditions for row in predicted_rows(forward, condition)),
@@ -92,15 +96,15 @@ def check_drive(
         *(scale_row(agreement) for agreement in with_others),
         *(row for condition in conditions for row in hat_rows((forward, *others), condition)),
         *(row for offset in offsets for row in offset_rows(offset)),
-        *_cost_rows(drive, forward, wrong_among(offsets), conditions, config),
+        *_cost_rows(drive, forward, wrong_offsets, conditions, config),
     )
-    results = results_of(agreements)
     return DriveCheck(
         results=results,
         figures=figures,
         pairs=len(drive),
         pairs_of_source=len(sequence),
         disagreements=(disagreement_of(agreements),) if CheckResult.INCONSISTENT in results else (),
+        shortage=shortage_of(agreements) if combined(results) is CheckResult.NOT_ENOUGH_DATA else "",
         agreements=tuple(agreements),
         forward=forward,
         offsets=tuple(offsets),

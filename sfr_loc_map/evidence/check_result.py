@@ -37,6 +37,7 @@ class Check:
     disagreements: tuple[str, ...]
     """Differences that exceed the prediction, one phrase each: for a drive the least probable difference, for maps
     all."""
+    shortage: str = ""  #: Why there is not enough data; empty for other results.
 
     @property
     def result(self) -> CheckResult:

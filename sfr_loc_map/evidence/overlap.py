@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.evidence.check_result import Check, CheckResult
+from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
@@ -22,6 +22,8 @@ from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.multiview.pose_agreement import pose_disagreement
 from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP
 from sfr_loc_map.metrics.table.rows import Figure, figure_row
+
+TOO_FEW = f"no two mapping pairs have {MIN_OVERLAP} points in common"  #: Why maps cannot be compared.
 
 
 class Overlap(NamedTuple):
@@ -59,12 +61,14 @@ class Overlap(NamedTuple):
 def check_maps(sequence: NavSequence, config: MappingConfig) -> Check:
     """Map the first `MAX_PAIRS` pairs of a source and compare every two maps that overlap."""
     overlaps = find_overlaps(sequence, config)
+    results = tuple(overlap.result for overlap in overlaps)
     return Check(
-        results=tuple(overlap.result for overlap in overlaps),
+        results=results,
         figures=tuple(row for overlap in overlaps for row in overlap_rows(overlap)),
         pairs=min(len(sequence), MAX_PAIRS),
         pairs_of_source=len(sequence),
         disagreements=tuple(overlap.disagreement for overlap in overlaps if overlap.disagreement),
+        shortage=TOO_FEW if combined(results) is CheckResult.NOT_ENOUGH_DATA else "",
     )
 
 

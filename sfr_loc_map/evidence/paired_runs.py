@@ -1,4 +1,4 @@
-"""Two runs over one recording at their common pairs: their poses, and the covariances of their motions.
+"""Two runs over one recording at their common pairs: differences of their motions, and the predicted covariances.
 
 Neither run is a ground truth. A backward run is returned in the order of the recording, so that all comparisons count
 the frames in the same direction.
@@ -7,16 +7,25 @@ the frames in the same direction.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.evidence.variants import ComparedRun
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.geometry.rotation import unit_quats
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.rotation import matrix_from_quat, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.errors.consistency import Span, StepSums, relative_covariance, sums_of_steps
+from sfr_loc_map.metrics.errors.consistency import (
+    Span,
+    StepSums,
+    normalised_square,
+    relative_covariance,
+    relative_errors,
+    sums_of_steps,
+    without_overlap,
+)
 from sfr_loc_map.metrics.frames.association import StampedPoses, associate
 
 SPACING = 5  #: Number of frames between starts: half of the spacing of a score, for short recordings.
@@ -30,10 +39,13 @@ class RunAtPairs:
     rows: IntArray  #: Row of the estimates of the run for each frame.
     poses: StampedPoses
 
-    @property
-    def lost(self) -> Mask:
-        """Whether the run is lost, for each frame."""
-        return self.run.estimates.lost[self.rows]
+    def is_tracked(self, start: int, end: int) -> bool:
+        """Return whether no pose of the run from one frame to another is lost, also between the frames.
+
+        The covariance of a degraded pose is inflated and predicts no difference.
+        """
+        first, last = sorted((int(self.rows[start]), int(self.rows[end])))
+        return not self.run.estimates.lost[first : last + 1].any()
 
     def sums_at(self, frames: IntArray) -> dict[int, StepSums]:
         """Return the sums of the steps up to frames, by frame; empty if the steps are unknown."""
@@ -57,12 +69,48 @@ class RunAtPairs:
         return None if reverse is None else propagated_covariance(reverse, position[end] - position[start])
 
 
-def paired(first: ComparedRun, other: ComparedRun) -> tuple[RunAtPairs, RunAtPairs]:
+class PairedRuns(NamedTuple):
+    """A forward run and another run at their common pairs."""
+
+    ours: RunAtPairs
+    theirs: RunAtPairs
+
+    def errors(self, starts: IntArray, ends: IntArray) -> FloatArray:
+        """Return the differences `(n, 6)` of position, m, and attitude, rad, over sub-trajectories, in our axes."""
+        return relative_errors(self.ours.poses, self.theirs.poses, starts, ends)
+
+    def squares(self, starts: IntArray, ends: IntArray) -> list[float]:
+        """Return the normalised squares of the differences over sub-trajectories that do not overlap.
+
+        Sub-trajectories with a lost or degraded pose, or with a covariance that is unknown or not usable, are skipped.
+        """
+        compared = np.unique(np.concatenate((starts, ends)))
+        our_sums, their_sums = self.ours.sums_at(compared), self.theirs.sums_at(compared)
+        if not our_sums or not their_sums:
+            return []
+        covariances: dict[Span, FloatArray] = {}
+        for start, end in spans_of(starts, ends):
+            if not self.ours.is_tracked(start, end) or not self.theirs.is_tracked(start, end):
+                continue
+            our_covariance = self.ours.covariance_between(our_sums, start, end)
+            their_covariance = self.theirs.covariance_between(their_sums, start, end)
+            if our_covariance is not None and their_covariance is not None:
+                theirs_in_our_axes = in_axes_of(self.ours.poses, self.theirs.poses, start, their_covariance)
+                covariances[start, end] = our_covariance + theirs_in_our_axes
+        squares = []
+        for start, end in without_overlap(covariances):
+            (difference,) = self.errors(np.array([start]), np.array([end]))
+            squares.append(normalised_square(difference, covariances[start, end]))
+        return [square for square in squares if square is not None]
+
+
+def paired(first: ComparedRun, other: ComparedRun) -> PairedRuns:
     """Return a forward run and another run at their common pairs, with the stamps of the other run."""
     frames, _ = associate(first.estimates.trajectory, as_forward(other), AssociationConfig(truth="match"))
     # `associate` calls its second argument the truth; here it is the other run
     rows_of_other = rows_at(other, frames.stamps_ns)
-    return RunAtPairs(first, frames.estimate_rows, frames.estimate), RunAtPairs(other, rows_of_other, frames.truth)
+    ours = RunAtPairs(first, frames.estimate_rows, frames.estimate)
+    return PairedRuns(ours, RunAtPairs(other, rows_of_other, frames.truth))
 
 
 def as_forward(run: ComparedRun) -> Trajectory:
@@ -82,6 +130,12 @@ def poses_at(run: ComparedRun, rows: IntArray) -> StampedPoses:
     """Return the poses of a forward run that have the given row numbers."""
     poses = run.estimates.trajectory
     return StampedPoses(poses.stamps_ns[rows], poses.positions[rows], unit_quats(poses.quats_xyzw[rows]))
+
+
+def in_axes_of(ours: StampedPoses, theirs: StampedPoses, start: int, covariance: FloatArray) -> FloatArray:
+    """Return the covariance `(6, 6)` of a motion of their run in the axes of our run, by the attitudes at the start."""
+    turn = matrix_from_quat(ours.attitude[start]) @ matrix_from_quat(theirs.attitude[start]).T
+    return propagated_covariance(covariance, np.zeros(3), turn)
 
 
 def random_covariance(start: StepSums, end: StepSums, position: FloatArray) -> FloatArray | None:

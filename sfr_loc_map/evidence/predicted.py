@@ -44,12 +44,12 @@ def predicted_rows(run: ComparedRun, condition: Condition) -> Iterator[Figure]:
         return
     path = StampedPoses(poses.stamps_ns, poses.positions, poses.quats_xyzw)
     starts, ends = select(condition, SPACING, path, formulas.path_length_m(path.position))
-    unsound = np.concatenate(([0], np.cumsum(run.estimates.lost | run.estimates.degraded)))
+    unreliable = np.concatenate(([0], np.cumsum(run.unreliable)))
     sums = sums_of_steps(run.estimates, run.estimates.steps, np.unique(np.concatenate((starts, ends))))
     parts = [
         squares_by_source(sums[start], sums[end], poses.positions[end])
         for start, end in zip(starts.tolist(), ends.tolist(), strict=True)
-        if sums[start].unknown_steps == sums[end].unknown_steps and unsound[start] == unsound[end + 1]
+        if sums[start].unknown_steps == sums[end].unknown_steps and unreliable[start] == unreliable[end + 1]
     ]
     if not parts:
         return

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.config_file import Configuration
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.evidence.calibration import Advice, CameraOffset, advice_by_angle, wrong_among
-from sfr_loc_map.evidence.check import CORRECTED, check_drive
+from sfr_loc_map.evidence.calibration import Advice
+from sfr_loc_map.evidence.check import CORRECTED, DriveCheck, check_drive
 from sfr_loc_map.evidence.check_result import OF_SUBJECTS, SCHEMA, Check, CheckResult, combined
 from sfr_loc_map.evidence.overlap import check_maps
 from sfr_loc_map.evidence.variants import ComparedRun, Variant, calls_of
@@ -18,18 +18,12 @@ from sfr_loc_map.io.sequence import Source, drive_of
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.rows import Figure
 
 DRIVE, MAPS, CALIBRATION = "drive", "maps", "calibration"  #: Subjects of a check.
-TOO_FEW = {
-    DRIVE: "fewer than three sub-trajectories and no revisited place: give a smaller --condition",
-    MAPS: f"no two mapping pairs have {MIN_OVERLAP} points in common",
-}
-"""Why there is not enough data, by subject."""
 NAMES_OF_OWN_RUNS = frozenset((*Variant, CORRECTED))  #: Names that an estimate of another method must not have.
 
 
@@ -37,18 +31,24 @@ NAMES_OF_OWN_RUNS = frozenset((*Variant, CORRECTED))  #: Names that an estimate 
 class RecordingCheck:
     """The checks of a recording."""
 
-    checks: Mapping[str, Check]  #: By subject.
-    offsets: tuple[CameraOffset, ...] = ()  #: Offsets of the right camera from its calibration.
+    drive: DriveCheck | None = None  #: None without a drive.
+    maps: Check | None = None  #: None without several mapping pairs.
+
+    @property
+    def checks(self) -> dict[str, Check]:
+        """The checks by subject."""
+        checks = {DRIVE: self.drive, MAPS: self.maps}
+        return {subject: check for subject, check in checks.items() if check is not None}
 
     @property
     def calibration(self) -> tuple[str, ...]:
         """Offsets of the right camera for which the calibration should be repeated, one phrase each."""
-        return tuple(offset.text for offset in wrong_among(self.offsets))
+        return () if self.drive is None else tuple(offset.text for offset in self.drive.wrong_offsets)
 
     @property
     def advice(self) -> dict[str, Advice]:
         """The recommended action for the calibration file, by angle."""
-        return advice_by_angle(self.offsets)
+        return {} if self.drive is None else self.drive.advice
 
     @property
     def results(self) -> dict[str, CheckResult]:
@@ -79,8 +79,7 @@ class RecordingCheck:
     @property
     def not_checked(self) -> list[str]:
         """Why subjects could not be checked, one phrase each."""
-        few = CheckResult.NOT_ENOUGH_DATA
-        return [TOO_FEW[subject] for subject, check in self.checks.items() if check.result is few]
+        return [check.shortage for check in self.checks.values() if check.shortage]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the check for JSON."""
@@ -111,16 +110,13 @@ def check_recording(
 
     `progress` is called after each of the `calls_of_check` calls of the localiser.
     """
-    checks: dict[str, Check] = {}
-    offsets: tuple[CameraOffset, ...] = ()
+    drive = maps = None
     if has_drive_to_check(source):
-        parameters = config.build(LocalisationConfig, "localisation")
-        drive = check_drive(drive_of(source), parameters, conditions, most_pairs, others, progress)
-        checks[DRIVE] = drive
-        offsets = drive.offsets
+        localiser = config.build(LocalisationConfig, "localisation")
+        drive = check_drive(drive_of(source), localiser, conditions, most_pairs, others, progress)
     if source.nav is not None and has_maps(source):
-        checks[MAPS] = check_maps(source.nav, config.build(MappingConfig, "mapping"))
-    return RecordingCheck(checks, offsets)
+        maps = check_maps(source.nav, config.build(MappingConfig, "mapping"))
+    return RecordingCheck(drive, maps)
 
 
 def has_maps(source: Source) -> bool:

@@ -16,10 +16,9 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from sfr_loc_map.evidence.agreement import Agreement, Differences, probability_of
-from sfr_loc_map.evidence.paired_runs import poses_at, rows_at
+from sfr_loc_map.evidence.paired_runs import in_axes_of, poses_at, rows_at
 from sfr_loc_map.evidence.variants import ComparedRun, PairsInMemory, run_pairs
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.errors.consistency import (
@@ -37,6 +36,7 @@ MAX_TURN_DEG = 30.0  #: Maximum rotation between two visits, deg. Chosen by hand
 PAIRS_BEFORE = 10
 """Pairs up to the first visit in the direct run. Chosen by hand: enough for several keyframes."""
 MOST_TRIES = 10  #: Maximum number of direct runs.
+DIRECT = "direct"  #: Name of a direct run.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +69,7 @@ def find_closures(drive: PairsInMemory, forward: ComparedRun, config: Localisati
         if worth[first, again] == 0.0:
             break
         kept = [*drive.kept[max(first - PAIRS_BEFORE, 0) : first + 1], drive.kept[again]]
-        closure = closure_between(forward, run_pairs(drive, config, "direct", kept), first, again)
+        closure = closure_between(forward, run_pairs(drive, config, DIRECT, kept), first, again)
         if closure is None:  # pairs near these visits give no direct run, either
             rows, columns = (slice(max(at - PAIRS_BEFORE, 0), at + PAIRS_BEFORE + 1) for at in (first, again))
             worth[rows, columns] = 0.0
@@ -100,7 +100,7 @@ def closure_between(forward: ComparedRun, direct: ComparedRun, first: int, again
     poses = forward.estimates.trajectory
     visits = np.array([first, again])
     rows = rows_at(direct, poses.stamps_ns[visits])
-    if (direct.estimates.lost | direct.estimates.degraded)[rows].any():
+    if direct.unreliable[rows].any():
         return None
     along_path, measured = poses_at(forward, visits), poses_at(direct, rows)
     (error,) = relative_errors(along_path, measured, np.array([0]), np.array([1]))
@@ -108,15 +108,14 @@ def closure_between(forward: ComparedRun, direct: ComparedRun, first: int, again
     of_path, of_direct = growth_between(forward, first, again), growth_between(direct, int(rows[0]), int(rows[1]))
     if of_path is None or of_direct is None:
         return Closure(first, again, path_m, error, None)
-    turn = matrix_from_quat(along_path.attitude[0]) @ matrix_from_quat(measured.attitude[0]).T
-    turns = np.kron(np.eye(2), turn)  # from the axes of the direct run to those of the forward run
-    return Closure(first, again, path_m, error, normalised_square(error, of_path + turns @ of_direct @ turns.T))
+    of_difference = of_path + in_axes_of(along_path, measured, 0, of_direct)
+    return Closure(first, again, path_m, error, normalised_square(error, of_difference))
 
 
 def growth_between(run: ComparedRun, start: int, end: int) -> FloatArray | None:
     """Return the covariance of one estimate given another, with all errors that the run models.
 
-    None if it is unknown, as after a lost pose between them, which has no step.
+    None if the covariance is unknown, or if a pose between them is lost or degraded.
     """
     if run.estimates.steps is None or run.estimates.lost[start : end + 1].any():
         return None
@@ -138,7 +137,7 @@ def agreement_at(closures: Sequence[Closure]) -> Agreement:
     attitude_deg = np.degrees(np.linalg.norm(errors[:, 3:], axis=1))
     differences = Differences(errors[:, :3], attitude_deg, squares, lengths_m, independent=len(closures))
     probability = probability_of(squares) if len(squares) else None
-    return Agreement(name="forward - direct", condition=None, differences=differences, probability=probability)
+    return Agreement(runs=("forward", DIRECT), condition=None, differences=differences, probability=probability)
 
 
 def closure_rows(closure: Closure) -> Iterator[Figure]:

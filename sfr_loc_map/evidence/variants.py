@@ -12,13 +12,13 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.calls.call_stats import estimates_of, stats_of
-from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import GreyImage, IntArray
+from sfr_loc_map.geometry.arrays import GreyImage, IntArray, Mask
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose, TrackingStatistics
+from sfr_loc_map.localisation.frontend.masks import read_mask
 from sfr_loc_map.metrics.frames.association import Estimates
 from sfr_loc_map.runs.localiser_run import localise, trajectory_of
 
@@ -66,6 +66,11 @@ class ComparedRun:
     mirror_ns: int = 0  #: Sum of the stamps of a pair and its estimate; 0 for a forward run.
 
     @property
+    def unreliable(self) -> Mask:
+        """Whether each estimate is lost or degraded, so that its covariance predicts no difference."""
+        return self.estimates.lost | self.estimates.degraded
+
+    @property
     def is_backward(self) -> bool:
         """Whether the pairs were processed in reverse order."""
         return self.mirror_ns != 0
@@ -81,7 +86,7 @@ def calls_of(pairs: int) -> int:
 
 
 def run_variant(drive: PairsInMemory, config: LocalisationConfig, variant: Variant, progress: Progress) -> ComparedRun:
-    """Return the estimates of one variant; raise InputError if the configured mask file cannot be read."""
+    """Return the estimates of one variant; raise ConfigError if the configured mask cannot be read."""
     kept, mirror_ns = list(drive.kept), 0
     if variant is Variant.BACKWARD:
         mirror_ns = kept[0].stamp_ns + kept[-1].stamp_ns
@@ -115,15 +120,8 @@ def run_pairs(
 
 
 def half_mask(rig: StereoRig, variant: Variant, given: str) -> GreyImage:
-    """Return the mask of one half of the left image, combined with the configured mask."""
+    """Return the mask of one half of the left image, combined with the configured mask of the size of the images."""
     is_left = np.arange(rig.width) < rig.width // 2
     kept = is_left if variant is Variant.LEFT_HALF else ~is_left
     mask = np.tile(np.where(kept, 255, 0).astype(np.uint8), (rig.height, 1))
-    if not given:
-        return mask
-    found = cv2.imread(given, cv2.IMREAD_GRAYSCALE)
-    if found is None or found.shape != mask.shape:
-        raise InputError(
-            f"'{given}' is not a mask of {rig.width} x {rig.height} px: give a mask of this size, or omit it"
-        )
-    return np.minimum(mask, np.asarray(found, np.uint8))
+    return np.minimum(mask, read_mask(given)) if given else mask

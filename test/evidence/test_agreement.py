@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.evidence.agreement import compare, results_of
+from sfr_loc_map.evidence.agreement import compare, results_of, shortage_of
 from sfr_loc_map.evidence.calibration import Advice, CameraOffset, advice_of, offset_rows, right_camera_offsets
+from sfr_loc_map.evidence.check import DriveCheck
 from sfr_loc_map.evidence.check_result import Check, CheckResult, combined
 from sfr_loc_map.evidence.check_tables import calibration_table
 from sfr_loc_map.evidence.other_estimates import at_pairs_of, hat_rows, scale_row, three_cornered_hat
@@ -152,6 +153,29 @@ def test_too_few_sub_trajectories_are_not_enough_data() -> None:
     far = compare(*runs, Condition.parse("distance=30"))
     assert far.probability is None
     assert combined(results_of([far])) is CheckResult.NOT_ENOUGH_DATA
+    assert "smaller --condition" in shortage_of([far])
+
+
+@pytest.mark.parametrize("state", ["lost", "degraded"])
+def test_a_pose_that_is_not_tracked_predicts_no_difference(state: str) -> None:
+    """A quarter of the drive has such poses between the frames: the other run has every second pair only."""
+    turns, moves = true_steps(np.random.default_rng(1))
+    first, other = run_of("a", turns, moves, 1), run_of("b", turns, moves, 2)
+    poses, steps = other.estimates.trajectory, other.estimates.steps
+    assert steps is not None
+    half = Trajectory(poses.stamps_ns[::2], poses.positions[::2], poses.quats_xyzw[::2])
+    second = ComparedRun("b", Estimates.of(half, steps=steps[::2]))
+    usual = compare(first, second, CONDITION)
+    flags = np.zeros(len(STAMPS), np.bool_)
+    flags[151:251:2] = True
+    marked = replace(first, estimates=replace(first.estimates, **{state: flags}))
+    found = compare(marked, second, CONDITION)
+    assert len(found.differences.position_m) == len(usual.differences.position_m)
+    assert len(usual.differences.squares) - len(found.differences.squares) in (3, 4, 5)
+    nowhere = replace(first, estimates=replace(first.estimates, **{state: np.ones_like(flags)}))
+    never = compare(nowhere, second, CONDITION)
+    assert never.probability is None
+    assert state in shortage_of([never])
 
 
 def test_false_findings_are_as_rare_as_stated() -> None:
@@ -247,19 +271,25 @@ def test_the_advice_follows_from_all_runs(px: float, extremes: tuple[float, floa
     ],
 )
 def test_a_recording_is_consistent_only_if_each_of_its_subjects_is(drive: str, maps: str, overall: str) -> None:
-    checks = {
-        subject: Check(
-            results=(CheckResult(result),),
-            figures=(),
-            disagreements=("why",) if result == "inconsistent" else (),
-            pairs=30,
-            pairs_of_source=30,
+    def check(result: str) -> dict[str, object]:
+        return {
+            "results": (CheckResult(result),),
+            "figures": (),
+            "disagreements": ("why",) if result == "inconsistent" else (),
+            "shortage": "too short" if result == "not enough data" else "",
+            "pairs": 30,
+            "pairs_of_source": 30,
+        }
+
+    def recording(*offsets: CameraOffset) -> RecordingCheck:
+        forward = run_of("forward", *true_steps(np.random.default_rng(0)), 0)
+        return RecordingCheck(
+            DriveCheck(**check(drive), agreements=(), forward=forward, offsets=offsets), Check(**check(maps))
         )
-        for subject, result in (("drive", drive), ("maps", maps))
-    }
-    content = RecordingCheck(checks).to_dict()
+
+    content = recording().to_dict()
     assert content["result"] == overall
-    assert bool(content["not_checked"]) == (maps == "not enough data")
+    assert content["not_checked"] == (["too short"] if maps == "not enough data" else [])
     assert content["disagreements"] == (["why"] if drive == "inconsistent" else [])
-    redo = RecordingCheck(checks, (CameraOffset("pitch", 4, 0.5, 0.4, 0.6, 0.1, None),)).to_dict()
+    redo = recording(CameraOffset("pitch", 4, 0.5, 0.4, 0.6, 0.1, None)).to_dict()
     assert redo["result"] == redo["results"]["calibration"] == "inconsistent"
