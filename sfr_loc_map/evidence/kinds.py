@@ -41,8 +41,8 @@ AGREEMENT = EvidenceKind(
     "check",
     "Runs that should agree",
     statistic="Difference of two runs over sub-trajectories. NEES: squared difference normalised by the covariances of "
-    "both runs, over the independent sub-trajectories; 6 on average if the covariances are correct. p: probability of "
-    "a difference this large if the covariances are correct.",
+    "both runs, over the independent sub-trajectories without a lost or degraded pose; 6 on average if the "
+    "covariances are correct. p: probability of a difference this large if the covariances are correct.",
     shows="one of the two runs has the minimum error or a larger error.",
     hides="errors that both runs share. A wrong calibration is unobservable, and the noise of common images reduces "
     "the difference.",

@@ -40,12 +40,12 @@ class RunAtPairs:
     poses: StampedPoses
 
     def is_tracked(self, start: int, end: int) -> bool:
-        """Return whether no pose of the run from one frame to another is lost, also between the frames.
+        """Return whether no pose of the run from one frame to another is lost or degraded, also between the frames.
 
         The covariance of a degraded pose is inflated and predicts no difference.
         """
         first, last = sorted((int(self.rows[start]), int(self.rows[end])))
-        return not self.run.estimates.lost[first : last + 1].any()
+        return not self.run.unreliable[first : last + 1].any()
 
     def sums_at(self, frames: IntArray) -> dict[int, StepSums]:
         """Return the sums of the steps up to frames, by frame; empty if the steps are unknown."""

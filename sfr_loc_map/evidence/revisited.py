@@ -117,7 +117,7 @@ def growth_between(run: ComparedRun, start: int, end: int) -> FloatArray | None:
 
     None if the covariance is unknown, or if a pose between them is lost or degraded.
     """
-    if run.estimates.steps is None or run.estimates.lost[start : end + 1].any():
+    if run.estimates.steps is None or run.unreliable[start : end + 1].any():
         return None
     sums = sums_of_steps(run.estimates, run.estimates.steps, np.array([start, end]))
     return relative_covariance(sums[start], sums[end], run.estimates.trajectory.positions[end])
