@@ -13,20 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from sfr_loc_map.config import flatten
 from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.metrics.calls.call_score import STATED_CLOCK
 from sfr_loc_map.metrics.completeness.shortfall_kinds import SHORTFALLS
-from sfr_loc_map.metrics.config import (
-    SPACING_FRAMES,
-    CallKind,
-    CloudKind,
-    Condition,
-    MapScoreConfig,
-    Reading,
-    ScoreConfig,
-    label_of,
-)
+from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, CloudKind, Condition, MapScoreConfig, Reading, label_of
 from sfr_loc_map.metrics.judging.limit_scope import tasks_of
 from sfr_loc_map.metrics.judging.several_scores import other_recording
 from sfr_loc_map.metrics.score.caveats import caveats_of
@@ -36,6 +26,7 @@ from sfr_loc_map.metrics.score.verdict import Verdict
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND, JUDGED, STANDING, TOTAL, Subject
 from sfr_loc_map.metrics.table.records import MethodKind
 from sfr_loc_map.metrics.table.row_part import MOVING, OTHER_FRAMES, SUB_TRAJECTORIES, RowPart, Scope, range_of
+from sfr_loc_map.report.settings import changed_settings
 from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.tables.model import METRE, fitting, number
 
@@ -150,21 +141,14 @@ def _points_beyond(score: Score) -> Iterator[str]:
 
 def _other_settings(score: Score) -> Iterator[str]:
     """Yield the settings of the score that differ from the defaults, if no other deviation is about them."""
-    if score.provenance is None:
-        return
-    for name, usual in flatten(ScoreConfig()).items():
-        value = score.provenance.configuration.get(name, usual)
-        if name not in SETTINGS_WITH_A_SENTENCE and _plain(value) != _plain(usual):
-            yield f"The setting {name} is {_setting_text(value)}; the default is {_setting_text(usual)}."
-
-
-def _plain(value: object) -> object:
-    """Return a value of a setting as it is read from a score, which has lists for tuples."""
-    return list(value) if isinstance(value, tuple) else value
+    for item in changed_settings(score):
+        if item.is_of_score and item.name not in SETTINGS_WITH_A_SENTENCE:
+            used, usual = _setting_text(item.value), _setting_text(item.default)
+            yield f"The setting {item.name} is {used}; the default is {usual}."
 
 
 def _setting_text(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(_plain(value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _calls(score: Score) -> Iterator[str]:

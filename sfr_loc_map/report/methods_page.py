@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ from sfr_loc_map.report.drive_plots import growth
 from sfr_loc_map.report.plotted_data import errors_by_range, path_errors, path_of
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text
 from sfr_loc_map.report.summary import banner_of
+from sfr_loc_map.suite_names import Task
 from sfr_loc_map.tables.model import (
     ABSENT,
     MARKS,
@@ -37,21 +38,13 @@ from sfr_loc_map.tables.model import (
 
 MAX_LETTERS = 60  #: Maximum length of a name in a legend.
 Named = Sequence[tuple[str, Score]]
+"""Scores with the names of their methods."""
 
 
-class Task(NamedTuple):
-    """A task of the specification with the kind of its call and the subject of its errors."""
-
-    name: str  #: Name in the options of external nodes.
-    call: CallKind
-    subject: Subject
-
-
-TASKS = (
-    Task("localisation", CallKind.LOCALISATION, Subject.TRAJECTORY),
-    Task("mapping", CallKind.MAPPING_CALL, Subject.MAP),
-)
-"""Tasks whose time and memory the specification defines [4.2.1, 4.3.1]. Stages of a mapping call are not tasks."""
+CALL_OF = {Task.LOCALISATION: CallKind.LOCALISATION, Task.MAPPING: CallKind.MAPPING_CALL}
+"""The call of each task whose time and memory the specification defines [4.2.1, 4.3.1]. Its stages are not compared."""
+SUBJECT_OF = {Task.LOCALISATION: Subject.TRAJECTORY, Task.MAPPING: Subject.MAP}
+"""Subject of the errors of each task."""
 
 
 class MethodColumn(NamedTuple):
@@ -94,46 +87,22 @@ def _marked(cells: list[Cell], is_ranked: list[bool], *, larger_is_better: bool)
 
 
 def _methods(named: Named) -> Table:
-    """Return a table with a row per method.
-
-    The columns are the verdict, the kind, the compared statistics of the figures whose mean + 3 sigma is compared (over
-    `compared_condition`), frames, coverage, times, memory and findings.
-    """
+    """Return a table with a row per method: verdict, kind, errors, frames, coverage, times, memory and findings."""
+    condition = compared_condition([score for _, score in named])
+    ordered = sorted(named, key=lambda item: rank_of(item[1], condition))
+    scores = [score for _, score in ordered]
     shown = [
         MethodColumn(Column("verdict", words=True), _verdict, is_marked=False),
         MethodColumn(Column("kind", words=True), _kind, is_marked=False),
+        *_error_columns([score for _, score in named], condition),
+        *_frame_columns(scores),
+        *_coverage_columns(scores),
+        *_time_columns(scores),
+        *_memory_columns(scores),
+        MethodColumn(Column("findings"), _finding_count),
     ]
-    condition = compared_condition([score for _, score in named])
-    compared = {row.figure: row for _, score in named for row in compared_rows(score, condition)}
-    for figure, first in compared.items():
-        over = f" over {label_of(first.condition)}" if first.condition else ""
-        title = f"{title_of(figure)}{over}"
-        for statistic in KINDS[figure].compared:
-            rows = [compared_row(score, KINDS[figure], condition) for _, score in named]
-            unit = fitting(Unit(first.unit), *(row.statistic(statistic) for row in rows if row is not None))
-            words = title if statistic == TOTAL else f"{title}, {statistic_title(statistic)}"
-            larger = KINDS[figure].is_better_if_larger
-            cell_of = partial(_figure_cell, kind=KINDS[figure], condition=condition, statistic=statistic, unit=unit)
-            shown.append(MethodColumn(Column(words, unit), cell_of, is_better_if_larger=larger))
-    if any(score.association is not None for _, score in named):
-        shown.append(MethodColumn(Column("frames"), partial(_frames, name="matched"), is_marked=False))
-        shown.append(MethodColumn(Column("lost"), partial(_frames, name="lost")))
-    if any(score.has(Subject.MAP) for _, score in named):
-        larger = KINDS["coverage"].is_better_if_larger
-        shown.append(MethodColumn(Column("coverage", PERCENT), _coverage, is_better_if_larger=larger))
-    for task in TASKS:
-        if not any(score.figure(task.call, part=None) or _latency(score, task) for _, score in named):
-            continue
-        for statistic in OF_CALLS:
-            times = partial(_time, task=task, statistic=statistic)
-            shown.append(MethodColumn(Column(f"{task.name} time {statistic}", MILLISECOND), times))
-    for task in TASKS:
-        if any(score.number("peak", part=task.call) is not None for _, score in named):
-            shown.append(MethodColumn(Column(f"{task.name} memory", MIB), partial(_peak, task=task)))
-    shown.append(MethodColumn(Column("findings"), _finding_count))
-    ordered = sorted(named, key=lambda item: rank_of(item[1], condition))
-    columns = [_cells_of(column, [score for _, score in ordered]) for column in shown]
-    rows_of_all = tuple((Cell.head(name), *cells) for (name, _), *cells in zip(ordered, *columns, strict=True))
+    columns = [_cells_of(column, scores) for column in shown]
+    rows = tuple((Cell.head(name), *cells) for (name, _), *cells in zip(ordered, *columns, strict=True))
     note = (
         "Errors: mean + 3 sigma, with its 95 % interval. Time: per call of the task. A latency is "
         "marked: it includes transport and queueing, unlike a time per call. Memory: largest peak. "
@@ -141,7 +110,48 @@ def _methods(named: Named) -> Table:
         "missing results and agree with the convention of the truth. The other methods follow them."
     )
     heads = (Column("method", words=True), *(item.column for item in shown))
-    return Table("methods", "Methods", heads, rows_of_all, note)
+    return Table("methods", "Methods", heads, rows, note)
+
+
+def _error_columns(scores: Sequence[Score], condition: str) -> Iterator[MethodColumn]:
+    """Yield the compared statistics of the figures whose mean + 3 sigma is compared, each in one unit."""
+    firsts = {row.figure: row for score in scores for row in compared_rows(score, condition)}
+    for figure, first in firsts.items():
+        kind = KINDS[figure]
+        over = f" over {label_of(first.condition)}" if first.condition else ""
+        title = f"{title_of(figure)}{over}"
+        rows = [row for score in scores if (row := compared_row(score, kind, condition)) is not None]
+        for statistic in kind.compared:
+            unit = fitting(Unit(first.unit), *(row.statistic(statistic) for row in rows))
+            words = title if statistic == TOTAL else f"{title}, {statistic_title(statistic)}"
+            cell_of = partial(_figure_cell, kind=kind, condition=condition, statistic=statistic, unit=unit)
+            yield MethodColumn(Column(words, unit), cell_of, is_better_if_larger=kind.is_better_if_larger)
+
+
+def _frame_columns(scores: Sequence[Score]) -> Iterator[MethodColumn]:
+    if any(score.association is not None for score in scores):
+        yield MethodColumn(Column("frames"), partial(_frames, name="matched"), is_marked=False)
+        yield MethodColumn(Column("lost"), partial(_frames, name="lost"))
+
+
+def _coverage_columns(scores: Sequence[Score]) -> Iterator[MethodColumn]:
+    if any(score.has(Subject.MAP) for score in scores):
+        larger = KINDS["coverage"].is_better_if_larger
+        yield MethodColumn(Column("coverage", PERCENT), _coverage, is_better_if_larger=larger)
+
+
+def _time_columns(scores: Sequence[Score]) -> Iterator[MethodColumn]:
+    for task in Task:
+        if any(score.figure(CALL_OF[task], part=None) or _latency(score, task) for score in scores):
+            for statistic in OF_CALLS:
+                times = partial(_time, task=task, statistic=statistic)
+                yield MethodColumn(Column(f"{task} time {statistic}", MILLISECOND), times)
+
+
+def _memory_columns(scores: Sequence[Score]) -> Iterator[MethodColumn]:
+    for task in Task:
+        if any(score.number("peak", part=CALL_OF[task]) is not None for score in scores):
+            yield MethodColumn(Column(f"{task} memory", MIB), partial(_peak, task=task))
 
 
 def _verdict(score: Score) -> Cell:
@@ -214,7 +224,8 @@ def _frames(score: Score, name: str) -> Cell:
 
 
 def _time(score: Score, task: Task, statistic: str) -> Cell:
-    row, latency = score.figure(task.call, part=None), _latency(score, task)
+    row = score.figure(CALL_OF[task], part=None)
+    latency = _latency(score, task)
     if row is None and latency is not None:
         return Cell(f"latency {number(getattr(latency, statistic), unit=MILLISECOND)}")  # not ranked: no time per call
     return optional_cell(None if row is None else row.statistic(statistic), MILLISECOND)
@@ -223,11 +234,11 @@ def _time(score: Score, task: Task, statistic: str) -> Cell:
 def _latency(score: Score, task: Task) -> Statistics | None:
     """Return the latency of an external node that has the task."""
     node = score.external
-    return node.latency_s if node is not None and node.task == task.name else None
+    return node.latency_s if node is not None and node.task == task else None
 
 
 def _peak(score: Score, task: Task) -> Cell:
-    return optional_cell(score.number("peak", part=task.call), MIB)
+    return optional_cell(score.number("peak", part=CALL_OF[task]), MIB)
 
 
 def _provenance(named: Named) -> Table:
@@ -258,7 +269,7 @@ def methods_plots(scores: Sequence[Score], names: Sequence[str]) -> list[tuple[s
     named = [(plots.plain(name[:MAX_LETTERS]), score) for name, score in zip(names, scores, strict=True)]
     groups = (
         ("Localisation", [*_paths(named), *growth(named)]),
-        ("Cost against accuracy", [plot for task in TASKS for plot in _cost(named, task)]),
+        ("Cost against accuracy", [plot for task in Task for plot in _cost(named, task)]),
         ("Maps", _over_range(named)),
     )
     return [(title, group) for title, group in groups if group]
@@ -291,33 +302,53 @@ def _paths(named: Named) -> list[plots.Plot]:
     ]
 
 
-def _cost(named: Named, task: Task) -> list[plots.Plot]:
-    data, times, errors = [], [], []
-    condition = compared_condition([score for _, score in named])
+class _CostPoint(NamedTuple):
+    """Median time and error of a method."""
+
+    name: str
+    time_ms: float
+    error_mm: float
+    is_latency: bool  #: Whether the time is a latency, because the times of the calls are unknown.
+    number: int  #: Index of the method, which determines colour and mark.
+
+
+def _cost_points(named: Named, task: Task, condition: str) -> Iterator[_CostPoint]:
+    """Yield the methods that have a time and an error for a task."""
     for k, (name, score) in enumerate(named):
-        seconds, latency = score.number(task.call, "p50", part=None), _latency(score, task)
+        seconds, latency = score.number(CALL_OF[task], "p50", part=None), _latency(score, task)
         is_latency = seconds is None and latency is not None
-        if seconds is None and latency is not None:
+        if latency is not None and seconds is None:
             seconds = latency.p50
-        rows = [row for row in compared_rows(score, condition) if row.subject is task.subject]
+        rows = [row for row in compared_rows(score, condition) if row.subject is SUBJECT_OF[task]]
         error = rows[0].mean_plus_3sigma if rows else None
-        if not seconds or not error:
-            continue
-        color, symbol = plots.line_style(k)["color"], plots.SYMBOLS[k // len(plots.COLORS) % len(plots.SYMBOLS)]
-        times.append(1e3 * seconds)
-        errors.append(1e3 * error)
-        label, symbol = (f"{name} (latency)", f"{symbol}-open") if is_latency else (name, symbol)
-        data.append(plots.marks(label, ([times[-1]], [errors[-1]]), color, symbol=symbol, size=13, showlegend=True))
-    if not data:
+        if seconds and error:
+            yield _CostPoint(name, 1e3 * seconds, 1e3 * error, is_latency, k)
+
+
+def _cost(named: Named, task: Task) -> list[plots.Plot]:
+    """Return the plot of the error over the median time of a task; empty without data."""
+    condition = compared_condition([score for _, score in named])
+    points = list(_cost_points(named, task, condition))
+    if not points:
         return []
-    what = f"position error over {label_of(condition)}" if task.subject is Subject.TRAJECTORY else "point error"
+    data = []
+    for point in points:
+        color = plots.line_style(point.number)["color"]
+        symbol = plots.SYMBOLS[point.number // len(plots.COLORS) % len(plots.SYMBOLS)]
+        label = point.name
+        if point.is_latency:
+            label, symbol = f"{label} (latency)", f"{symbol}-open"
+        place = ([point.time_ms], [point.error_mm])
+        data.append(plots.marks(label, place, color, symbol=symbol, size=13, showlegend=True))
+    what = f"position error over {label_of(condition)}" if task is Task.LOCALISATION else "point error"
+    times, errors = [point.time_ms for point in points], [point.error_mm for point in points]
     layout = {
         "xaxis": plots.log_axis("median time of a call, ms", *plots.span(times)),
         "yaxis": plots.log_axis(f"{what}, mean + 3 sigma, mm", *plots.span(errors)),
     }
     caption = "Lower left is better. Open marks: latency over topics, which includes transport and queueing."
-    title = f"Cost against accuracy: {task.name}"
-    return [plots.Plot(f"cost-{task.name}", title, caption, data, layout, width="full", height=440)]
+    title = f"Cost against accuracy: {task}"
+    return [plots.Plot(f"cost-{task}", title, caption, data, layout, width="full", height=440)]
 
 
 def _over_range(named: Named) -> list[plots.Plot]:

@@ -5,16 +5,16 @@ Pages, the test report, the live page and the last lines of a command show these
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from operator import itemgetter
 from pathlib import PurePath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sfr_loc_map.config import flatten
 from sfr_loc_map.message_text import printable
-from sfr_loc_map.metrics.config import ScoreConfig, VerdictState, label_of
+from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.metrics.score.caveats import caveats_of
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.score.verdict import counts_of
@@ -22,6 +22,7 @@ from sfr_loc_map.metrics.stored.score_json import to_plain
 from sfr_loc_map.metrics.table.catalogue import Subject
 from sfr_loc_map.report.notes import EXACT, truth_text
 from sfr_loc_map.report.plotted_data import error_sizes, plotted_conditions
+from sfr_loc_map.report.settings import changed_settings
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 from sfr_loc_map.tables.model import METRE, OPEN, UNKNOWN, VERDICTS, fitting, number
 
@@ -112,7 +113,7 @@ def run_facts(score: Score) -> tuple[tuple[str, str], ...]:
 
 def provenance_texts(score: Score) -> dict[str, str]:
     """Return the provenance of a score as texts by the keys of the JSON; empty if it is unknown."""
-    return _texts(to_plain(score.provenance) or {})
+    return {name: _text(value) for name, value in flatten(to_plain(score.provenance) or {}).items()}
 
 
 def _paths(score: Score, roles: Sequence[str]) -> list[str]:
@@ -147,13 +148,10 @@ def _method_text(score: Score) -> str:
 
 
 def _changed_settings(score: Score) -> str:
-    """Return the settings that differ from their defaults; settings of other packages are recorded only if changed."""
-    made = score.provenance
-    if made is None or not made.configuration:
+    """Return the settings that differ from their defaults; empty if the settings are unknown."""
+    if score.provenance is None or not score.provenance.configuration:
         return ""
-    defaults = _texts(to_plain(flatten(ScoreConfig())))
-    settings = _texts(to_plain(made.configuration))
-    changed = [f"{name} {text}" for name, text in settings.items() if defaults.get(name) != text]
+    changed = [f"{item.name} {_text(item.value)}" for item in changed_settings(score)]
     return "; ".join(changed) or "defaults"
 
 
@@ -167,13 +165,10 @@ def _scored_text(score: Score) -> str:
     return f"{made.time or 'time unknown'} {by}"
 
 
-def _texts(values: Mapping[str, Any]) -> dict[str, str]:
-    """Return nested values as texts by their dotted names."""
-    texts = {}
-    for name, value in flatten(values).items():
-        items = value if isinstance(value, list) else [value]
-        texts[name] = ", ".join(UNKNOWN if item is None else str(item) for item in items)
-    return texts
+def _text(value: object) -> str:
+    """Return a value of the JSON as text."""
+    items = value if isinstance(value, list) else [value]
+    return ", ".join(UNKNOWN if item is None else str(item) for item in items)
 
 
 # ---- what restricts the score

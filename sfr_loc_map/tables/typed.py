@@ -35,13 +35,13 @@ def words(title: str, of: Callable[[Row], str | None], link: Callable[[Row], str
 def numbers(
     title: str, of: Callable[[Row], float | None], unit: RowUnit[Row] = NONE, undefined: str = ABSENT
 ) -> RowColumn[Row]:
-    """Return a column of figures."""
-    return RowColumn(_column(title, unit), lambda row: Cell.number(of(row), title, _unit(unit, row), undefined))
+    """Return a column of numbers, which have no key in the JSON of a score."""
+    return RowColumn(_column(title, unit), lambda row: Cell.number(of(row), "", _unit(unit, row), undefined))
 
 
 def intervals(title: str, of: Callable[[Row], Interval | None], unit: RowUnit[Row] = NONE) -> RowColumn[Row]:
-    """Return a column of intervals."""
-    return RowColumn(_column(title, unit), lambda row: Cell.interval(of(row), title, _unit(unit, row)))
+    """Return a column of intervals, which have no key in the JSON of a score."""
+    return RowColumn(_column(title, unit), lambda row: Cell.interval(of(row), "", _unit(unit, row)))
 
 
 def table_of(name: str, title: str, columns: Sequence[RowColumn[Row]], rows: Iterable[Row], note: str = "") -> Table:
