@@ -30,7 +30,7 @@ from sfr_loc_map.io.truth.messages import TruthReader
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.map_feed import MapFeed
 from sfr_loc_map.live.operator import NodeOperator
-from sfr_loc_map.live.page_process import page_node_name
+from sfr_loc_map.live.page_process import connected_nodes_topic, page_node_name
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages, are_of_pair
 from sfr_loc_map.message_stamps import NS_PER_S, serialised_stamp
@@ -86,6 +86,10 @@ class RosFeed(Peer):
         self._images = TrackedImages(self._show_image)
         self._maps = MapFeed(state, lambda: self._has_publisher(ELEVATION))
         self._map_worker = Worker("sfr-live-maps", Overload.ALL, MAX_MAPS, self._log_fault)
+        self._heard_nodes = set[str]()  # nodes of the suite of which a status was received
+        self._connected_nodes = set[str]()
+        topic = connected_nodes_topic(self.ros_node.get_name())
+        self._connected_publisher = self.ros_node.create_publisher(String, topic, LATCHED)
         self._closed = Event()
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
         state.operator = NodeOperator(self.ros_node)
@@ -118,14 +122,17 @@ class RosFeed(Peer):
     # ---- subscriptions
 
     def _subscribe_to_figures(self) -> None:
-        """Subscribe to the small messages, and to the true points because they are published only once."""
+        """Subscribe to the small messages, and to the true points because they are published only once.
+
+        The diagnostics are last, because `_publish_connected_nodes` relies on this order.
+        """
         self._receive(Odometry, ESTIMATE, self._on_odometry, BEST_EFFORT)
         self._truth = TruthTopic(self._receive_truth)
         self._receive_map(TRUE_POINTS, PointCloud2, self._maps.add_true_points, TRUTH_QOS)
         for task in Task:
             self.subscribe(String, call_topic(task), partial(self._on_call, task), BEST_EFFORT)
-        self.subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, BEST_EFFORT)
         self.subscribe(String, REPORT, self._on_score, LATCHED)
+        self.subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, BEST_EFFORT)
 
     def _receive_truth(self, msgtype: str) -> Callable[[], object]:
         """Subscribe to true poses of a type; return the function that unsubscribes."""
@@ -234,6 +241,7 @@ class RosFeed(Peer):
             space, _, name = full_name.strip("/").rpartition("/")
             if space != self._space or name not in SUITE_NODES or kind not in SHOWN_KINDS:
                 continue
+            self._heard_nodes.add(name)
             found = updates.Status(
                 name, StatusKind(kind), level_of(status), status.message, values_of(status), time.time()
             )
@@ -289,3 +297,20 @@ class RosFeed(Peer):
         names = self.ros_node.get_node_names_and_namespaces()
         nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)
         self._state.put(updates.GraphNodes(nodes, time.time(), self.count_losses()))
+        self._publish_connected_nodes()
+
+    def _publish_connected_nodes(self) -> None:
+        """Publish which nodes of the suite are connected, if the set has grown.
+
+        A node of which a status was received has discovered the subscriptions of this node: endpoints are announced in
+        the order of their creation, and the subscription to the statuses is created last. Conversely, this node has
+        discovered the publishers of an active node once it has discovered the service `reset`, which is created last.
+        """
+        waiting = self._heard_nodes - self._connected_nodes
+        if not waiting:
+            return
+        services = {name for name, _ in self.ros_node.get_service_names_and_types()}
+        found = {name for name in waiting if self.ros_node.resolve_service_name(f"{name}/reset") in services}
+        if found:
+            self._connected_nodes |= found
+            self._connected_publisher.publish(String(data=" ".join(sorted(self._connected_nodes))))

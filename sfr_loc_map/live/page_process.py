@@ -17,10 +17,6 @@ from sfr_loc_map.live.run_end import EndFile, RunEnd
 from sfr_loc_map.message_text import one_line
 from sfr_loc_map.ros.processes import WATCH_S, end_processes, node_process
 from sfr_loc_map.signals import stopping
-from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
-
-FIRST_TOPICS = (ESTIMATE, TRUE_POSES, REPORT)
-"""Topics to which the node of a page subscribes at its start, whichever media its viewers display."""
 
 
 class PageProcess(AbstractContextManager["PageProcess"]):
@@ -41,9 +37,14 @@ class PageProcess(AbstractContextManager["PageProcess"]):
         self._folder.cleanup()
 
     @property
+    def is_running(self) -> bool:
+        """Whether the process runs."""
+        return self._process.is_running
+
+    @property
     def node_name(self) -> str:
-        """Name of the page's node, which joins the graph once the page is served; empty if the page does not run."""
-        return page_node_name(self._process.popen.pid) if self._process.is_running else ""
+        """Name of the page's ROS node, which joins the graph once the process has started."""
+        return page_node_name(self._process.popen.pid)
 
     def show_score(self, text: str) -> None:
         """Show the score of the complete run, given as JSON, in place of the score of the monitor."""
@@ -60,10 +61,10 @@ class PageProcess(AbstractContextManager["PageProcess"]):
 
     def stay(self, words: str = "") -> None:
         """Print `words` and that the page is still served; wait until a signal arrives or the page ends."""
-        if self._process.is_running:
+        if self.is_running:
             print(f"{words}the run has ended; its page is served until Ctrl-C", file=sys.stderr, flush=True)
             with suppress(KeyboardInterrupt), stopping() as ended:
-                while self._process.is_running and not ended():
+                while self.is_running and not ended():
                     time.sleep(WATCH_S)
 
 
@@ -84,3 +85,12 @@ def shown_on(page: PageProcess | None) -> Iterator[None]:
 def page_node_name(pid: int) -> str:
     """Return the name of the ROS node of the page with the process id `pid`."""
     return f"sfr_live_{pid}"
+
+
+def connected_nodes_topic(node_name: str) -> str:
+    """Return the topic on which the page with the ROS node of a name publishes its connected nodes (std_msgs/String).
+
+    The message has the names of the connected nodes of the suite, separated by blanks. Nodes are connected once the
+    page receives all their messages. The topic is hidden, as its name begins with `_`, and is not recorded by default.
+    """
+    return f"_{node_name}/connected_nodes"

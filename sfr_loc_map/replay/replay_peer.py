@@ -6,19 +6,21 @@ from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.srv import ListParameters
+from std_msgs.msg import String
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.live.page_process import FIRST_TOPICS, PageProcess
+from sfr_loc_map.live.page_process import PageProcess, connected_nodes_topic
 from sfr_loc_map.ros import environment
 from sfr_loc_map.ros.peer import Peer
 from sfr_loc_map.ros.processes import Supervisor
+from sfr_loc_map.ros.qos import LATCHED
 from sfr_loc_map.ros.services import call_service
 from sfr_loc_map.suite_names import MONITOR_NODE, PLAYER_NODE, Task
-from sfr_loc_map.topics import RESULTS, call_topic
+from sfr_loc_map.topics import RESULTS, TRUE_POSES, call_topic
 
 ANSWER_TIMEOUT_S = 120.0
 SETTLE_S = 0.3  #: Time for the nodes to discover each other after this node has discovered all nodes.
-PAGE_TIMEOUT_S = 30.0
+START_TIMEOUT_S = 300.0  #: Long, because the first start after an installation compiles the kernels.
 
 
 class ReplayPeer(Peer):
@@ -45,14 +47,26 @@ class ReplayPeer(Peer):
             raise NodeError(f"{problem()} within {timeout_s:g} s {place}: check the load of this host and start again")
 
     def wait_for_page(self, page: PageProcess) -> bool:
-        """Wait until the live page has subscribed to its first topics or has ended; return False after the timeout."""
+        """Wait until the live page receives all messages of the nodes, or has ended; return False after the timeout."""
+        connected = set[str]()
+        topic = connected_nodes_topic(page.node_name)
+        subscription = self.ros_node.create_subscription(
+            String, topic, lambda message: connected.update(message.data.split()), LATCHED
+        )
 
-        def settled() -> bool:
+        def is_over() -> bool:
             self.supervisor.check()
-            name, receivers = page.node_name, map(self.ros_node.get_subscriptions_info_by_topic, FIRST_TOPICS)
-            return not name or all(any(found.node_name == name for found in of_topic) for of_topic in receivers)
+            return not page.is_running or (connected >= self.supervisor.processes.keys() and self._sees_page(page))
 
-        return self.spin(PAGE_TIMEOUT_S, settled)
+        try:
+            return self.spin(START_TIMEOUT_S, is_over)
+        finally:
+            self.ros_node.destroy_subscription(subscription)
+
+    def _sees_page(self, page: PageProcess) -> bool:
+        """Return whether this node has discovered the page's subscription to the true poses, which the player sends."""
+        found = self.ros_node.get_subscriptions_info_by_topic(TRUE_POSES)
+        return any(item.node_name == page.node_name for item in found)
 
     def spin_for(self, seconds: float) -> None:
         """Spin for a given time, then check the nodes."""
