@@ -21,7 +21,8 @@ import msgspec
 import numpy as np
 
 from sfr_loc_map.atomic import atomic_path
-from sfr_loc_map.calls.call_record import CallRecord, findings_of
+from sfr_loc_map.calls.call_findings import findings_of
+from sfr_loc_map.calls.call_record import CallRecord
 from sfr_loc_map.calls.call_stats import USAGE_NAMES, CallStats, positions_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray

@@ -20,7 +20,6 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.metrics.calls.call_meter import CallUsage
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.errors.consistency import STEP_SIZE
-from sfr_loc_map.metrics.table.records import CallFinding, FindingKind, FindingRecord
 from sfr_loc_map.suite_names import Task
 
 if TYPE_CHECKING:
@@ -157,33 +156,6 @@ def first_reported(published: FloatArray | None, of_calls: FloatArray | None) ->
         otherwise = np.full_like(covariance, np.nan) if found is None else found
         found = np.where(is_reported[:, None], covariance, otherwise)
     return found
-
-
-class FindingCounts:
-    """The errors of a method that its calls state, one record for each kind."""
-
-    def __init__(self) -> None:
-        """Start without errors."""
-        self._counted: dict[FindingKind, FindingRecord] = {}
-
-    def add(self, text: str, stamp_ns: int) -> None:
-        """Add the findings in the text of a call; other texts are ignored."""
-        for kind, rest in CallFinding.all_in(text):
-            first = self._counted.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=rest)
-            self._counted[kind] = msgspec.structs.replace(first, count=first.count + 1)
-
-    @property
-    def records(self) -> tuple[FindingRecord, ...]:
-        """The errors by kind, in the order of the first calls."""
-        return tuple(self._counted.values())
-
-
-def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[FindingRecord, ...]:
-    """Return the errors of a method, one for each kind, from the `KIND: text` of each call; other texts are ignored."""
-    counts = FindingCounts()
-    for text, stamp_ns in zip(texts, stamps_ns, strict=True):
-        counts.add(text, stamp_ns)
-    return counts.records
 
 
 def states_text(records: Sequence[CallRecord]) -> str:

@@ -9,7 +9,8 @@ import numpy as np
 from msgspec.structs import replace as struct_replace
 from numpy.typing import NDArray
 
-from sfr_loc_map.calls.call_record import CallRecord, findings_of, first_reported
+from sfr_loc_map.calls.call_findings import findings_of
+from sfr_loc_map.calls.call_record import CallRecord, first_reported
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingState

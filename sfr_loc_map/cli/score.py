@@ -255,11 +255,10 @@ def score(
     loaded = load_run(inputs, fused, command=shlex.join(["sfr", *sys.argv[1:]]))
     for note in () if loaded.drive is None else loaded.drive.notes:
         say(note, err=True)
-    converted = converted_run(loaded, config, correction)
-    run = converted.run
+    run = converted_run(loaded, config, correction)
     if points is not None and (run.cloud is None or run.cloud.loaded.cloud is None):
         raise ConfigError("'--points' writes errors of map points: give a cloud with the pixel and pair of each point")
-    result = score_run(converted, config, by.limits, aligned)
+    result = score_run(run, config, by.limits, aligned)
     present(result, json_path, html)
     _write_secondary(result, run, with_conditions(config, by.limits), junit, points, pieces)
     _propose_next(context, result)

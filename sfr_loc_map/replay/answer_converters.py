@@ -143,14 +143,14 @@ class CloudConverter:
         stamp_ns = stamp_of(message)
         finite = np.asarray(np.isfinite(points).all(axis=1))
         kept = finite if message.height > 1 else np.ones_like(finite)
-        self._received.add_points(stamp_ns, points[kept])
         try:
             cloud = messages.cloud_from_msg(message)
-        except InputError:
-            return  # points without pixels are scored against the nearest true point
+        except InputError:  # points without pixels are scored against the nearest true point
+            self._received.add_external_cloud(stamp_ns, points[kept], None)
+            return
         sigma = (cloud.sigma * self._unit).astype(np.float32)
         cloud = replace(cloud, xyz=points.astype(np.float32), sigma=sigma)
-        self._received.add_cloud(stamp_ns, cloud.select(kept))
+        self._received.add_external_cloud(stamp_ns, points[kept], cloud.select(kept))
         self._publisher.publish(messages.cloud_msg(cloud.select(finite), stamp_ns, MAP))
 
 

@@ -41,21 +41,18 @@ class ReplayFiles:
             path.unlink(missing_ok=True)
 
 
-def save_replay(result: ReplayResult, files: ReplayFiles, ours: MethodRecord) -> None:
-    """Write the available results of a replay, without the score.
-
-    The calls name the external node as their method, or `ours` without one.
-    """
+def save_replay(result: ReplayResult, files: ReplayFiles, method: MethodRecord) -> None:
+    """Write the available results of a replay, without the score. The calls name the method."""
     node = result.external
     if len(result.estimate):
         save_trajectory(files.estimate, result.estimate)
     if result.records:
         records = result.records if node is None else with_findings(result.records, node)
-        save_stats(files.stats, records, ours if node is None else node.method, result.estimate)
-    if result.cloud is not None:
-        save_cloud(files.cloud, result.cloud)
-    if result.points is not None:
-        save_points(files.points, result.points)
+        save_stats(files.stats, records, method, result.estimate)
+    if result.map.cloud is not None:
+        save_cloud(files.cloud, result.map.cloud)
+    if result.map.points is not None:
+        save_points(files.points, result.map.points)
     if node is not None and node.as_published is not None:
         save_trajectory(files.as_published, node.as_published)
     if node is not None and node.log:

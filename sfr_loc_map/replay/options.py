@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from sfr_loc_map.config import changed
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.io.message_stream import begin_of
 from sfr_loc_map.io.sequence import Source
@@ -68,6 +69,11 @@ class ReplayOptions:
     monitor: Mapping[str, Any] = field(default_factory=dict)  #: Parameters of the monitor besides score and limits.
     page: PageProcess | None = None  #: Live page that shows the run; None: no page.
     external: ExternalOptions | None = None  #: External node under test; None: only nodes of the suite.
+
+    @property
+    def changed_settings(self) -> dict[Task, dict[str, Any]]:
+        """Parameters of localiser and mapper that differ from the defaults, by name."""
+        return {Task.LOCALISATION: changed(self.localisation), Task.MAPPING: changed(self.mapping)}
 
 
 def first_pose(source: Source, start: str, offset_s: float) -> StartPose | None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.calls.call_record import CallRecord, first_reported
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import MappingState
@@ -76,6 +77,14 @@ class ReceivedDrive:
         ]
 
 
+class ReceivedCloud(NamedTuple):
+    """A cloud of a mapper."""
+
+    stamp_ns: int  #: Stamp of its pair; for several pairs, of the last one.
+    points: FloatArray | FloatArray32  #: `(N, 3)` in LM, m.
+    cloud: PointCloud | None  #: The points with all fields; None if an external node publishes no pixels.
+
+
 @dataclass(slots=True)
 class ReceivedMaps:
     """The published pairs of maps, and the clouds and calls that their mapper has published.
@@ -85,18 +94,16 @@ class ReceivedMaps:
 
     is_external: bool = False  #: Whether the mapper is an external node.
     sent_ns: set[int] = field(default_factory=set)  #: Stamps of the published pairs.
-    clouds: list[tuple[int, PointCloud]] = field(default_factory=list)  #: Stamp and content of each cloud with pixels.
-    #: Stamp and points `(N, 3)` in LM of each cloud of an external node, whose clouds may lack pixels.
-    points: list[tuple[int, FloatArray]] = field(default_factory=list)
+    clouds: list[ReceivedCloud] = field(default_factory=list)  #: Clouds as received, those of an external node in LM.
     calls: dict[tuple[str, int], CallRecord] = field(default_factory=dict)  #: Calls by state and stamp.
 
     def add_cloud(self, stamp_ns: int, cloud: PointCloud) -> None:
-        """Add a cloud."""
-        self.clouds.append((stamp_ns, cloud))
+        """Add a cloud with all fields."""
+        self.clouds.append(ReceivedCloud(stamp_ns, cloud.xyz, cloud))
 
-    def add_points(self, stamp_ns: int, points: FloatArray) -> None:
-        """Add the points `(N, 3)` in LM of a cloud of an external node."""
-        self.points.append((stamp_ns, points))
+    def add_external_cloud(self, stamp_ns: int, points: FloatArray, cloud: PointCloud | None) -> None:
+        """Add the points `(N, 3)` in LM of a cloud of an external node, with all fields if it has pixels."""
+        self.clouds.append(ReceivedCloud(stamp_ns, points, cloud))
 
     def add_call(self, call: CallRecord) -> None:
         """Add a call."""
@@ -111,7 +118,7 @@ class ReceivedMaps:
     @property
     def count(self) -> int:
         """Number of received messages."""
-        return len(self.clouds) + len(self.points) + len(self.calls)
+        return len(self.clouds) + len(self.calls)
 
     @property
     def records(self) -> list[CallRecord]:
@@ -126,7 +133,7 @@ class ReceivedMaps:
     @property
     def map_count(self) -> int:
         """Number of complete maps of our mapper, for which the cloud and its call were received."""
-        return sum((MappingState.MAPPED_SET, stamp_ns) in self.calls for stamp_ns, _ in self.clouds)
+        return sum((MappingState.MAPPED_SET, item.stamp_ns) in self.calls for item in self.clouds)
 
     @property
     def map(self) -> ReplayedMap:
@@ -135,9 +142,10 @@ class ReceivedMaps:
 
     def _last_map(self) -> ReplayedMap:
         """Return the last cloud of our mapper whose call was received. The call names the pairs of the cloud."""
-        for stamp_ns, cloud in reversed(self.clouds):
-            if (call := self.calls.get((MappingState.FUSED, stamp_ns))) is not None:
-                whole = replace(cloud, fused=call.is_fused, pair_stamps_ns=call.pair_stamps_ns)
+        for item in reversed(self.clouds):
+            call = self.calls.get((MappingState.FUSED, item.stamp_ns))
+            if call is not None and item.cloud is not None:
+                whole = replace(item.cloud, fused=call.is_fused, pair_stamps_ns=call.pair_stamps_ns)
                 return ReplayedMap(whole, None, call.pair_stamps_ns)
         return ReplayedMap()
 
@@ -148,23 +156,23 @@ class ReceivedMaps:
         the last of several pairs is the map of all pairs. Otherwise each cloud is that of the pair of its stamp, and
         the clouds are concatenated.
         """
-        pairs = tuple(sorted(self.sent_ns))
-        points, clouds = dict(self.points), dict(self.clouds)
-        mapped = [stamp_ns for stamp_ns in pairs if stamp_ns in points]
+        pairs_ns = tuple(sorted(self.sent_ns))
+        by_stamp = {item.stamp_ns: item for item in self.clouds if item.stamp_ns in self.sent_ns}
+        mapped = [by_stamp[stamp_ns] for stamp_ns in sorted(by_stamp)]
+        clouds = [item.cloud for item in mapped if item.cloud is not None]
         if not mapped:
             return ReplayedMap()
-        if any(stamp_ns not in clouds for stamp_ns in mapped):
-            return ReplayedMap(None, np.concatenate([points[stamp_ns] for stamp_ns in mapped]), pairs)
-        is_of_all_pairs = len(pairs) > 1 and mapped == [pairs[-1]]
+        if len(clouds) < len(mapped):
+            return ReplayedMap(None, np.concatenate([item.points for item in mapped], dtype=np.float64), pairs_ns)
+        is_of_all_pairs = len(pairs_ns) > 1 and [*by_stamp] == [pairs_ns[-1]]
         if is_of_all_pairs:
-            whole = clouds[pairs[-1]]
+            (whole,) = clouds
         else:
-            numbers = [pairs.index(stamp_ns) for stamp_ns in mapped]
-            of_pairs = zip(numbers, (clouds[stamp_ns] for stamp_ns in mapped), strict=True)
+            numbers = [pairs_ns.index(item.stamp_ns) for item in mapped]
             whole = PointCloud.concatenate(
-                [replace(cloud, pair=np.full(len(cloud), number, np.uint8)) for number, cloud in of_pairs]
+                [_as_pair(cloud, number) for cloud, number in zip(clouds, numbers, strict=True)]
             )
-        return ReplayedMap(replace(whole, fused=is_of_all_pairs, pair_stamps_ns=pairs), None, pairs)
+        return ReplayedMap(replace(whole, fused=is_of_all_pairs, pair_stamps_ns=pairs_ns), None, pairs_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,18 +202,20 @@ class Received:
     def result(self, external: ExternalResult | None) -> ReplayResult:
         """Return the results of the replay, for its score and its files."""
         drive, maps = self.drive, self.maps
-        found = maps.map
         return ReplayResult(
             drive.trajectory,
-            found.cloud,
+            maps.map,
             [*drive.records, *maps.records],
-            found.pair_stamps_ns,
             external,
-            found.points,
-            posed=PairCounts(len(drive.sent_ns), len(drive.poses)),
-            mapped=PairCounts(len(maps.sent_ns), len(maps.mapped_ns)),
-            clouds=max(len(maps.clouds), len(maps.points)),
+            loc_pairs=PairCounts(len(drive.sent_ns), len(drive.poses)),
+            nav_pairs=PairCounts(len(maps.sent_ns), len(maps.mapped_ns)),
+            clouds=len(maps.clouds),
         )
+
+
+def _as_pair(cloud: PointCloud, number: int) -> PointCloud:
+    """Return a cloud whose points are all of the pair with a number."""
+    return replace(cloud, pair=np.full(len(cloud), number, np.uint8))
 
 
 def last_version(calls: Iterable[CallRecord]) -> str | None:

@@ -49,10 +49,12 @@ class ReplayPeer(Peer):
     def wait_for_page(self, page: PageProcess) -> bool:
         """Wait until the live page receives all messages of the nodes, or has ended; return False after the timeout."""
         connected = set[str]()
+
+        def add_connected(message: String) -> None:
+            connected.update(message.data.split())
+
         topic = connected_nodes_topic(page.node_name)
-        subscription = self.ros_node.create_subscription(
-            String, topic, lambda message: connected.update(message.data.split()), LATCHED
-        )
+        subscription = self.ros_node.create_subscription(String, topic, add_connected, LATCHED)
 
         def is_over() -> bool:
             self.supervisor.check()

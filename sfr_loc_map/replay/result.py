@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from sfr_loc_map.calls.call_record import CallRecord
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.table.records import ConventionRecord, ExternalScore, FindingRecord, MethodRecord
@@ -18,11 +18,11 @@ class ExternalResult:
     """The results about an external node in a replay."""
 
     method: MethodRecord
-    score: ExternalScore  # counts of answers, latency and resources
-    findings: tuple[FindingRecord, ...]  # errors in its answers
-    log: str = ""  # output of its process; empty if the process was not started here
-    convention: ConventionRecord | None = None  # conversion of the node's results
-    as_published: Trajectory | None = None  # poses of the node before the conversion
+    score: ExternalScore  #: Counts of answers, latency and resources.
+    findings: tuple[FindingRecord, ...]  #: Errors in its answers.
+    log: str = ""  #: Output of its process; empty if the replay did not start the process.
+    convention: ConventionRecord | None = None  #: Conversion of its results; None if nothing was converted.
+    as_published: Trajectory | None = None  #: Its poses before the conversion by `replay.external_poses`.
 
 
 class ReplayedMap(NamedTuple):
@@ -31,6 +31,11 @@ class ReplayedMap(NamedTuple):
     cloud: PointCloud | None = None
     points: FloatArray | None = None  #: `(N, 3)` in LM.
     pair_stamps_ns: tuple[int, ...] = ()  #: Stamps of the pairs of the map, in the order of the points' `pair`.
+
+    @property
+    def xyz(self) -> FloatArray | FloatArray32 | None:
+        """Points `(N, 3)` of the map in LM, m; None without a map."""
+        return self.points if self.cloud is None else self.cloud.xyz
 
 
 class PairCounts(NamedTuple):
@@ -45,24 +50,25 @@ class PairCounts(NamedTuple):
         return max(self.sent - self.answered, 0)
 
 
+NO_PAIRS = PairCounts()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayResult:
     """The results of a replay."""
 
-    estimate: Trajectory  # empty without a drive
-    cloud: PointCloud | None  # the last cloud
-    records: Sequence[CallRecord]  # all calls of localiser and mapper
-    mapped_ns: tuple[int, ...]  # stamps of the pairs of the cloud, in the order of the points' `pair`
-    external: ExternalResult | None = None  # `replay.external_poses` converts the poses of the node
-    points: FloatArray | None = None  # `(N, 3)` in LM, of an external mapper without pixels
-    posed: PairCounts = field(default_factory=PairCounts)  # pairs of the localisation cameras
-    mapped: PairCounts = field(default_factory=PairCounts)  # pairs of the navigation cameras
-    clouds: int = 0  # number of received clouds, complete or not
+    estimate: Trajectory  #: Empty without a drive.
+    map: ReplayedMap  #: The last map.
+    records: Sequence[CallRecord]  #: All calls of localiser and mapper.
+    external: ExternalResult | None = None  #: Results about an external node; None without one.
+    loc_pairs: PairCounts = NO_PAIRS  #: Pairs of the localisation cameras.
+    nav_pairs: PairCounts = NO_PAIRS  #: Pairs of the navigation cameras.
+    clouds: int = 0  #: Number of received clouds, complete or not.
 
     @classmethod
     def empty(cls) -> ReplayResult:
         """Return the result of a replay before its first message."""
-        return cls(Trajectory.empty(), None, (), ())
+        return cls(Trajectory.empty(), ReplayedMap(), ())
 
     @property
     def is_empty(self) -> bool:

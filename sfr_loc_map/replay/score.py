@@ -18,10 +18,11 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.errors.cloud_error import truths_of
 from sfr_loc_map.metrics.score.limits import Limits
 from sfr_loc_map.metrics.score.score import Score
+from sfr_loc_map.metrics.table.records import MethodRecord
 from sfr_loc_map.replay.files import ReplayFiles
-from sfr_loc_map.replay.result import ReplayResult
+from sfr_loc_map.replay.result import ReplayedMap, ReplayResult
 from sfr_loc_map.scoring.input_files import CONFIGURATION_ROLES, ReadFile, configuration_files, read_files
-from sfr_loc_map.scoring.inputs import CloudToScore, ConvertedRun, DriveToScore, InMemory, Origin, Run
+from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, InMemory, Origin, Run
 from sfr_loc_map.scoring.load_calls import estimates_of_calls
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite_names import Task
@@ -31,6 +32,17 @@ def files_of_source(source: Source, limits_file: Path | None = None) -> dict[str
     """Note the states of the files of a source and of its limits, before the source is played."""
     paths = {"truth": source.path, "map_truth": source.path, "limits": limits_file}
     return read_files({**paths, **configuration_files(source.config)})
+
+
+def method_of(result: ReplayResult, settings: Mapping[Task, Mapping[str, object]]) -> MethodRecord:
+    """Return the method of a replay: the external node, or else our localiser, or else our mapper.
+
+    `settings` are those of localiser and mapper that differ from the defaults.
+    """
+    if result.external is not None:
+        return result.external.method
+    task = Task.LOCALISATION if len(result.estimate) else Task.MAPPING
+    return record_of_ours(task, settings.get(task, {}))
 
 
 def score_replay(
@@ -50,53 +62,60 @@ def score_replay(
     the score. For provenance, `read` has the result of `files_of_source`, and `files` those that `save_replay` has
     written.
     """
-    stats = [stats_of(result.records, estimate=result.estimate)] if result.records else []
-    drive, cloud = _scored_drive(source, result, stats), _scored_cloud(source, result)
-    images = None if source.loc is None else source.expected_loc_ns()
-    pairs = None if source.nav is None else source.expected_nav_ns()
-    read = files_of_source(source, None) if read is None else read
-    configuration = {f"{part}.{name}": value for part, own in settings.items() for name, value in own.items()}
-    task = Task.MAPPING if drive is None else Task.LOCALISATION
-    run = Run(
-        replace(_origin(result, read, files, drive, cloud), settings=configuration, command=command),
-        stats,
-        drive=drive,
-        cloud=cloud,
-        method=record_of_ours(task, settings.get(task, {})),
-        unposed_images=len(images) if images is not None and not len(result.estimate) else 0,
-        nav_stamps_ns=pairs,
-        unmapped_pairs=len(pairs) if pairs is not None and len(result.mapped_ns) != len(pairs) else 0,
+    run = replace(_run_of(source, result), method=method_of(result, settings))
+    origin = Origin(
+        _files_of(run, result, files_of_source(source) if read is None else read, files),
+        _hashes_of(run, result) if files is None else {},
+        settings={f"{task}.{name}": value for task, own in settings.items() for name, value in own.items()},
+        command=command,
     )
-    if (node := result.external) is None:
-        return score_run(ConvertedRun(run), config, limits)
-    run = replace(run, method=node.method, external=node.score, findings=node.findings)
-    return score_run(ConvertedRun(run, node.convention), config, limits)
+    return score_run(replace(run, origin=origin), config, limits)
 
 
-def _origin(
-    result: ReplayResult,
-    read: Mapping[str, ReadFile],
-    files: ReplayFiles | None,
-    drive: DriveToScore | None,
-    cloud: CloudToScore | None,
-) -> Origin:
-    """Return where the scored data are from: files of the source, and files of the replay or hashes without them."""
+def _run_of(source: Source, result: ReplayResult) -> Run:
+    """Return the data of a replay that are scored, without origin and method."""
+    stats = [stats_of(result.records, estimate=result.estimate)] if result.records else []
+    images_ns = None if source.loc is None else source.expected_loc_ns()
+    pairs_ns = None if source.nav is None else source.expected_nav_ns()
+    run = Run(
+        stats=stats,
+        drive=_scored_drive(source, result, stats),
+        cloud=_scored_cloud(source, result.map),
+        unposed_images=0 if images_ns is None or len(result.estimate) else len(images_ns),
+        nav_stamps_ns=pairs_ns,
+        unmapped_pairs=0 if pairs_ns is None or len(result.map.pair_stamps_ns) == len(pairs_ns) else len(pairs_ns),
+    )
+    node = result.external
+    if node is None:
+        return run
+    return replace(run, external=node.score, findings=node.findings, convention=node.convention)
+
+
+def _files_of(
+    run: Run, result: ReplayResult, read: Mapping[str, ReadFile], files: ReplayFiles | None
+) -> dict[str, ReadFile]:
+    """Return the files of the scored data by role: those of the source, and those of the replay if it wrote files."""
     roles = {"limits"}
-    if drive is not None:
+    if run.drive is not None:
         roles |= {"truth", *CONFIGURATION_ROLES}
-    if cloud is not None:
+    if run.cloud is not None:
         roles |= {"map_truth", *CONFIGURATION_ROLES}
     of_source = {role: file for role, file in read.items() if role in roles}
     if files is None:
-        estimate = None if drive is None else result.estimate
-        in_memory = InMemory(estimate=estimate).hashes()
-        if cloud is not None:
-            in_memory["cloud"] = hash_arrays([cloud.loaded.xyz])
-        return Origin(of_source, in_memory)
-    cloud_file = files.points if result.cloud is None else files.cloud
-    results = {"estimate": None if drive is None else files.estimate, "cloud": None if cloud is None else cloud_file}
+        return of_source
+    cloud_file = files.points if result.map.cloud is None else files.cloud
+    results = {"estimate": None if run.drive is None else files.estimate}
+    results["cloud"] = None if run.cloud is None else cloud_file
     calls = {"stats_0": files.stats if result.records else None}
-    return Origin({**read_files(results), **of_source, **read_files(calls)})
+    return {**read_files(results), **of_source, **read_files(calls)}
+
+
+def _hashes_of(run: Run, result: ReplayResult) -> dict[str, str]:
+    """Return the hashes of the scored results by role, for a replay without files."""
+    hashes = InMemory(estimate=None if run.drive is None else result.estimate).hashes()
+    if run.cloud is not None:
+        hashes["cloud"] = hash_arrays([run.cloud.loaded.xyz])
+    return hashes
 
 
 def _scored_drive(source: Source, result: ReplayResult, stats: Sequence[CallStats]) -> DriveToScore | None:
@@ -107,17 +126,16 @@ def _scored_drive(source: Source, result: ReplayResult, stats: Sequence[CallStat
     return DriveToScore(estimates, source.loc.ground_truth, source.loc.rig, source.expected_loc_ns())
 
 
-def _scored_cloud(source: Source, result: ReplayResult) -> CloudToScore | None:
-    """Return the finite points of the map, with the number of the other points; None without a map or its truth."""
-    xyz = result.points if result.cloud is None else result.cloud.xyz
-    if source.nav is None or xyz is None:
+def _scored_cloud(source: Source, made: ReplayedMap) -> CloudToScore | None:
+    """Return the finite points of a map, with the number of the other points; None without a map or its truth."""
+    if source.nav is None or made.xyz is None:
         return None
-    by_stamp = {pair.pair.stamp_ns: pair for pair in source.nav.pairs() if pair.pair.stamp_ns in result.mapped_ns}
-    pairs = [by_stamp[stamp_ns] for stamp_ns in result.mapped_ns if stamp_ns in by_stamp]
-    if not pairs or len(pairs) < len(result.mapped_ns) or any(pair.truth is None for pair in pairs):
+    by_stamp = {pair.pair.stamp_ns: pair for pair in source.nav.pairs() if pair.pair.stamp_ns in made.pair_stamps_ns}
+    pairs = [by_stamp[stamp_ns] for stamp_ns in made.pair_stamps_ns if stamp_ns in by_stamp]
+    if not pairs or len(pairs) < len(made.pair_stamps_ns) or any(pair.truth is None for pair in pairs):
         return None
-    points = np.asarray(xyz, np.float64)
+    points = np.asarray(made.xyz, np.float64)
     finite = np.asarray(np.isfinite(points).all(axis=1))
-    cloud = None if result.cloud is None else result.cloud.select(finite)
+    cloud = None if made.cloud is None else made.cloud.select(finite)
     loaded = LoadedCloud(points[finite], cloud, not_finite=int(np.count_nonzero(~finite)))
     return CloudToScore(loaded, truths_of(pairs, source.nav.rig))

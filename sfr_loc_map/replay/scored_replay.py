@@ -6,16 +6,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from sfr_loc_map.calls.call_record import states_text, tracking_warning
-from sfr_loc_map.config import changed
 from sfr_loc_map.errors import NodeError, SfrError, naming
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.replay.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay
 from sfr_loc_map.replay.options import ReplayOptions
 from sfr_loc_map.replay.result import ReplayResult
-from sfr_loc_map.replay.score import files_of_source, score_replay
+from sfr_loc_map.replay.score import files_of_source, method_of, score_replay
 from sfr_loc_map.replay.session import Replayed, replay
 from sfr_loc_map.scoring.inputs import Correction
 from sfr_loc_map.suite_names import Task
@@ -62,7 +60,7 @@ def replay_and_score(
         result,
         options.score,
         options.limits,
-        settings={Task.LOCALISATION: changed(options.localisation), Task.MAPPING: changed(options.mapping)},
+        settings=options.changed_settings,
         read=read,
         files=files,
         command=command,
@@ -70,7 +68,9 @@ def replay_and_score(
     localised = [record for record in result.records if record.task is Task.LOCALISATION]
     states = f"{len(result.estimate)} poses, {states_text(result.records)}"
     total = sum(len(part) for part in (source.loc, source.nav) if part is not None)
-    interrupted = f"interrupted: {result.posed.sent + result.mapped.sent} of {total} pairs were played and scored"
+    interrupted = (
+        f"interrupted: {result.loc_pairs.sent + result.nav_pairs.sent} of {total} pairs were played and scored"
+    )
     return ScoredReplay(
         result,
         score,
@@ -103,22 +103,18 @@ def _converted_or_saved(
 def _save(result: ReplayResult, files: ReplayFiles, options: ReplayOptions) -> None:
     """Write the results; the files of an earlier replay are removed, because it may have written more of them."""
     files.remove()
-    if len(result.estimate):
-        ours = record_of_ours(Task.LOCALISATION, changed(options.localisation))
-    else:
-        ours = record_of_ours(Task.MAPPING, changed(options.mapping))
-    save_replay(result, files, ours)
+    save_replay(result, files, method_of(result, options.changed_settings))
 
 
 def _remarks(result: ReplayResult) -> Iterator[str]:
     """Yield remarks on missing results of our nodes, and on the answers of an external node."""
     theirs = None if result.external is None else result.external.score.task
     slower = "give a smaller --rate, or --rate 0, which waits for each pair"
-    if result.posed.missing and theirs != Task.LOCALISATION:
-        missing, pairs = result.posed.missing, result.posed.sent
+    if result.loc_pairs.missing and theirs != Task.LOCALISATION:
+        missing, pairs = result.loc_pairs.missing, result.loc_pairs.sent
         yield f"{missing} of {pairs} pairs have no odometry: the nodes could not keep up; {slower}"
-    if result.mapped.missing and theirs != Task.MAPPING:
-        missing, pairs = result.mapped.missing, result.mapped.sent
+    if result.nav_pairs.missing and theirs != Task.MAPPING:
+        missing, pairs = result.nav_pairs.missing, result.nav_pairs.sent
         yield f"{missing} of {pairs} pairs are missing in the map: the nodes could not keep up; {slower}"
     if (node := result.external) is not None:
         answers = node.score.answers
@@ -128,5 +124,5 @@ def _remarks(result: ReplayResult) -> Iterator[str]:
 def _check_map(result: ReplayResult) -> None:
     """Raise a NodeError if our mapper received pairs and published no cloud."""
     is_ours = result.external is None or result.external.score.task != Task.MAPPING
-    if is_ours and result.mapped.sent and not result.clouds:
+    if is_ours and result.nav_pairs.sent and not result.clouds:
         raise NodeError("mapping_node published no cloud: play slower (--rate) or in lock step (--rate 0)")

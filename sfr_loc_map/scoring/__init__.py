@@ -2,8 +2,8 @@
 
 The way from an estimate and a ground truth to a verdict:
 
-    ScoreInputs, InMemory ── load.load_run ──► Run ── conversion.converted_run ──► ConvertedRun (poses of RB in DS)
-    ConvertedRun ── score_run: one function of score_parts for trajectory, map and calls ──► ScoreParts
+    ScoreInputs, InMemory ── load.load_run ──► Run ── conversion.converted_run ──► Run (poses of RB in DS)
+    Run ── score_run: one function of score_parts for trajectory, map and calls ──► ScoreParts
     ScoreParts ── assembly.score_of_parts: figures, then verdicts by metrics.judging ──► Score
 
 Each step takes values and returns values. The modules in the order of their use:

@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.catalogue import ERRORS_BEYOND
 from sfr_loc_map.metrics.table.details import CallPlots, Details, MapDetails, TrajectoryDetails
 from sfr_loc_map.metrics.table.records import ConventionRecord, MethodKind, MethodRecord, Provenance
-from sfr_loc_map.scoring.inputs import ConvertedRun, Run
+from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import ScoreParts
 from sfr_loc_map.suite_names import Task
 
@@ -41,14 +41,9 @@ def figures_with_all_errors(
 
 
 def score_of_parts(
-    converted: ConvertedRun,
-    parts: ScoreParts,
-    provenance: Provenance | None,
-    config: ScoreConfig,
-    limits: Limits | None,
+    run: Run, parts: ScoreParts, provenance: Provenance | None, config: ScoreConfig, limits: Limits | None
 ) -> Score:
     """Return the score of the parts of a run, with its verdicts and warnings."""
-    run, convention = converted
     trajectory, surface, calls = parts
     score = Score(
         figures=(*trajectory.figures, *surface.figures, *calls.figures),
@@ -63,7 +58,7 @@ def score_of_parts(
         findings=(*run.findings, *(finding for item in run.all_calls for finding in item.findings)),
         processes=next((item.processes for item in run.stats if item.processes is not None), None),
         external=run.external,
-        convention=convention,
+        convention=run.convention,
         contradiction=trajectory.contradiction,
         errors=trajectory.errors,
         details=_details(trajectory.details, surface.details, calls.plots),

@@ -12,16 +12,16 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.conventions.pose_convention import PoseConvention
 from sfr_loc_map.metrics.diagnosis.convention_diagnosis import Diagnosis, diagnose
 from sfr_loc_map.metrics.table.records import ConventionRecord
-from sfr_loc_map.scoring.inputs import ConvertedRun, Correction, DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.inputs import Correction, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 
 
-def converted_run(run: Run, config: ScoreConfig, correction: Correction) -> ConvertedRun:
+def converted_run(run: Run, config: ScoreConfig, correction: Correction) -> Run:
     """Return a run with its estimate converted by the declared or diagnosed convention."""
     if run.drive is None:
-        return ConvertedRun(run)
+        return run
     drive, convention = corrected(run.drive, correction, config)
-    return ConvertedRun(replace(run, drive=drive), convention)
+    return replace(run, drive=drive, convention=convention)
 
 
 def corrected(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
 
 from sfr_loc_map.calls.call_files import stats_beside
 from sfr_loc_map.calls.call_stats import CallStats
@@ -152,7 +151,10 @@ class Origin:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """The available data of a run, its poses as delivered; absent data is None or empty."""
+    """The available data of a run. Absent data is None or empty.
+
+    The estimated poses are scored as poses of RB in DS. `conversion.converted_run` converts other poses.
+    """
 
     origin: Origin = field(default_factory=Origin)
     stats: Sequence[CallStats] = ()  #: Calls on this host.
@@ -167,15 +169,9 @@ class Run:
     unposed_images: int = 0  #: Images of a drive without any estimate.
     nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source; None if they are unknown.
     unmapped_pairs: int = 0  #: Mapping pairs of the source if no cloud can be scored.
+    convention: ConventionRecord | None = None  #: Conversion of the poses or of the map; None if nothing was converted.
 
     @property
     def all_calls(self) -> list[CallStats]:
         """The calls of the run: first those on this host, then those on a target."""
         return [*self.stats, *([] if self.target is None else [self.target.calls])]
-
-
-class ConvertedRun(NamedTuple):
-    """A run whose poses are those of RB in DS, which `conversion.converted_run` returns. Only such runs are scored."""
-
-    run: Run
-    convention: ConventionRecord | None = None  #: Conversion of the poses; None if they were delivered so.

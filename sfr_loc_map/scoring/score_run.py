@@ -12,7 +12,7 @@ from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.table.results import MapResult, TrajectoryResult
 from sfr_loc_map.scoring.assembly import figures_with_all_errors, score_of_parts, with_conditions
 from sfr_loc_map.scoring.conversion import convention_mismatch, fitted_unit
-from sfr_loc_map.scoring.inputs import ConvertedRun, Run, ScoreInputs
+from sfr_loc_map.scoring.inputs import Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.provenance import provenance_of
 from sfr_loc_map.scoring.score_parts import (
@@ -29,11 +29,11 @@ from sfr_loc_map.scoring.score_parts import (
 
 def score_files(inputs: ScoreInputs, config: ScoreConfig, limits: Limits | None = None) -> Score:
     """Return the score of files."""
-    return score_run(ConvertedRun(load_run(inputs)), config, limits)
+    return score_run(load_run(inputs), config, limits)
 
 
 def score_run(
-    converted: ConvertedRun,
+    run: Run,
     config: ScoreConfig,
     limits: Limits | None = None,
     aligned: AlignedErrorConfig | None = None,
@@ -44,25 +44,20 @@ def score_run(
     All errors are kept for limited figures of the trajectory and for `kept_errors`.
     """
     config = with_conditions(config, limits)
-    run = converted.run
     parts = ScoreParts(
-        trajectory=_trajectory_part(converted, config, aligned, figures_with_all_errors(limits, kept_errors)),
+        trajectory=_trajectory_part(run, config, aligned, figures_with_all_errors(limits, kept_errors)),
         map=_map_part(run, config),
         calls=calls_result(run, expected_calls(run)),
     )
-    return score_of_parts(converted, parts, provenance_of(run, config), config, limits)
+    return score_of_parts(run, parts, provenance_of(run, config), config, limits)
 
 
 def _trajectory_part(
-    converted: ConvertedRun,
-    config: ScoreConfig,
-    aligned: AlignedErrorConfig | None,
-    kept_errors: Collection[tuple[str, str]],
+    run: Run, config: ScoreConfig, aligned: AlignedErrorConfig | None, kept_errors: Collection[tuple[str, str]]
 ) -> TrajectoryResult:
-    run = converted.run
     if run.drive is None:
         return result_without_poses(run.unposed_images)
-    finding = fitted_unit(converted.convention) or convention_mismatch(run.drive, config)
+    finding = fitted_unit(run.convention) or convention_mismatch(run.drive, config)
     result = drive_result(run.drive, config.trajectory, finding, kept_errors)
     return result if aligned is None else with_aligned_errors(result, run.drive, aligned)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from helpers.made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
-from sfr_loc_map.calls.call_record import findings_of
+from sfr_loc_map.calls.call_findings import findings_of
 from sfr_loc_map.methods import call_monitor, method_process
 from sfr_loc_map.methods.child.loop import Answer
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser

@@ -75,8 +75,8 @@ def test_a_cloud_is_converted_to_metres_and_published_without_points_that_are_no
     if is_organised:
         message.height, message.width, message.row_step = 2, 2, message.row_step // 2
     converter.accept(message, converter.read(message))
-    ((_, points),) = received.points
-    ((_, cloud),) = received.clouds
+    ((_, points, cloud),) = received.clouds
+    assert cloud is not None
     assert len(points) == len(cloud) == (3 if is_organised else 4)
     assert np.isnan(points).any() == (not is_organised)
     found = cloud_from_msg(published[0])

@@ -16,9 +16,10 @@ def cloud(count: int) -> PointCloud:
 
 
 def results(*stamps_ns: int) -> ReceivedMaps:
-    points = [(stamp_ns, cloud(stamp_ns).xyz.astype(np.float64)) for stamp_ns in stamps_ns]
-    clouds = [(stamp_ns, cloud(stamp_ns)) for stamp_ns in stamps_ns]
-    return ReceivedMaps(is_external=True, sent_ns={10, 20, 30}, points=points, clouds=clouds)
+    found = ReceivedMaps(is_external=True, sent_ns={10, 20, 30})
+    for stamp_ns in stamps_ns:
+        found.add_external_cloud(stamp_ns, cloud(stamp_ns).xyz.astype(np.float64), cloud(stamp_ns))
+    return found
 
 
 def test_clouds_of_each_pair_are_taken_together_and_one_is_the_map_of_all() -> None:
@@ -41,7 +42,7 @@ def test_clouds_of_a_part_of_the_pairs_are_not_the_map_of_all(mapped: tuple[int,
 
 def test_points_without_pixels_stay_points() -> None:
     found = results(10, 20, 30)
-    found.clouds.pop()
+    found.clouds[-1] = found.clouds[-1]._replace(cloud=None)
     whole, points, stamps = found.map
     assert (whole, points.shape, stamps) == (None, (60, 3), (10, 20, 30))
     assert ReceivedMaps(is_external=True).map == (None, None, ())
@@ -49,7 +50,9 @@ def test_points_without_pixels_stay_points() -> None:
 
 def test_a_cloud_is_of_the_pairs_that_its_call_names() -> None:
     """Whatever the order of clouds and calls; a cloud whose call is missing is not complete."""
-    found = ReceivedMaps(clouds=[(20, cloud(5)), (30, cloud(7)), (40, cloud(9))])
+    found = ReceivedMaps()
+    for stamp_ns, points in ((20, 5), (30, 7), (40, 9)):
+        found.add_cloud(stamp_ns, cloud(points))
     assert found.map == (None, None, ())
     for state, stamp_ns, pairs in (("fused", 30, (10, 30)), ("fused", 20, (20,)), ("mapped_set", 20, (20,))):
         found.add_call(CallRecord(stamp_ns, 0.1, state, pair_stamps_ns=pairs, task=Task.MAPPING))

@@ -41,8 +41,8 @@ from sfr_loc_map.metrics.table.records import (
 )
 from sfr_loc_map.replay.external_poses import with_converted_poses
 from sfr_loc_map.replay.files import ReplayFiles, save_replay, with_findings
-from sfr_loc_map.replay.result import ExternalResult, ReplayResult
-from sfr_loc_map.replay.score import score_replay
+from sfr_loc_map.replay.result import ExternalResult, ReplayedMap, ReplayResult
+from sfr_loc_map.replay.score import method_of, score_replay
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.runs.mapper_run import MapRun, map_pairs
 from sfr_loc_map.scoring.inputs import Correction, ScoreInputs
@@ -93,7 +93,10 @@ def test_live_replay_and_score_of_every_file_format_are_equal_to_the_last_digit(
     source, run = mapped(SAMPLE if case == "sample, fused" else write_folder(tmp_path / "source", 0, 3))
     cloud = run.unfused if case == "folder, not fused" else run.fused.cloud
     stamps = tuple(item.stamp_ns for item in run.maps)
-    result, files = ReplayResult(Trajectory.empty(), cloud, run.records, stamps), ReplayFiles(tmp_path)
+    result, files = (
+        ReplayResult(Trajectory.empty(), ReplayedMap(cloud, None, stamps), run.records),
+        ReplayFiles(tmp_path),
+    )
     save_replay(result, files, OURS)
     replayed = of_map(score_replay(source, result, ScoreConfig(), None))
     assert replayed["cloud"]["kind"] == ("single pairs" if case == "folder, not fused" else "fused")
@@ -111,9 +114,10 @@ def test_a_point_that_is_not_finite_is_counted_and_not_scored(tmp_path: Path, ha
     cloud = run.fused.cloud
     xyz = cloud.xyz.copy()
     xyz[0] = np.nan
-    made = (replace(cloud, xyz=xyz), None) if has_pixels else (None, xyz.astype(np.float64))
     stamps, files = tuple(item.stamp_ns for item in run.maps), ReplayFiles(tmp_path)
-    result = ReplayResult(Trajectory.empty(), made[0], [], stamps, points=made[1])
+    points = ReplayedMap(None, xyz.astype(np.float64), stamps)
+    made = ReplayedMap(replace(cloud, xyz=xyz), None, stamps) if has_pixels else points
+    result = ReplayResult(Trajectory.empty(), made, [])
     save_replay(result, files, OURS)
     replayed = of_map(score_replay(source, result, ScoreConfig(), None))
     assert number(replayed, "points_not_finite") == pytest.approx(1.0 / len(cloud))
@@ -123,7 +127,7 @@ def test_a_point_that_is_not_finite_is_counted_and_not_scored(tmp_path: Path, ha
 def test_only_calls_of_a_mapper_from_a_given_file_may_belong_to_another_cloud(tmp_path: Path) -> None:
     source, run = mapped(write_folder(tmp_path / "source", 0, 2))
     stamps, files = tuple(item.stamp_ns for item in run.maps), ReplayFiles(tmp_path)
-    result = ReplayResult(Trajectory.empty(), run.fused.cloud, run.records, stamps)
+    result = ReplayResult(Trajectory.empty(), ReplayedMap(run.fused.cloud, None, stamps), run.records)
     save_replay(result, files, OURS)
     replayed = score_replay(source, result, ScoreConfig(), None, files=files)
     given = score_files(replace(ScoreInputs.of(files.cloud, source.path), stats=(files.stats,)), ScoreConfig())
@@ -160,7 +164,7 @@ def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
     for (rows, estimate), partial in product(parts.items(), (False, True)):
         files = ReplayFiles(tmp_path / f"{rows}-{partial}")
         files.folder.mkdir()
-        result = ReplayResult(estimate, None, [], ())
+        result = ReplayResult(estimate, ReplayedMap(), [])
         save_replay(result, files, OURS)
         config = score_config(["frames=2"], {"trajectory.partial": partial, "trajectory.spacing": 1})
         score = score_replay(source, result, config, limits, files=files)
@@ -190,7 +194,7 @@ def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_pat
     source = open_source(path)
     stamps = np.asarray(source.loc.stamps_ns)
     estimate = Trajectory(stamps, np.zeros((12, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (12, 1)))
-    result = ReplayResult(estimate, None, [], ())
+    result = ReplayResult(estimate, ReplayedMap(), [])
     score = score_replay(source, result, score_config(["frames=2"], {}), None)
     assert "100 % of the mapping pairs have no point" in (score.incomplete or "")
     assert any("the truth has only 3 poses for 12 images" in text for text in score.warnings)
@@ -201,7 +205,7 @@ def test_the_calls_of_a_replay_belong_to_its_estimate(tmp_path: Path) -> None:
     truth, files = source.loc.ground_truth, ReplayFiles(tmp_path / "run")
     estimate = Trajectory(truth.stamps_ns, 0.999 * truth.positions, truth.quats_xyzw)
     calls = [CallRecord(int(stamp), 0.1, "tracking") for stamp in truth.stamps_ns]
-    result, config = ReplayResult(estimate, None, calls, ()), score_config(["frames=2"], {})
+    result, config = ReplayResult(estimate, ReplayedMap(), calls), score_config(["frames=2"], {})
     files.folder.mkdir()
     save_replay(result, files, OURS)
     score = score_replay(source, result, config, None, files=files)
@@ -222,7 +226,7 @@ def of_external(
     estimate = Trajectory(truth.stamps_ns, 0.999 * truth.positions, truth.quats_xyzw)
     node = ExternalScore(task="localisation", topic="t", frames="odom", answers=answers, latency_s=None)
     run = ExternalResult(MethodRecord(name="n", version=None, kind=MethodKind.EXTERNAL), node, findings)
-    return with_converted_poses(ReplayResult(estimate, None, calls, (), run), source, config, Correction())
+    return with_converted_poses(ReplayResult(estimate, ReplayedMap(), calls, run), source, config, Correction())
 
 
 @pytest.mark.parametrize("state", [None, "", "tracking"])
@@ -249,7 +253,7 @@ def test_the_files_of_a_replay_state_the_method_and_its_errors(tmp_path: Path) -
     config = score_config(["frames=2"], {})
     result = of_external(source, calls, AnswerCounts(pairs=12, answered=12), config, findings)
     files = ReplayFiles(tmp_path)
-    save_replay(result, files, OURS)
+    save_replay(result, files, method_of(result, {}))
     replayed = score_replay(source, result, config, None, files=files)
     inputs = replace(ScoreInputs.of(files.estimate, source.path), stats=(files.stats,))
     scored = score_files(inputs, config)
@@ -259,7 +263,7 @@ def test_the_files_of_a_replay_state_the_method_and_its_errors(tmp_path: Path) -
     )
     assert scored.verdict == replayed.verdict == "fail"
     few = replace(result, records=calls[:2])
-    save_replay(few, files, OURS)
+    save_replay(few, files, method_of(few, {}))
     assert {finding.kind for finding in load_call_stats(files.stats).findings} == set(kinds[1:])
     save_replay(replace(result, external=None), files, OURS)
     assert load_call_stats(files.stats).method == OURS

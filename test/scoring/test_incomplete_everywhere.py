@@ -28,13 +28,13 @@ from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score.score import Score
 from sfr_loc_map.metrics.stored.comparison import compare_scores
 from sfr_loc_map.metrics.stored.score_json import from_json, to_json
-from sfr_loc_map.replay.result import ReplayResult
+from sfr_loc_map.replay.result import ReplayedMap, ReplayResult
 from sfr_loc_map.replay.score import score_replay
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.summary import banner_of
 from sfr_loc_map.report.test_report import render_test_report
-from sfr_loc_map.scoring.inputs import CloudToScore, ConvertedRun, DriveToScore, Run
+from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
 from sfr_loc_map.scoring.live.live_score import LiveRun
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_run import score_run
@@ -155,12 +155,12 @@ def scored(made: Made) -> Score:
     of_drive = DriveToScore(Estimates.of(made.estimate), made.truth, LOC_RIG, STAMPS)
     stamps = np.array(NAV_STAMPS, np.int64)
     run = Run(stats=[stats_of(made.records)], drive=of_drive, cloud=cloud, nav_stamps_ns=stamps)
-    return score_run(ConvertedRun(run), CONFIG, LIMITS)
+    return score_run(run, CONFIG, LIMITS)
 
 
 def replayed(made: Made) -> Score:
     source = Source(Path(__file__), SourceFormat.FOLDER, Loc(made.truth), Nav(made.nav))
-    result = ReplayResult(made.estimate, made.cloud, made.records, tuple(NAV_STAMPS))
+    result = ReplayResult(made.estimate, ReplayedMap(made.cloud, None, tuple(NAV_STAMPS)), made.records)
     return score_replay(source, result, CONFIG, LIMITS)
 
 

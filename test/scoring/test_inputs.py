@@ -15,11 +15,11 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.replay.result import ReplayResult
+from sfr_loc_map.replay.result import ReplayedMap, ReplayResult
 from sfr_loc_map.replay.score import files_of_source, score_replay
 from sfr_loc_map.runs.mapper_run import map_pairs
 from sfr_loc_map.scoring import input_files
-from sfr_loc_map.scoring.inputs import ConvertedRun, ScoreInputs
+from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_files, score_run
 
@@ -45,7 +45,7 @@ def test_a_link_to_another_estimate_while_it_is_scored_is_refused(tmp_path: Path
     link.unlink()
     link.symlink_to(other)
     with pytest.raises(InputError, match="changed or replaced while it was scored"):
-        score_run(ConvertedRun(run), ScoreConfig())
+        score_run(run, ScoreConfig())
 
 
 @pytest.mark.parametrize("name", ["limits.yaml", "source/sfr.yaml", "other_truth.csv", "source/loc/groundtruth.csv"])
@@ -62,7 +62,7 @@ def test_no_file_of_a_score_may_change_while_it_is_scored(tmp_path: Path, name: 
     with (tmp_path / name).open("a") as stream:
         stream.write("\n")
     with pytest.raises(InputError, match=f"{name}' was changed or replaced while it was scored"):
-        score_run(ConvertedRun(run), ScoreConfig())
+        score_run(run, ScoreConfig())
 
 
 @pytest.mark.parametrize("view", ["python", "replay"])
@@ -81,7 +81,9 @@ def test_the_truth_of_a_map_may_not_change_while_a_cloud_in_memory_is_scored(
 
     read = files_of_source(source)
     monkeypatch.setattr(input_files, "hash_path", change)
-    result = ReplayResult(Trajectory.empty(), mapped.fused.cloud, mapped.records, (mapped.maps[0].stamp_ns,))
+    result = ReplayResult(
+        Trajectory.empty(), ReplayedMap(mapped.fused.cloud, None, (mapped.maps[0].stamp_ns,)), mapped.records
+    )
     cloud = api_types.PointCloud.of(mapped.fused.cloud, records=(), method=mapped.method)
     views = {
         "python": lambda: api.score(cloud, source),

@@ -29,7 +29,7 @@ from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.message_types import STRING
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
-from sfr_loc_map.scoring.inputs import ConvertedRun, InMemory, ScoreInputs
+from sfr_loc_map.scoring.inputs import InMemory, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.load_calls import estimates_of_calls
 from sfr_loc_map.scoring.load_trajectories import load_estimates
@@ -209,7 +209,7 @@ def test_the_calls_of_a_bag_are_those_of_the_run(tmp_path: Path) -> None:
     inputs = ScoreInputs(estimate=path)
     run = load_run(inputs, in_memory=InMemory(truth=truth))
     limits = parse_limits({"timing": {"localisation_max_s": 1.0}}, "limits")
-    score = score_run(ConvertedRun(run), ScoreConfig(), limits)
+    score = score_run(run, ScoreConfig(), limits)
     assert [item.kind for item in score.findings] == ["crashed"]
     assert score.verdict == "fail"
     assert [item.state for item in score.on_limits if item.name == "localisation_max_s"] != ["not enough data"]

@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.table.records import Provenance
 from sfr_loc_map.metrics.table.results import CallsResult, MapResult
 from sfr_loc_map.scoring.assembly import figures_with_all_errors, score_of_parts, with_conditions
 from sfr_loc_map.scoring.conversion import ConventionFinding
-from sfr_loc_map.scoring.inputs import ConvertedRun, Run
+from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import (
     ScoreParts,
     calls_result,
@@ -78,7 +78,7 @@ def score_so_far(received: Received, live: LiveRun, config: ScoreConfig, limits:
         surface = replace(surface, details=None)
     calls = calls_result(run, _due_calls(run, live.in_flight_ns), details=live.details)
     parts = ScoreParts(trajectory, surface, _with_transport(calls, live, received.messages))
-    return score_of_parts(ConvertedRun(run), parts, live.provenance, config, limits)
+    return score_of_parts(run, parts, live.provenance, config, limits)
 
 
 def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from sfr_loc_map.calls.call_record import CallRecord, FindingCounts, is_covariance_reported
+from sfr_loc_map.calls.call_findings import FindingCounts
+from sfr_loc_map.calls.call_record import CallRecord, is_covariance_reported
 from sfr_loc_map.calls.call_stats import USAGE_NAMES, CallStats, estimates_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -86,7 +87,7 @@ class CallRows(_Rows):
         if record.covariance is not None:
             self._covariances.add(row, record.covariance[UPPER])
         if record.finding:
-            self._findings.add(record.finding, record.stamp_ns)
+            self._findings.add_of_call(record.stamp_ns, record.finding)
         sizes = record.peak_rss_bytes, record.above_idle_bytes
         peaks = (np.nan if value is None else value for value in sizes)
         self.add(record.stamp_ns, record.processing_time_s, record.state, *peaks)

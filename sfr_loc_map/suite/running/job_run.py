@@ -40,7 +40,7 @@ from sfr_loc_map.runs.localiser_run import run_localiser
 from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.runs.under_test import UnderTest
 from sfr_loc_map.scoring.input_files import read_files
-from sfr_loc_map.scoring.inputs import CloudToScore, ConvertedRun, Origin, Run, ScoreInputs
+from sfr_loc_map.scoring.inputs import CloudToScore, Origin, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.running.configurations import MASK_HASHES, METHOD_KEYS, chosen_method
@@ -190,7 +190,7 @@ def _hidden(source: Source, cache: Path) -> tuple[Path, ...]:
 
 
 def _scored(job: Job, run: Run) -> Score:
-    return score_run(ConvertedRun(run), ScoreConfig(trajectory=job.scoring), kept_errors=job.kept_errors)
+    return score_run(run, ScoreConfig(trajectory=job.scoring), kept_errors=job.kept_errors)
 
 
 def _section(job: Job, section: str) -> dict[str, object]:
