@@ -64,7 +64,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.kernels import PARTS
-from sfr_loc_map.runs.mapper_run import map_pairs
+from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.score_run import score_files
 
@@ -77,7 +77,7 @@ for part in ("mapping",):
     PARTS[part]()
 before = signatures()
 source, truth, late = map(Path, sys.argv[1:])
-map_pairs(open_source(source).nav, MappingConfig())
+run_mapper(open_source(source).nav, MappingConfig())
 for estimate in (truth, late):
     score_files(ScoreInputs.of(estimate, truth), ScoreConfig())
 after = signatures()

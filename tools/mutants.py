@@ -342,13 +342,13 @@ MUTATIONS = (
     # answers of an external node: before the question, after the timeout, after a hidden restart
     Mutation(
         ANSWERS,
-        "latency_s = received_s - self._sent[stamp_ns]",
-        "latency_s = max(received_s - self._sent[stamp_ns], 0.0)",
+        "latency_s = received_s - self._sent_s[stamp_ns]",
+        "latency_s = max(received_s - self._sent_s[stamp_ns], 0.0)",
     ),
     Mutation(ANSWERS, "latency_s < -EARLY_S", "latency_s < -5.0 * EARLY_S"),
     Mutation(ANSWERS, "return not is_late", "return True"),
-    Mutation(ANSWERS, "if latency_s <= self._timeout_s}", "if latency_s <= 1e9}"),
-    Mutation(ANSWERS, "self._findings.setdefault(FindingKind.CRASHED, self._crash(how))", "pass"),
+    Mutation(ANSWERS, "math.inf) > self._timeout_s]", "math.inf) > 1e9]"),
+    Mutation(ANSWERS, "if self._crash is None:", "if False:"),
     # the clock of the measuring process
     Mutation("host_clock.py", "MOST_S, MOST_SHARE = 0.1, 0.01", "MOST_S, MOST_SHARE = 0.1, 0.02"),
     Mutation("host_clock.py", "            check_passed(self._passed_s, self._kernel_passed_s)\n", ""),
@@ -392,7 +392,7 @@ MUTATIONS = (
     Mutation("scoring/load_calls.py", "            return self.here\n", "            return []\n"),
     Mutation("scoring/call_checks.py", "SAME_POSITION_M = 0.002", "SAME_POSITION_M = 0.0"),
     Mutation("scoring/load_calls.py", "    check_one_method(here, on_target)\n", ""),
-    Mutation("scoring/score_run.py", "fitted_unit(converted.convention) or ", ""),
+    Mutation("scoring/score_run.py", "fitted_unit(run.convention) or ", ""),
     Mutation("metrics/conventions/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
     Mutation(
         DRIVE, "estimates_ns[~is_covered]", "estimates_ns[(estimates_ns < true_ns[0]) | (estimates_ns > true_ns[-1])]"

@@ -1,14 +1,14 @@
 """A mapper over all pairs of a source, without ROS; the node makes the same calls of `process`.
 
-    run_mapper ─► map_pairs, map_pairs_with ─► _map_and_fuse
+    run_mapper ─┬─► _map_and_fuse: pair by pair, by our mapper (`_OwnMap`) or a method under test (`_MapUnderTest`)
+                └─► _map_set: all pairs in one call of a method under test
 
-`map_pairs` calls our mapper in this process, and `map_pairs_with` a method under test in its own process.
+Our mapper is called in this process, and a method under test in its own process.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import nullcontext
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -61,59 +61,31 @@ def run_mapper(
     *,
     keeps_finished: bool = False,
 ) -> MapRun:
-    """Map the pairs of a source by our mapper or by a method under test; see `map_pairs`.
+    """Map the pairs of a source by our mapper or by a method under test.
 
     `progress` is called with the number of mapped pairs. With `keeps_finished`, an interruption after the first pair
-    ends the run after the current pair, and the map has the mapped pairs. Otherwise the interruption is raised.
-    """
-    done = 0
-
-    def count(mapped: int) -> None:
-        nonlocal done
-        done = mapped
-        progress(mapped)
-
-    def stop() -> None:
-        if not done:
-            raise KeyboardInterrupt
-
-    with checked_clock(), stopping(stop) if keeps_finished else nullcontext(lambda: False) as ended:
-        if isinstance(how, UnderTest):
-            return map_pairs_with(sequence, how, count, ended)
-        return map_pairs(sequence, how, count, ended)
-
-
-def map_pairs(
-    sequence: NavSequence,
-    config: MappingConfig,
-    progress: Progress = lambda done: None,
-    ended: Callable[[], bool] = lambda: False,
-) -> MapRun:
-    """Map the pairs of a source by our mapper and fuse them; once `ended` returns true, only the mapped pairs."""
-    check_count(sequence)
-    measured = _OwnMap(sequence.rig, config)
-    pairs = [replace(item, truth=None) for item in sequence.pairs()]  # the call excludes reading, its memory the truth
-    return _map_and_fuse(measured, pairs, progress, ended)
-
-
-def map_pairs_with(
-    sequence: NavSequence,
-    how: UnderTest,
-    progress: Progress = lambda done: None,
-    ended: Callable[[], bool] = lambda: False,
-) -> MapRun:
-    """Map the pairs of a source by a method under test.
-
-    `ended` is as in `map_pairs`, but a method that maps sets is not stopped.
+    ends the map, which has the pairs that are mapped by then. Otherwise, and if a method maps all pairs in one call,
+    the interruption is raised. MappingError if the number of pairs is not valid for a map.
     """
     check_count(sequence)
-    with IsolatedMapper(how.method, sequence.rig, how.limits, hidden=how.hidden) as mapper:
-        if not mapper.maps_sets:
-            return _map_and_fuse(_MapUnderTest(mapper), sequence.pairs(), progress, ended)
-        maps, fused, call = mapper.map_set(list(sequence.pairs()))
-        progress(len(maps))
-        whole = mapping_call(maps[-1].stamp_ns, call.usage, MappingState.MAPPED_SET, fused.statistics, call.finding)
-        return MapRun(maps, fused, [whole], mapper.record)
+    with checked_clock():
+        if not isinstance(how, UnderTest):
+            # The measured calls exclude the reading of the pairs, and their memory excludes the ground truth.
+            pairs = [replace(item, truth=None) for item in sequence.pairs()]
+            return _map_and_fuse(_OwnMap(sequence.rig, how), pairs, progress, keeps_finished=keeps_finished)
+        with IsolatedMapper(how.method, sequence.rig, how.limits, hidden=how.hidden) as mapper:
+            if mapper.maps_sets:
+                return _map_set(mapper, list(sequence.pairs()), progress)
+            made = _MapUnderTest(mapper)
+            return _map_and_fuse(made, sequence.pairs(), progress, keeps_finished=keeps_finished)
+
+
+def _map_set(mapper: IsolatedMapper, pairs: Sequence[PosedStereoPair], progress: Progress) -> MapRun:
+    """Map all pairs in one call of a method under test."""
+    maps, fused, call = mapper.map_set(pairs)
+    progress(len(maps))
+    whole = mapping_call(maps[-1].stamp_ns, call.usage, MappingState.MAPPED_SET, fused.statistics, call.finding)
+    return MapRun(maps, fused, [whole], mapper.record)
 
 
 class _MeasuredMap(Protocol):
@@ -141,8 +113,10 @@ class _OwnMap:
         self._maps: list[MappedPair] = []
 
     def map_pair(self, item: PosedStereoPair) -> tuple[MappedPair, CallRecord]:
-        with self._meter.measure() as usage:
+        with stopping() as stopped, self._meter.measure() as usage:  # an exception out of a kernel ends the process
             done = self._mapper.process(item.pair, item.T_lm_navsb, len(self._maps))
+        if stopped():
+            raise KeyboardInterrupt
         self._maps.append(done)
         return done, mapping_call(item.pair.stamp_ns, usage, MappingState.MAPPED, done.statistics)
 
@@ -174,19 +148,24 @@ class _MapUnderTest:
 
 
 def _map_and_fuse(
-    measured: _MeasuredMap, pairs: Iterable[PosedStereoPair], progress: Progress, ended: Callable[[], bool]
+    measured: _MeasuredMap, pairs: Iterable[PosedStereoPair], progress: Progress, *, keeps_finished: bool
 ) -> MapRun:
-    """Map pairs one by one and fuse the maps; once `ended` returns true, only the mapped pairs."""
+    """Map pairs one by one and fuse the maps; `keeps_finished` is as in `run_mapper`."""
     maps: list[PairMap] = []
     stages: list[CallRecord] = []
-    for item in pairs:
-        done, record = measured.map_pair(item)
-        maps.append(done)
-        stages.append(record)
-        progress(len(maps))
-        if ended():
-            break
-    fused, fusion = measured.fuse()
+    try:
+        for item in pairs:
+            done, record = measured.map_pair(item)
+            maps.append(done)
+            stages.append(record)
+            progress(len(maps))
+    except KeyboardInterrupt:
+        if not (keeps_finished and maps):
+            raise
+    with stopping() as stopped:  # the mapped pairs are finished
+        fused, fusion = measured.fuse()
+    if stopped() and not keeps_finished:
+        raise KeyboardInterrupt
     if fusion is not None:
         stages.append(fusion)
     whole = mapping_call(maps[-1].stamp_ns, call_of_stages(stages), MappingState.MAPPED_SET)

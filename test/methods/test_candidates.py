@@ -21,7 +21,7 @@ from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.runs.localiser_run import localise
-from sfr_loc_map.runs.mapper_run import map_pairs, map_pairs_with
+from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.runs.under_test import UnderTest
 from sfr_loc_map.suite_names import Task
 
@@ -213,7 +213,7 @@ def test_arrays_that_a_method_writes_itself_are_checked(tmp_path: Path, what: st
 def test_the_warnings_of_the_pairs_and_of_the_fusion_are_reported(drive: Path, tmp_path: Path) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
     method = find_method(f"{tmp_path}/classes.py:Fusing", Task.MAPPING)
-    run = map_pairs_with(open_source(drive).nav, UnderTest(method, hidden=()))
+    run = run_mapper(open_source(drive).nav, UnderTest(method, hidden=()))
     assert run.warnings == ["pair 0: of a pair", "pair 1: of a pair", "of the fusion"]
 
 
@@ -232,7 +232,7 @@ def test_an_invalid_fusion_is_a_finding_and_the_points_of_all_pairs_are_kept(
 ) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
     method = find_method(f"{tmp_path}/classes.py:InvalidFusion", Task.MAPPING, kind)
-    run = map_pairs_with(open_source(drive).nav, UnderTest(method, hidden=()))
+    run = run_mapper(open_source(drive).nav, UnderTest(method, hidden=()))
     (fusion,) = [record for record in run.records if record.state == "fused"]
     assert fusion.finding.startswith(finding)
     assert run.fused.cloud.fused is False
@@ -293,7 +293,7 @@ def test_the_example_in_c_localises_and_maps(example: Path) -> None:
 def test_a_class_may_map_a_set_in_one_call_and_ours_gives_the_bits_of_its_stages(drive: Path, tmp_path: Path) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
     nav = open_source(drive).nav
-    run = map_pairs_with(nav, UnderTest(find_method(f"{tmp_path}/classes.py:Set", Task.MAPPING), hidden=()))
+    run = run_mapper(nav, UnderTest(find_method(f"{tmp_path}/classes.py:Set", Task.MAPPING), hidden=()))
     for config, finding in (
         (
             "disparity",
@@ -303,8 +303,8 @@ def test_a_class_may_map_a_set_in_one_call_and_ours_gives_the_bits_of_its_stages
         ("pair", "invalid result: a point has the pair number 2: 0 to 1 is required"),
     ):
         method = find_method(f"{tmp_path}/classes.py:Set", Task.MAPPING, config)
-        assert map_pairs_with(nav, UnderTest(method, hidden=())).records[0].finding == finding
-    ours = map_pairs(nav, MappingConfig())  # by process and fuse
+        assert run_mapper(nav, UnderTest(method, hidden=())).records[0].finding == finding
+    ours = run_mapper(nav, MappingConfig())  # by process and fuse
     np.testing.assert_array_equal(run.fused.cloud.to_structured(), ours.fused.cloud.to_structured())
     assert [record.state for record in run.records] == ["mapped_set"]
     assert [record.state for record in ours.records] == ["mapped", "mapped", "fused", "mapped_set"]

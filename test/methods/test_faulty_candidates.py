@@ -21,7 +21,7 @@ from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_call import MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
-from sfr_loc_map.runs.mapper_run import map_pairs_with
+from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.runs.under_test import UnderTest
 from sfr_loc_map.suite_names import Task
 
@@ -170,7 +170,7 @@ def mapper_library(build: Build, *options: str) -> Path:
 def test_a_set_is_one_call_and_its_points_are_checked(faulty: Path, drive: Path, config: str, finding: str) -> None:
     method, nav = find_method(f"lib:{faulty}", Task.MAPPING, config), open_source(drive).nav
     assert nav is not None
-    run = map_pairs_with(nav, UnderTest(method, LIMITS, hidden=()))
+    run = run_mapper(nav, UnderTest(method, LIMITS, hidden=()))
     (record,) = run.records
     assert record.state == "mapped_set"
     assert record.finding.startswith(finding)
@@ -186,7 +186,7 @@ def test_a_set_is_one_call_and_its_points_are_checked(faulty: Path, drive: Path,
 def test_without_the_call_of_a_set_it_is_the_sum_of_its_stages(build: Build, drive: Path) -> None:
     nav = open_source(drive).nav
     assert nav is not None
-    run = map_pairs_with(
+    run = run_mapper(
         nav, UnderTest(find_method(f"lib:{mapper_library(build, '-DPAIR_BY_PAIR')}", Task.MAPPING), LIMITS, hidden=())
     )
     *stages, whole = run.records

@@ -44,7 +44,7 @@ from sfr_loc_map.replay.files import ReplayFiles, save_replay, with_findings
 from sfr_loc_map.replay.result import ExternalResult, ReplayedMap, ReplayResult
 from sfr_loc_map.replay.score import method_of, score_replay
 from sfr_loc_map.report.summary import banner_of
-from sfr_loc_map.runs.mapper_run import MapRun, map_pairs
+from sfr_loc_map.runs.mapper_run import MapRun, run_mapper
 from sfr_loc_map.scoring.inputs import Correction, ScoreInputs
 from sfr_loc_map.scoring.live.monitor_score import MonitorScore
 from sfr_loc_map.scoring.score_run import score_files
@@ -56,7 +56,7 @@ OURS = record_of_ours(Task.LOCALISATION)
 
 def mapped(path: Path) -> tuple[Source, MapRun]:
     source = open_source(path)
-    return source, map_pairs(source.nav, MappingConfig())
+    return source, run_mapper(source.nav, MappingConfig())
 
 
 def of_map(score: Score) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.runs import localiser_run
 from sfr_loc_map.runs.drive_start import start_pose, true_start, unstamped_start_warning
 from sfr_loc_map.runs.localiser_run import DEFAULT_STEP_S, localise, localise_with, run_localiser
-from sfr_loc_map.runs.mapper_run import map_pairs
+from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.runs.track_video import track_video
 
 FIRST_NS = 1_000_000_000_000
@@ -101,7 +101,7 @@ def test_a_method_is_not_silently_started_at_the_pose_of_another_time(
 def test_the_time_of_a_mapping_call_is_that_of_its_stages(tmp_path: Path) -> None:
     """The progress between two stages takes 3 s, which no stage and no call contains."""
     source = open_source(write_folder(tmp_path / "source", 0, 2))
-    *stages, whole = map_pairs(source.nav, MappingConfig(), lambda done: time.sleep(1.5)).records
+    *stages, whole = run_mapper(source.nav, MappingConfig(), lambda done: time.sleep(1.5)).records
     assert [record.state for record in (*stages, whole)] == ["mapped", "mapped", "fused", "mapped_set"]
     assert whole.processing_time_s == sum(record.processing_time_s for record in stages)
     assert whole.peak_rss_bytes == max(record.peak_rss_bytes or 0 for record in stages)

@@ -17,7 +17,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.replay.result import ReplayedMap, ReplayResult
 from sfr_loc_map.replay.score import files_of_source, score_replay
-from sfr_loc_map.runs.mapper_run import map_pairs
+from sfr_loc_map.runs.mapper_run import run_mapper
 from sfr_loc_map.scoring import input_files
 from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.load import load_run
@@ -71,7 +71,7 @@ def test_the_truth_of_a_map_may_not_change_while_a_cloud_in_memory_is_scored(
 ) -> None:
     source = open_source(write_folder(tmp_path / "source", 0, 1))
     assert source.nav is not None
-    mapped = map_pairs(source.nav, MappingConfig())
+    mapped = run_mapper(source.nav, MappingConfig())
     (truth,) = source.path.rglob("*.npy")
 
     def change(path: Path) -> str:
