@@ -38,6 +38,7 @@ from sfr_loc_map.mapping.disparity.wrong_surface import (
     jump_features,
     network_input,
 )
+from sfr_loc_map.mapping.filters import local_variance
 from sfr_loc_map.mapping.search_range import search_range_of
 
 INPUTS = len(JumpFeatures._fields)
@@ -110,7 +111,7 @@ def scene_of(left: np.ndarray, right: np.ndarray, camera: StereoCamera, count: i
     dense_px = disparity_from_cells(initial_cells, left.shape)
     right_grey = correct_right_image(left_grey, right.astype(np.float32), dense_px, camera).image
     refined = refine_disparity(left_grey, right_grey, initial_cells)
-    valid = is_valid(status_before_wrong_surface(left_grey, right_grey, initial_px, refined))
+    valid = is_valid(status_before_wrong_surface(left_grey, local_variance(left_grey), right_grey, initial_px, refined))
     sigma_px = disparity_sigma(refined)
     return JumpScene(left_grey, right_grey, refined.disparity_px, np.isfinite(initial_px), valid, sigma_px)
 

@@ -37,6 +37,7 @@ from sfr_loc_map.mapping.disparity.texture import measured_textured_fraction
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
 from sfr_loc_map.mapping.disparity.validity import judge_pixels
 from sfr_loc_map.mapping.disparity.variational_refinement import refine_disparity
+from sfr_loc_map.mapping.filters import local_variance
 
 
 def estimate_disparity(pair: StereoPair, camera: StereoCamera, disparity_count: int) -> DisparityMap:
@@ -50,7 +51,8 @@ def estimate_disparity(pair: StereoPair, camera: StereoCamera, disparity_count: 
     refined = refine_disparity(left, right, initial_cells)
     sigma_px = disparity_sigma(refined)
     saturation = measure_saturation(pair.left, pair.right, refined.disparity_px)
-    status = judge_pixels(left, right, initial_px, refined, sigma_px, saturation)
+    left_variance = local_variance(left)
+    status = judge_pixels(left, left_variance, right, initial_px, refined, sigma_px, saturation)
     return DisparityMap(
         px=refined.disparity_px,
         sigma_px=sigma_px,
@@ -61,5 +63,5 @@ def estimate_disparity(pair: StereoPair, camera: StereoCamera, disparity_count: 
         correction=corrected.correction,
         saturation=saturation,
         noise_grey=refined.noise_grey,
-        measured_textured_fraction=measured_textured_fraction(left, is_valid(status)),
+        measured_textured_fraction=measured_textured_fraction(left, left_variance, is_valid(status)),
     )

@@ -49,4 +49,4 @@ def is_valid(status: StatusImage) -> Mask:
 def with_reason(status: StatusImage, failed: Mask, reason: PixelStatus) -> StatusImage:
     """Return the status with `reason` at failed pixels that were valid."""
     newly_invalid = failed & is_valid(status)
-    return np.where(newly_invalid, np.uint8(reason), status)
+    return np.maximum(status, newly_invalid * np.uint8(reason))  # each reason is larger than each valid status

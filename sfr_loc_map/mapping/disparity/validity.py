@@ -47,7 +47,7 @@ from sfr_loc_map.mapping.disparity.segments import not_a_surface_mask
 from sfr_loc_map.mapping.disparity.surfaces import occlusion_mask, right_surfaces, slope_along_rows
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 from sfr_loc_map.mapping.disparity.wrong_surface import JumpScene, wrong_surface_mask
-from sfr_loc_map.mapping.filters import box_mean, local_variance
+from sfr_loc_map.mapping.filters import box_mean
 from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 MAX_CHI2_PER_DOF = F(4.0)
@@ -78,6 +78,7 @@ the density by 0.001 (measurements/mapper_trials.md)."""
 
 def judge_pixels(
     left: FloatImage,
+    left_variance: FloatImage,
     right: FloatImage,
     initial_px: FloatImage,
     refined: RefinedDisparity,
@@ -86,11 +87,13 @@ def judge_pixels(
 ) -> StatusImage:
     """Return the status of each pixel: measured, or the reason why its disparity is invalid.
 
+    `left_variance` is the `filters.local_variance` of the left image, in which residuals are judged.
+
     The first tests are a function of their own, because the network of the wrong-surface test is trained with the
     pixels that pass them.
     """
     disparity_px = refined.disparity_px
-    status = status_before_wrong_surface(left, right, initial_px, refined)
+    status = status_before_wrong_surface(left, left_variance, right, initial_px, refined)
     scene = JumpScene(
         left=left,
         right=right,
@@ -107,7 +110,7 @@ def judge_pixels(
 
 
 def status_before_wrong_surface(
-    left: FloatImage, right: FloatImage, initial_px: FloatImage, refined: RefinedDisparity
+    left: FloatImage, left_variance: FloatImage, right: FloatImage, initial_px: FloatImage, refined: RefinedDisparity
 ) -> StatusImage:
     """Return the status of each pixel after the tests that precede the wrong-surface test."""
     disparity_px = refined.disparity_px
@@ -116,7 +119,7 @@ def status_before_wrong_surface(
     status = with_reason(status, _changed_mask(initial_px, disparity_px), PixelStatus.CHANGED)
     occluded = occlusion_mask(disparity_px, right_surfaces(disparity_px, is_valid(status)))
     status = with_reason(status, occluded, PixelStatus.OCCLUDED)
-    status = with_reason(status, _mismatch_mask(left, refined), PixelStatus.MISMATCHED)
+    status = with_reason(status, _mismatch_mask(left_variance, refined), PixelStatus.MISMATCHED)
     status = with_reason(status, _ramp_mask(disparity_px), PixelStatus.RAMP)
     not_a_surface = not_a_surface_mask(left, right, disparity_px, is_valid(status))
     return with_reason(status, not_a_surface, PixelStatus.NOT_A_SURFACE)
@@ -138,7 +141,7 @@ def _changed_mask(initial_px: FloatImage, disparity_px: FloatImage) -> Mask:
     return changed
 
 
-def _mismatch_mask(left: FloatImage, refined: RefinedDisparity) -> Mask:
+def _mismatch_mask(left_variance: FloatImage, refined: RefinedDisparity) -> Mask:
     """Return the mask of the pixels `(H, W)` with residuals above the noise and similar to the contrast of the image.
 
     Residuals are normalised by the noise of each cell. Multiplied by the median noise of the pair, they are
@@ -148,7 +151,7 @@ def _mismatch_mask(left: FloatImage, refined: RefinedDisparity) -> Mask:
     chi2_per_dof = box_mean(np.fmin(np.square(refined.normalised_residual), MAX_CHI2), CHI2_WINDOW)
     squared_residual = chi2_per_dof * F(refined.noise_grey * refined.noise_grey)
     is_suspicious = chi2_per_dof > MAX_CHI2_PER_DOF
-    mismatch: Mask = is_suspicious & (squared_residual > MAX_CONTRAST_RATIO * local_variance(left))
+    mismatch: Mask = is_suspicious & (squared_residual > MAX_CONTRAST_RATIO * left_variance)
     return mismatch
 
 

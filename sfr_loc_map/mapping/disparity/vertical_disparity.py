@@ -26,8 +26,8 @@ noise of images (0.3)."""
 DAMPING = 1e-9
 """Added to the diagonal of the normal equations, as a fraction of their trace, so that they can be inverted. The
 weakest term, the saddle, has about 1e-3 of the trace."""
-DIFFERENCE = np.array([[-1.0, 0.0, 1.0]], F)  #: Taps of the Sobel operator along the derivative.
-SMOOTHING = np.array([[0.125, 0.25, 0.125]], F)  #: Sobel taps across the derivative, scaled to slopes per pixel.
+SMOOTHING = np.array([[0.125, 0.25, 0.125]], F)
+"""Taps of the Sobel operator across the derivative, scaled to slopes per pixel for differences over two pixels."""
 
 
 class VerticalPolynomial(NamedTuple):
@@ -117,5 +117,9 @@ def _sampled_slopes(left: FloatImage, residual: FloatImage) -> FloatImage:
     """
     known = cv2.patchNaNs(residual.copy(), 0.0)
     mean = cv2.scaleAdd(known, 0.5, left)
-    difference = cv2.filter2D(mean, -1, DIFFERENCE.T)[::SAMPLING_STRIDE]
+    last = len(mean) - 1
+    rows = np.arange(0, last + 1, SAMPLING_STRIDE)
+    rows_above = np.abs(rows - 1)  # the image is mirrored at its border
+    rows_below = last - np.abs(last - (rows + 1))
+    difference = mean.take(rows_below, axis=0) - mean.take(rows_above, axis=0)
     return np.asarray(cv2.filter2D(difference, -1, SMOOTHING)[:, ::SAMPLING_STRIDE], F)
