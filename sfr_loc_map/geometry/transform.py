@@ -21,6 +21,8 @@ from sfr_loc_map.geometry.rotation import (
 
 NO_ROTATION = np.eye(3)
 """Rotation between frames with parallel axes."""
+LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])  #: Last row of a homogeneous matrix.
+LAST_ROW_TOLERANCE = 1e-6  #: Largest deviation of a number of the last row, which products of matrices round.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,9 +71,13 @@ class Transform:
 
     @classmethod
     def from_matrix(cls, matrix: FloatArray) -> Transform:
-        """Return `T_a_b` from a matrix `(3, 4)` or `(4, 4)`; GeometryError if the rotation is invalid."""
+        """Return `T_a_b` from a matrix `(3, 4)` or `(4, 4)`; GeometryError if rotation or last row are invalid."""
         if not plausible_rotations(matrix[:3, :3]):
             raise GeometryError("a matrix is not a rotation: an orthonormal matrix with determinant +1 is required")
+        if len(matrix) == 4 and not np.abs(matrix[3] - LAST_ROW).max() <= LAST_ROW_TOLERANCE:
+            raise GeometryError(
+                f"the last row of a matrix is {matrix[3].tolist()}: 0, 0, 0, 1 is required; is the matrix transposed?"
+            )
         return cls(matrix[:3, :3].copy(), matrix[:3, 3].copy())
 
     @classmethod

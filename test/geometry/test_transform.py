@@ -67,3 +67,10 @@ def test_what_is_no_rotation_is_refused_and_one_of_a_few_digits_is_taken(scale: 
         Transform.from_matrix(np.c_[scale * rotation, np.zeros(3)])
     with pytest.raises(GeometryError, match="is not a rotation"):
         Transform.from_quat([0, 0, 0], [0, 0, 0, scale + 1.0])
+
+
+def test_a_transposed_matrix_is_refused() -> None:
+    pose = Transform.from_quat([1.0, 2.0, 3.0], [0.0, 0.0, 0.6, 0.8])
+    assert np.array_equal(Transform.from_matrix(pose.matrix).matrix, pose.matrix)
+    with pytest.raises(GeometryError, match="last row"):
+        Transform.from_matrix(pose.matrix.T)

@@ -18,7 +18,7 @@ from sfr_loc_map.message_text import alternatives
 
 PARTNERS = (("left", "right"), ("cam0", "cam1"), ("intrinsics", "extrinsics"), ("cameras.txt", "rig_config.json"))
 """Words in which the names of the two files of a calibration, or of their folders, differ."""
-SIZE_NAMES = ("image_size", "image_width", "width", "image_height", "height")  #: Names of the size of the images.
+WIDTHS, HEIGHTS = ("image_width", "width"), ("image_height", "height")  #: Names of the size of the images.
 COLMAP_FILE = "cameras.txt"  #: Name of the file of COLMAP with intrinsics; the other file has the poses in the rig.
 
 
@@ -52,7 +52,13 @@ def plain_name(name: str) -> str:
 
 
 def _with_plain_names(content: Mapping[Any, Any]) -> dict[str, Any]:
-    return {plain_name(str(name)): value for name, value in content.items()}
+    """Return the values by their plain names; ValueError if two names with one plain name have different values."""
+    found: dict[str, Any] = {}
+    for name, value in content.items():
+        plain = plain_name(str(name))
+        if found.setdefault(plain, value) != value:
+            raise ValueError(f"it has two values of {name}, whose names differ only in case or underscores")
+    return found
 
 
 def partner_of(file: Path) -> Path | None:
@@ -98,6 +104,8 @@ def numbers_of(content: Mapping[str, Any], *names: str) -> tuple[float, ...]:
     if name is None:
         raise ValueError(f"it has no {alternatives(names)}")
     item = content[plain_name(name)]
+    if isinstance(item, dict) and "data" not in item:
+        raise ValueError(f"{name} has no data")
     value = item["data"] if isinstance(item, dict) else item
     numbers = np.array(value.split() if isinstance(value, str) else value, np.float64).reshape(-1)
     if isinstance(item, dict) and {"rows", "cols"} <= item.keys():
@@ -116,13 +124,24 @@ def number_of(content: Mapping[str, Any], name: str) -> float:
 
 def size_of(content: Mapping[str, Any], given: tuple[int, int] | None = None) -> tuple[int, int]:
     """Return the width and height of the images, in the file or as `given`; ValueError if unknown."""
-    found = [number for name in SIZE_NAMES if plain_name(name) in content for number in numbers_of(content, name)]
-    width, height, *_ = found if len(found) > 1 else given or (None, None)
-    if width is None or height is None:
+    found = stated_size(content) or given
+    if found is None:
         raise ValueError("the image size is missing: image_size, or image_width and image_height, are required")
+    return found
+
+
+def stated_size(content: Mapping[str, Any]) -> tuple[int, int] | None:
+    """Return the width and height in the content; None if it does not have both. ValueError if they are not whole."""
+    if "imagesize" in content:
+        return whole_size(*numbers_of(content, "image_size")[:2])
+    has_both = all(any(plain_name(name) in content for name in names) for names in (WIDTHS, HEIGHTS))
+    return whole_size(*numbers_of(content, *WIDTHS), *numbers_of(content, *HEIGHTS)) if has_both else None
+
+
+def whole_size(*size: float) -> tuple[int, int]:
+    """Return a width and a height as integers; ValueError unless both are whole numbers."""
+    if len(size) != 2 or not all(number.is_integer() for number in size):
+        shown = " x ".join(f"{number:g}" for number in size)
+        raise ValueError(f"the image size is {shown}: two whole numbers of pixels are required")
+    width, height = size
     return int(width), int(height)
-
-
-def states_size(content: Mapping[str, Any]) -> bool:
-    """Return whether the content has the size of the images."""
-    return any(plain_name(name) in content for name in SIZE_NAMES)

@@ -26,11 +26,12 @@ from sfr_loc_map.io.calibration.opened_file import (
     parse_opencv_yaml,
     plain_name,
     size_of,
-    states_size,
+    stated_size,
+    whole_size,
 )
 from sfr_loc_map.io.calibration.rectification import RectifiableCamera, check_camera_matrix
 from sfr_loc_map.io.calibration.rig_file import read_rig
-from sfr_loc_map.io.calibration.stereo_calibration import PosedCamera, rectified_cameras
+from sfr_loc_map.io.calibration.stereo_calibration import PosedCamera, check_one_baseline, rectified_cameras
 from sfr_loc_map.message_text import alternatives
 from sfr_loc_map.suite_names import SIDES
 
@@ -224,7 +225,7 @@ def _orbslam(opened: OpenedFile) -> CameraPair:
 def _orbslam_side(content: Mapping[str, Any], side: str) -> RectifiableCamera:
     """Return the camera of `LEFT` or `RIGHT` in older settings."""
     k, d, r, p = (numbers_of(content, f"{side}.{name}") for name in "KDRP")
-    size = int(number_of(content, f"{side}.width")), int(number_of(content, f"{side}.height"))
+    size = whole_size(number_of(content, f"{side}.width"), number_of(content, f"{side}.height"))
     return RectifiableCamera(size, _lens(d, False), d, k, r, p)
 
 
@@ -251,8 +252,11 @@ def _orbslam_rectified(opened: OpenedFile, name: str, text: str) -> CameraPair:
             "of a stereo pair; give the calibration of both cameras"
         )
     fx, fy, cx, cy = _orbslam_intrinsics(content, name)
-    shift = fx * number_of(content, "Stereo.b") if "stereo.b" in content else number_of(content, "Camera.bf")
-    ps = [(fx, 0.0, cx, -move, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0) for move in (0.0, shift)]
+    shifts = {"Stereo.b": fx * number_of(content, "Stereo.b")} if "stereo.b" in content else {}
+    if "camera.bf" in content or not shifts:
+        shifts["Camera.bf"] = number_of(content, "Camera.bf")
+    check_one_baseline({origin: shift / fx for origin, shift in shifts.items()})
+    ps = [(fx, 0.0, cx, -move, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0) for move in (0.0, next(iter(shifts.values())))]
     left, right = (RectifiableCamera.of_rectified(size, np.array(p)) for p in ps)
     return CameraPair(left, right, f"{text}, rectified")
 
@@ -263,7 +267,7 @@ def _orbslam_size(opened: OpenedFile, name: str) -> tuple[int, int]:
         cx, cy = _orbslam_intrinsics(opened.content, name)[2:]
         check_centre(cx, cy, opened.size, f"calibration '{opened.file}'")
         return opened.size
-    return int(number_of(opened.content, "Camera.width")), int(number_of(opened.content, "Camera.height"))
+    return whole_size(number_of(opened.content, "Camera.width"), number_of(opened.content, "Camera.height"))
 
 
 def _orbslam_intrinsics(content: Mapping[str, Any], name: str) -> tuple[float, float, float, float]:
@@ -297,7 +301,7 @@ def _opencv(opened: OpenedFile) -> CameraPair:
     for k in ks:
         check_camera_matrix(k, f"calibration '{opened.file}'")
     size = size_of(values, opened.size)
-    if not states_size(values):
+    if stated_size(values) is None:
         check_centre(ks[0][2], ks[0][5], size, f"calibration '{opened.file}'")
     ds = [numbers_of(values, f"D{n}", f"distCoeffs{n}", f"distortion_coefficients_{n}") for n in (1, 2)]
     if stated is None and all(len(d) == 4 and any(d) for d in ds):
@@ -312,6 +316,9 @@ def _opencv(opened: OpenedFile) -> CameraPair:
             ).checked(text)
             for n, k, d in zip((1, 2), ks, ds, strict=True)
         )
+        if "t" in values:
+            of_p_m = (left.p[3] - right.p[3]) / right.p[0]
+            check_one_baseline({"T": float(np.linalg.norm(numbers_of(values, "T"))), "P2": of_p_m})
         return CameraPair(left, right, text)
     rotation, translation = (np.array(numbers_of(values, name)) for name in ("R", "T"))
     matrix = matrix_from_rotvec(rotation) if len(rotation) == 3 else rotation.reshape(3, 3)

@@ -80,8 +80,12 @@ class RectifiableCamera:
         r = self.r if any(self.r) else tuple(np.eye(3).reshape(-1).tolist())
         check_camera_matrix(self.k, name)
         rotation = np.reshape(r, (3, 3))
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > MAX_ROTATION_DEFECT:
-            raise InputError(f"{name}: r is not a rotation: calibrate the pair")
+        defect = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        if defect > MAX_ROTATION_DEFECT or np.linalg.det(rotation) < 0.0:
+            raise InputError(
+                f"{name}: r is not a rotation: an orthonormal matrix with determinant +1 is required: calibrate the "
+                "pair"
+            )
         return replace(self, model=model, d=d, r=r)
 
     def maps(self) -> Sequence[Any]:

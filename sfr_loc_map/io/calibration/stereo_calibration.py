@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -30,7 +31,7 @@ FOCAL_RATIO = (0.5, 2.0)
 """Accepted ratio of rectified to original focal length. OpenCV's choice is far smaller for wide fisheye lenses."""
 RECTIFIED_TOLERANCE = 1e-9
 """Largest deviation of calibrated cameras from a rectified pair, rad and m, that needs no rectification."""
-BASELINE_TOLERANCE = 0.01  #: Largest difference of a given baseline from that of P, as a fraction of the latter.
+BASELINE_TOLERANCE = 0.01  #: Largest difference of two given baselines, as a fraction of the second.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +75,15 @@ class StereoCalibration:
             )
         p = (*right.p[:3], -right.p[0] * baseline_m, *right.p[4:])
         return replace(self, cameras=(left, replace(right, p=p)))
+
+
+def check_one_baseline(baselines_m: Mapping[str, float]) -> None:
+    """Raise ValueError if values of a calibration, given by name, state baselines, m, that differ."""
+    for (name, baseline_m), (other, other_m) in pairwise(baselines_m.items()):
+        if not abs(baseline_m - other_m) <= BASELINE_TOLERANCE * abs(other_m):
+            raise ValueError(
+                f"{name} states a baseline of {baseline_m:g} m, but {other} states {other_m:g} m: one is required"
+            )
 
 
 def _different_words(one: str, other: str) -> tuple[set[str], set[str]]:

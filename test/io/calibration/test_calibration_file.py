@@ -258,6 +258,16 @@ def a_list_as(name: str, write: Callable[[Path, Pair], Path]) -> Callable[[Path]
     return make
 
 
+def two_baselines(folder: Path) -> Path:
+    """Write a calibration of OpenCV in which T is not the baseline in P2."""
+    k, p = "[150, 0, 100, 0, 150, 80, 0, 0, 1]", "[150, 0, 100, {}, 0, 150, 80, 0, 0, 0, 1, 0]"
+    eye = "[1, 0, 0, 0, 1, 0, 0, 0, 1]"
+    lines = [f"M{n}: {k}\nD{n}: [0, 0, 0, 0, 0]\nR{n}: {eye}\n" for n in (1, 2)]
+    lines += [f"P1: {p.format(0)}\nP2: {p.format(-18)}\nR: {eye}\nT: [-0.24, 0, 0]\n"]
+    return text_file("".join(lines))(folder)
+
+
+ORB_SLAM = "Camera.fx: 150\nCamera.fy: 150\nCamera.cx: 100\nCamera.cy: 80\nCamera.bf: 18\n"
 REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "one camera of Kalibr": (edited(kalibr, ("cam1:", "imu0:")), "it has only cam0"),
     "an unknown lens of Kalibr": (
@@ -279,6 +289,24 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
         "9 numbers for 3 rows and 4 columns",
     ),
     "a table": (text_file("[left]\nfx=400\n"), "it is not YAML, JSON or XML"),
+    "a last row of a matrix that is none": (
+        edited(kalibr, ("- 0.0\n    - 1.0\n", "- 0.0\n    - 2.0\n")),
+        "the last row of a matrix is [0.0, 0.0, 0.0, 2.0]",
+    ),
+    "a matrix without numbers": (edited(opencv("yml"), ("data:", "numbers:")), "has no data"),
+    "one name twice, in upper and lower case": (
+        edited(opencv("yml"), ("M1:", "m1: 5\nM1:")),
+        "it has two values of M1",
+    ),
+    "a size that is not whole": (
+        text_file(ORB_SLAM + "Camera.width: 200.5\nCamera.height: 160\n"),
+        "the image size is 200.5 x 160",
+    ),
+    "two baselines of ORB-SLAM": (
+        text_file(ORB_SLAM + "Stereo.b: 0.2\nCamera.width: 200\nCamera.height: 160\n"),
+        "Stereo.b states a baseline of 0.2 m, but Camera.bf states 0.12 m",
+    ),
+    "two baselines of OpenCV": (two_baselines, "T states a baseline of 0.24"),
     "no extrinsics": (edited(kalibr, ("T_cn_cnm1", "T_cam_imu")), "cam1 has no T_cn_cnm1"),
     "a rotation that is none": (edited(opencv("yml"), ("R: !!opencv", "R0: !!opencv")), "it has no R"),
     "millimetres": (lambda folder: kalibr(folder, moved(-60.0, 0, 0)), "the baseline is 60 m: give it in metres"),

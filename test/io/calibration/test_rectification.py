@@ -54,6 +54,7 @@ def test_a_point_is_where_the_rectified_rig_sees_it(model: str) -> None:
         ({"k": (0.0,) * 9}, "no k or p"),
         ({"p": (np.nan,) * 12}, "a non-finite number"),
         ({"r": (2.0, 0, 0, 0, 1, 0, 0, 0, 1)}, "r is not a rotation"),
+        ({"r": (1.0, 0, 0, 0, -1, 0, 0, 0, 1)}, "r is not a rotation"),
         ({"binning_x": 2}, "binning or a region of interest"),
         ({"roi": SimpleNamespace(x_offset=8, y_offset=0, width=64, height=64)}, "region of interest"),
     ],
