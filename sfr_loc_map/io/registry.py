@@ -42,17 +42,15 @@ class Reader(NamedTuple):
     ignored: tuple[str, ...] = ()  #: Beginnings of the settings that do not apply.
 
 
-_FRAMES = "frames."  #: Only bags have frames.
-_STATED = (_FRAMES, "sync.", "calibration.")  #: Files that list the stereo pairs and contain the calibration.
+_OF_BAGS = ("topics.", "frames.", "sync.stamps")  #: Only bags have topics, frames and times of recording.
+_STATED = (*_OF_BAGS, "sync.", "calibration.")  #: Files that list the stereo pairs and contain the calibration.
 READERS: dict[SourceFormat, Reader] = {
     SourceFormat.BAG: Reader(is_bag, _open_bag),
     SourceFormat.FOLDER: Reader(is_folder, open_folder, _STATED),
     SourceFormat.KITTI: Reader(is_kitti, open_kitti, _STATED),
-    SourceFormat.EUROC: Reader(is_euroc, open_euroc, (_FRAMES, "sync.stamps", "calibration.")),
+    SourceFormat.EUROC: Reader(is_euroc, open_euroc, (*_OF_BAGS, "calibration.")),
     SourceFormat.IMAGES: Reader(
-        is_image_folder,
-        open_image_folder,
-        (_FRAMES, "sync.stamps", "calibration.baseline_m", "calibration.stereo_layout"),
+        is_image_folder, open_image_folder, (*_OF_BAGS, "calibration.baseline_m", "calibration.stereo_layout")
     ),
 }
 """The readers of all layouts, in the order of detection.
@@ -72,7 +70,8 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
     config = source_config(path) if config is None else config
     reader = READERS[name]
     sections = ("frames", "sync", "calibration", "truth")
-    settings = [setting for section in sections for setting in changed(getattr(config, section), f"{section}.")]
+    settings = [f"topics.{name}" for name in config.remap.values()]
+    settings += [setting for section in sections for setting in changed(getattr(config, section), f"{section}.")]
     without_effect = (*reader.ignored, *_ignored_of_truth(path, config.truth))
     if ignored := [setting for setting in settings if setting.startswith(without_effect)]:
         _log.warning(f"'{path}': {', '.join(ignored)} ignored: they do not apply to the files of this source")

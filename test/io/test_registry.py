@@ -56,14 +56,26 @@ def test_a_broken_text_is_one_error(tmp_path: Path, layout: str, file: str, old:
         open_source(folder)
 
 
+@pytest.mark.parametrize("layout", [*LAYOUTS, "images"])
 @pytest.mark.parametrize("name", ["truth.mcap", "truth.db3"])
-def test_a_bag_in_a_data_set_folder_does_not_make_it_a_bag(tmp_path: Path, name: str) -> None:
-    folder = LAYOUTS["folder"](tmp_path / "a")
+def test_a_bag_in_the_folder_of_another_layout_does_not_make_it_a_bag(tmp_path: Path, layout: str, name: str) -> None:
+    folder = tmp_path / "a"
+    if layout in LAYOUTS:
+        LAYOUTS[layout](folder)
+    else:
+        for side in ("left", "right"):
+            (folder / side).mkdir(parents=True)
+            (folder / side / "1700000000000000000.png").touch()
+    expected = format_of(folder)
     (folder / name).write_bytes(b"")
-    assert format_of(folder) is SourceFormat.FOLDER
-    (tmp_path / "b" / name).mkdir(parents=True)
+    assert format_of(folder) is expected is not SourceFormat.BAG
+
+
+@pytest.mark.parametrize("name", ["truth.mcap", "truth.db3"])
+def test_a_folder_with_the_name_of_a_bag_is_not_a_bag(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).mkdir(parents=True)
     with pytest.raises(InputError, match="has no supported format"):
-        format_of(tmp_path / "b")
+        format_of(tmp_path)
 
 
 def test_blank_lines_of_a_list_of_pairs_are_ignored(tmp_path: Path) -> None:
@@ -100,10 +112,12 @@ def test_settings_that_do_not_apply_to_a_layout_are_reported(
     names = {"euroc": "sync.stamps, calibration.baseline_m"}
     assert names.get(layout, "sync.stamp_tolerance_s, sync.stamps, calibration.baseline_m") + " ignored" in caplog.text
     given = SourceConfig(
-        frames=FramesConfig(base="foo"), truth=TruthConfig(frame="map:base_link", stamps="record", columns="t,x,y,z")
+        remap={"/a": "loc/left/image_rect"},
+        frames=FramesConfig(base="foo"),
+        truth=TruthConfig(frame="map:base_link", stamps="record", columns="t,x,y,z"),
     )
     open_source(folder, given)
-    assert "frames.base, truth.frame, truth.stamps, truth.columns ignored" in caplog.text
+    assert "topics.loc/left/image_rect, frames.base, truth.frame, truth.stamps, truth.columns ignored" in caplog.text
 
 
 def test_settings_of_a_truth_in_another_file_are_those_of_its_kind(

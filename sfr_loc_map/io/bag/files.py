@@ -18,6 +18,8 @@ METADATA = "rosbag2_bagfile_information"  #: Name of the content of metadata.yam
 STORAGE_SUFFIXES = (".mcap", ".db3")
 DATA_SET_FILES = tuple(f"{part}/{name}" for part in (".", "loc", "nav") for name in ("pairs.csv", "rig.json"))
 """Files any of which identifies a data set folder."""
+OTHER_LAYOUTS = (*DATA_SET_FILES, "calib.txt", "mav0", "cam0", "left", "infra1", "image_left", "l")
+"""Files and folders any of which identifies a data set folder, or a folder of the layouts of images."""
 ROS1_MAGIC = b"#ROSBAG"
 ROS1_SUFFIXES = (".bag", ".active")  #: Endings of finished files, and of the files of a recorder that was killed.
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -27,12 +29,12 @@ ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  #: Magic number of a Zstandard frame (RFC 8878
 def is_bag(path: Path) -> bool:
     """Return whether a path looks like a bag: the folder of a ROS 2 bag, its storage file, or a ROS 1 bag.
 
-    A data set folder is not a bag if a bag, such as that of its truth, is among its files.
+    The folder of another layout is not a bag if a bag, such as that of its truth, is among its files.
     """
     if path.is_dir():
         if (path / "metadata.yaml").exists():
             return True
-        return bool(_stored_in(path)) and not any((path / name).exists() for name in DATA_SET_FILES)
+        return bool(_stored_in(path)) and not any((path / name).exists() for name in OTHER_LAYOUTS)
     return path.suffix in STORAGE_SUFFIXES or (path.suffix in ROS1_SUFFIXES and is_ros1_bag(path))
 
 

@@ -25,7 +25,7 @@ from sfr_loc_map.io.clouds.fields import CloudFields, Columns, stated_in
 from sfr_loc_map.io.clouds.npz import npz_bytes, read_npz
 from sfr_loc_map.io.clouds.pcd import pcd_bytes, read_pcd
 from sfr_loc_map.io.clouds.ply import ply_bytes, read_ply
-from sfr_loc_map.message_text import alternatives
+from sfr_loc_map.message_text import alternatives, counted
 
 _log = logging.getLogger(__name__)
 PIXEL_FIELDS = ("u", "v", "pair")
@@ -98,6 +98,7 @@ def load_cloud(path: Path) -> LoadedCloud:
         )
     if all(name in columns for name in PIXEL_FIELDS):
         cloud = PointCloud.from_structured(_records(columns, finite, path), fused, pair_stamps_ns)
+        _check_values(cloud, path)
     return LoadedCloud(xyz[finite], cloud, grid, not_finite)
 
 
@@ -126,6 +127,18 @@ def _records(columns: Columns, kept: Mask, path: Path) -> NDArray[np.void]:
         with np.errstate(invalid="ignore", over="ignore"):  # values that exceed the type become infinite
             points[name] = values
     return points
+
+
+def _check_values(cloud: PointCloud, path: Path) -> None:
+    """Raise InputError if a sigma is negative, or if a point belongs to a pair without a stamp."""
+    if (cloud.sigma < 0.0).any():
+        raise InputError(f"cloud '{path}' has a sigma of {np.nanmin(cloud.sigma):g} m: at least 0 m is required")
+    stamps_ns = cloud.pair_stamps_ns
+    if stamps_ns is not None and len(cloud) and cloud.pair.max() >= len(stamps_ns):
+        raise InputError(
+            f"cloud '{path}' has points of the pair number {cloud.pair.max()}, but the stamps of "
+            f"{counted(len(stamps_ns), 'pair')}: a stamp for each pair is required"
+        )
 
 
 def save_cloud(path: Path, cloud: PointCloud) -> None:

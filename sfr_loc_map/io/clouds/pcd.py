@@ -108,7 +108,10 @@ def _pcd_head(data: bytes) -> tuple[dict[str, list[str]], list[str], int]:
         if line.startswith("#"):
             comments.append(line.removeprefix("#").strip())
         elif words:
-            head["FIELDS" if words[0] == "COLUMNS" else words[0]] = words[1:]  # COLUMNS of version 0.5
+            name = "FIELDS" if words[0] == "COLUMNS" else words[0]  # COLUMNS of version 0.5
+            if name in head:
+                raise ValueError(f"its header has two lines {name}: one is required")
+            head[name] = words[1:]
     needed = ["FIELDS", "SIZE", "TYPE", "WIDTH" if "WIDTH" in head else "POINTS"]
     needed += [name for name in ("HEIGHT", "POINTS") if name in head and name not in needed]
     if wrong := [name for name in needed if not head.get(name)]:

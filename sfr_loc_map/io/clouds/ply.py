@@ -20,6 +20,7 @@ from sfr_loc_map.io.clouds.fields import (
 from sfr_loc_map.io.tables.number_text import parse_count
 from sfr_loc_map.message_text import counted
 
+VERTEX = "vertex"  #: Name of the element with the points.
 PLY_TYPES = {
     name: kind
     for kind, names in {
@@ -83,10 +84,10 @@ def read_ply(data: bytes) -> CloudFields:
     read = _ply_text if order == "ascii" else _ply_records
     for element in elements:
         columns, position = read(data, position, element.count, element.properties)
-        if element.name == "vertex":
+        if element.name == VERTEX:
             notes = ignored_after(data[position:]) if element is elements[-1] else ()
             return CloudFields(columns, comments, notes=notes)
-    raise ValueError("it has no element 'vertex'")
+    raise ValueError(f"it has no element '{VERTEX}'")
 
 
 def _ply_elements(header: list[list[str]], order: str) -> list[_Element]:
@@ -106,6 +107,8 @@ def _ply_elements(header: list[list[str]], order: str) -> list[_Element]:
             types = [order + PLY_TYPES[kind] for kind in kinds]
             name = words[-1].lower()
             elements[-1].properties.append(_Property(name, types[-1], types[0] if len(types) > 1 else ""))
+    if len([element for element in elements if element.name == VERTEX]) > 1:
+        raise ValueError(f"it has the element {VERTEX} twice: one list of points is required")
     for element in elements:
         check_names_differ([item.name for item in element.properties], f"its element {element.name}")
     return elements

@@ -5,6 +5,7 @@ left/1700000000123456789.png    right/1700000000123456789.png     or cam0/ and c
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,8 @@ from sfr_loc_map.io.layouts.configured_drive import configured_drive
 from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.tables.stamps import TIMES, check_padded, parse_decimal, time_unit
+from sfr_loc_map.io.tables.stamps import EARLIEST_CLOCK_S, TIMES, check_padded, parse_decimal, time_unit
+from sfr_loc_map.message_stamps import NS_PER_S
 from sfr_loc_map.suite_names import IMAGE_ENDINGS
 
 SIDES_OF = (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("image_left", "image_right"), ("l", "r"))
@@ -90,4 +92,15 @@ def _by_stamp(folder: Path) -> dict[int, Path]:
         if stamp_ns in by_stamp:
             raise InputError(f"'{file}' and '{by_stamp[stamp_ns].name}' have the same stamp: remove one of them")
         by_stamp[stamp_ns] = file
+    _check_one_clock(by_stamp)
     return by_stamp
+
+
+def _check_one_clock(by_stamp: Mapping[int, Path]) -> None:
+    """Raise InputError if only some stamps are those of a clock, because the names are then in several units."""
+    times = sorted(by_stamp)
+    if times and times[0] < EARLIEST_CLOCK_S * NS_PER_S <= times[-1]:
+        raise InputError(
+            f"'{by_stamp[times[0]]}' and '{by_stamp[times[-1]].name}' are not stamps of one clock in one unit: rename "
+            "one of them"
+        )

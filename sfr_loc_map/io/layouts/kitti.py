@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stamped_poses import covered, sampled
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -58,12 +59,7 @@ def open_kitti(path: Path, config: SourceConfig) -> Source:
     ]
     pairs, missing_ns = complete_pairs(entries, f"'{times}'")
     height, width = read_grey(pairs[0].left).shape
-    cameras = {}
-    for line in read_lines(calibration):
-        name, _, rest = line.partition(":")
-        if name in ("P0", "P1", "P2", "P3"):
-            with refusing(f"'{calibration}' {name}: 12 finite numbers are required"):
-                cameras[int(name[1])] = np.array([parse_number(word) for word in rest.split()]).reshape(12)
+    cameras = _read_projections(calibration)
     if left not in cameras or right not in cameras:
         found = sorted(f"P{i}" for i in cameras)
         raise InputError(f"'{calibration}' has {', '.join(found) or 'no P'}: P{left} and P{right} are required")
@@ -75,6 +71,20 @@ def open_kitti(path: Path, config: SourceConfig) -> Source:
     loc = configured_drive(path, config, rig, pairs, truth)
     beside = tuple(file for file in _pose_files(path) if file.is_file())
     return Source(path, SourceFormat.KITTI, loc, None, missing_ns, truth_files=beside)
+
+
+def _read_projections(calibration: Path) -> dict[int, FloatArray]:
+    """Return the projection matrices `(12,)` in calib.txt by the number of the camera."""
+    cameras: dict[int, FloatArray] = {}
+    for line in read_lines(calibration):
+        name, _, rest = line.partition(":")
+        if name not in ("P0", "P1", "P2", "P3"):
+            continue
+        if int(name[1]) in cameras:
+            raise InputError(f"'{calibration}' has {name} twice: one line {name} is required")
+        with refusing(f"'{calibration}' {name}: 12 finite numbers are required"):
+            cameras[int(name[1])] = np.array([parse_number(word) for word in rest.split()]).reshape(12)
+    return cameras
 
 
 def _pose_files(path: Path) -> list[Path]:

@@ -261,6 +261,9 @@ def columns_of_user(head: TableHead, columns: str) -> PoseColumns:
                 f"qz or qw (_: a column that is not read), and HEADER is the title of a column or its number (#1: the "
                 f"first column); found {shown[:200]}"
             )
+        if index in index_of.values():
+            other = next(name for name, place in index_of.items() if place == index)
+            raise InputError(f"{head.name}: column #{index + 1} is named as {other} and as {key}: name it once")
         index_of[key] = index
         if unit:
             units[key] = unit

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.atomic import write_text
+from sfr_loc_map.atomic import check_suffix, write_text
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_poses, plausible_positions, plausible_rotations
@@ -55,9 +55,15 @@ KITTI_COLUMNS = 12
 MAX_NEGATIVE = 1e-6  #: Largest negative eigenvalue of a covariance by rounding, as a fraction of its largest variance.
 CONJUGATED = np.array([-1.0, -1.0, -1.0, 1.0])
 """Signs that conjugate a quaternion: `att_q_DsToRb` to the orientation in ROS messages, and back."""
-TUM_SUFFIXES = (".txt", ".tum")
-KITTI_SUFFIX, EUROC_SUFFIX = ".kitti", ".euroc.csv"
-FILE_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)  #: File name endings of trajectories.
+EUROC_SUFFIX = ".euroc.csv"
+FORMAT_BY_SUFFIX = {
+    ".csv": TrajectoryFormat.CSV,
+    ".txt": TrajectoryFormat.TUM,
+    ".tum": TrajectoryFormat.TUM,
+    ".kitti": TrajectoryFormat.KITTI,
+}
+"""Formats that are written, by the ending of the file name; `EUROC_SUFFIX` has priority."""
+FILE_SUFFIXES = tuple(FORMAT_BY_SUFFIX)
 ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.COLUMNS, TrajectoryFormat.MATRIX)
 """Formats that commands report when they detect them."""
 COLUMNS_OPTION = "--columns 'COLUMNS'"
@@ -378,12 +384,15 @@ def read_times(path: Path, count: int | None = None) -> IntArray:
     return table.stamps_ns
 
 
+def format_to_write(path: Path) -> TrajectoryFormat:
+    """Return the format in which a file is written, by its name; OutputError for another ending."""
+    check_suffix(path, FILE_SUFFIXES)
+    return TrajectoryFormat.EUROC if path.name.endswith(EUROC_SUFFIX) else FORMAT_BY_SUFFIX[path.suffix]
+
+
 def format_of_name(path: Path) -> TrajectoryFormat | None:
     """Return the format of a trajectory file by its name; None if it is not the name of a trajectory file."""
-    if path.name.endswith(EUROC_SUFFIX):
-        return TrajectoryFormat.EUROC
-    kinds = {KITTI_SUFFIX: TrajectoryFormat.KITTI, ".csv": TrajectoryFormat.CSV}
-    return kinds.get(path.suffix, TrajectoryFormat.TUM if path.suffix in TUM_SUFFIXES else None)
+    return format_to_write(path) if path.suffix in FORMAT_BY_SUFFIX else None
 
 
 def files_written(path: Path) -> tuple[Path, ...]:
@@ -394,10 +403,10 @@ def files_written(path: Path) -> tuple[Path, ...]:
 def save_trajectory(path: Path, trajectory: Trajectory, kind: TrajectoryFormat | None = None) -> None:
     """Write a trajectory with exact numbers; the stamps of KITTI poses are written to `NAME.times.txt`.
 
-    The default `kind` depends on the name: .txt and .tum, .kitti, .euroc.csv, otherwise csv.
+    The default `kind` is that of `format_to_write`. OutputError if the file cannot be written.
     """
     path = Path(path)
-    kind = kind or format_of_name(path) or TrajectoryFormat.CSV
+    kind = kind or format_to_write(path)
     if kind is TrajectoryFormat.KITTI and not trajectory.has_attitude:
         raise OutputError(
             f"cannot write '{path}': the trajectory has no attitudes, which the KITTI format requires; choose a name "

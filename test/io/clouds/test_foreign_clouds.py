@@ -112,11 +112,25 @@ FORMS |= {
     "version 5.pcd": pcd(POINTS_AND_PADDING, "binary").replace(b"FIELDS", b"COLUMNS"),
     "CAPITALS.npz": npz(X=POINTS[:, 0], Y=POINTS[:, 1], Z=POINTS[:, 2]),
 }
+PIXELS = {**dict.fromkeys(("x", "y", "z"), np.ones(3)), **dict.fromkeys(("u", "v", "pair"), np.arange(3))}
 REFUSED: dict[str, tuple[bytes, str]] = {
     "no count.ply": (ply(f"element vertex\n{VERTEX}", POINTS.tobytes()), "is not of the form 'element NAME"),
     "no name.ply": (ply("element vertex 50\nproperty float\n", b""), "is not of the form 'property TYPE"),
     "no format.ply": (b"ply\nformat\nend_header\n", "PLY format is ''"),
     "x twice.ply": (ply(f"element vertex 1\n{VERTEX}property float x\n", b"1 2 3 9\n", "ascii"), "field x twice"),
+    "two lists of points.ply": (
+        ply(f"element vertex 1\n{VERTEX}element vertex 1\n{VERTEX}", b"1 2 3\n4 5 6\n", "ascii"),
+        "it has the element vertex twice",
+    ),
+    "fields twice.pcd": (
+        pcd(b"", "binary").replace(b"SIZE", b"FIELDS z y x _\nSIZE"),
+        "its header has two lines FIELDS",
+    ),
+    "a negative sigma.npz": (npz(**PIXELS, sigma=-np.ones(3)), "has a sigma of -1 m: at least 0 m is required"),
+    "a pair without a stamp.npz": (
+        npz(**PIXELS, pair_stamps_ns=np.array([5, 6])),
+        "points of the pair number 2, but the stamps of 2 pairs",
+    ),
     "no width.pcd": (pcd(b"", "binary", "WIDTH\nHEIGHT 1"), "header has no WIDTH"),
     "no fields.pcd": (pcd(b"", "binary").replace(b"FIELDS x y z _\n", b""), "header has no FIELDS"),
     "sizes missing.pcd": (pcd(b"", "binary").replace(b"SIZE 4 4 4 1", b"SIZE 4 4"), "different numbers of FIELDS"),

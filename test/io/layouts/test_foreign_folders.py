@@ -128,6 +128,7 @@ def test_images_that_are_not_named_by_a_time_are_refused(tmp_path: Path, sfr: Sf
         (["4611686018427387904"], "is not a number of nanoseconds up to 146 years from 1970; rename the image"),
         (["\u0661\u0662"], "stamps in one unit"),
         (["1700000000000000000", "01700000000000000000"], "have the same stamp"),
+        (["1700000000000000000", "1700000000100000000", "1700000000"], "not stamps of one clock in one unit"),
     ],
 )
 def test_names_of_images_that_give_no_unique_stamp_are_refused(tmp_path: Path, names: list[str], words: str) -> None:
