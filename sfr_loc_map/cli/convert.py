@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Context, Option
 
@@ -19,12 +21,37 @@ from sfr_loc_map.cli.options import (
     files_read,
     open_as,
     parse_remaps,
-    refuse_given,
+    refuse_others,
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, progress_bar, say, warn
 from sfr_loc_map.errors import ConfigError, naming
 
+if TYPE_CHECKING:
+    from sfr_loc_map.geometry.trajectory import Trajectory
+    from sfr_loc_map.io.convert import ConvertOptions
+
 PAIRS = ".sfrp"  #: Suffix of a file of pairs for a target board.
+
+
+class Conversion(StrEnum):
+    """What is converted, in the words of a refused option."""
+
+    CLOUD = "a cloud"
+    TRAJECTORY = "a trajectory"
+    TRUE_TRAJECTORY = "the true trajectory of a source"
+    BOARD_PAIRS = "pairs for a target board"
+    SOURCE = "a source with images"
+
+
+OF_ALL = ("source", "destination", "overwrite")  #: Arguments and options of all conversions.
+OF_CONVERSION: dict[Conversion, tuple[str, ...]] = {
+    Conversion.CLOUD: (),
+    Conversion.TRAJECTORY: ("columns",),
+    Conversion.TRUE_TRAJECTORY: ("remap", "config"),
+    Conversion.BOARD_PAIRS: ("remap", "config"),
+    Conversion.SOURCE: ("remap", "config", "to", "jpeg_quality", "compression", "truth_grid"),
+}
+"""Further options of each conversion."""
 
 
 @app.command(
@@ -68,48 +95,58 @@ def convert(
 
     Sources are data set folders, ROS 1 and ROS 2 bags, and KITTI and EuRoC sequences.
     """
-    from sfr_loc_map.io.clouds.cloud_file import SUFFIXES as CLOUDS
     from sfr_loc_map.io.convert import ConvertOptions, Layout
-    from sfr_loc_map.io.convert import convert as run
+
+    kind = _conversion_of(source, destination, to)
+    refuse_others(context, (*OF_ALL, *OF_CONVERSION[kind]), f"does not apply to {kind}: omit it")
+    match kind:
+        case Conversion.CLOUD:
+            _convert_cloud(source, destination, overwrite=overwrite)
+        case Conversion.TRAJECTORY:
+            _convert_trajectory(source, destination, columns, overwrite=overwrite)
+        case Conversion.TRUE_TRAJECTORY:
+            _write_true_trajectory(source, destination, remap, config, overwrite=overwrite)
+        case Conversion.BOARD_PAIRS:
+            _convert_pairs(source, destination, remap, config, overwrite=overwrite)
+        case Conversion.SOURCE:
+            layout = None if to is None else Layout(to)
+            options = ConvertOptions(jpeg_quality, compression == "zstd", truth_grid, layout)
+            _convert_source(source, destination, options, remap, config, overwrite=overwrite)
+
+
+def _conversion_of(source: Path, destination: Path, layout: str | None) -> Conversion:
+    """Return the conversion by the suffixes of both paths; `layout` is the value of `--to`."""
+    from sfr_loc_map.io.clouds.cloud_file import SUFFIXES as CLOUDS
     from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, format_of_name
 
-    layout = None if to is None else Layout(to)
-    of_bags = ("jpeg_quality", "compression", "truth_grid")
-    of_source = ("remap", "config")
-    of_table = ("columns",)
-    if source.suffix.lower() in CLOUDS and not source.is_dir():
-        others = ("to", *of_bags, *of_source, *of_table)
-        reason = f"has no effect, because '{source}' is a cloud, to which only '--overwrite' applies: omit it"
-        refuse_given(context, others, reason)
-        _convert_cloud(source, destination, overwrite=overwrite)
-        return
-    is_poses = not source.is_dir() and source.suffix in FILE_SUFFIXES
-    if is_poses:
-        reason = f"requires a source with images, but '{source}' is a trajectory: omit it"
-        refuse_given(context, ("to", *of_source), reason)
-    else:
-        refuse_given(context, of_table, f"applies only to a trajectory, which '{source}' is not: omit it")
-    if is_poses or (layout is None and format_of_name(destination) is not None):
-        refuse_given(context, of_bags, "applies only to bags with images, but a trajectory is written: omit it")
-        of_poses, of_truth = columns_of(columns)
-        if of_truth:
-            raise ConfigError(f"'--columns truth:{of_truth}': '{source}' is the only table: omit 'truth:'")
-        _convert_trajectory(
-            source, destination, remap, config, is_poses=is_poses, overwrite=overwrite, columns=of_poses
-        )
-        return
-    if destination.suffix == PAIRS and layout is None:
-        refuse_given(
-            context, of_bags, f"applies only to bags, but '{destination}' is a file for a target board: omit it"
-        )
-        _convert_pairs(source, destination, remap, config, overwrite=overwrite)
-        return
-    options = ConvertOptions(jpeg_quality, compression == "zstd", truth_grid, layout)
+    if not source.is_dir() and source.suffix.lower() in CLOUDS:
+        return Conversion.CLOUD
+    if not source.is_dir() and source.suffix in FILE_SUFFIXES:
+        return Conversion.TRAJECTORY
+    if layout is None and format_of_name(destination) is not None:
+        return Conversion.TRUE_TRAJECTORY
+    if layout is None and destination.suffix == PAIRS:
+        return Conversion.BOARD_PAIRS
+    return Conversion.SOURCE
+
+
+def _convert_source(
+    source: Path,
+    destination: Path,
+    options: ConvertOptions,
+    remap: list[str] | None,
+    config: Path | None,
+    *,
+    overwrite: bool,
+) -> None:
+    """Write a source as a bag, a folder or another layout."""
+    from sfr_loc_map.io.convert import convert as run
+
     opened, _ = open_as(source, remap, config)
     parts = [part for part in (opened.loc, opened.nav) if part is not None]
-    if layout is not None:
+    if options.layout is not None:
         if opened.loc is not None and opened.nav is not None:
-            warn(f"the mapping pairs of '{source}' are ignored: the layout of {layout} has none")
+            warn(f"the mapping pairs of '{source}' are ignored: the layout of {options.layout} has none")
         parts = [] if opened.loc is None else [opened.loc]
     room = output_folder(destination, overwrite=overwrite, inputs=(source,))
     with room as place, naming(source), progress_bar("pairs") as bar:
@@ -150,34 +187,46 @@ def _convert_pairs(
     propose("./harness", destination, "results", why=why)
 
 
-def _convert_trajectory(
-    source: Path,
-    destination: Path,
-    remap: list[str] | None,
-    config: Path | None,
-    *,
-    is_poses: bool,
-    overwrite: bool,
-    columns: str,
+def _convert_trajectory(source: Path, destination: Path, columns: list[str] | None, *, overwrite: bool) -> None:
+    """Write a trajectory as a file of poses, a folder or a bag."""
+    from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+
+    of_poses, of_truth = columns_of(columns)
+    if of_truth:
+        raise ConfigError(f"'--columns truth:{of_truth}': '{source}' is the only table: omit 'truth:'")
+    _check_pose_file(destination, (source,), overwrite=overwrite)
+    read = read_trajectory_file(source, of_poses)
+    if read.is_announced:
+        say(read.text, err=True)
+    _write_poses(read.stamped, source, destination, overwrite=overwrite)
+
+
+def _write_true_trajectory(
+    source: Path, destination: Path, remap: list[str] | None, config: Path | None, *, overwrite: bool
 ) -> None:
-    """Write a trajectory, or the true trajectory of a source, as a file of poses, a folder or a bag."""
-    from sfr_loc_map.io.convert import convert_trajectory
+    """Write the true trajectory of a source as a file of poses."""
     from sfr_loc_map.io.registry import true_trajectory
     from sfr_loc_map.io.source_settings import source_config
-    from sfr_loc_map.io.tables.trajectory_file import files_written, format_of_name, read_trajectory_file
 
-    to_file = format_of_name(destination) is not None
-    if to_file:
-        check_outputs(*files_written(destination), inputs=files_read(source, config), overwrite=overwrite)
-    if is_poses:
-        read = read_trajectory_file(source, columns)
-        poses = read.stamped
-        if read.is_announced:
-            say(read.text, err=True)
-    else:
-        how = source_config(source, config or announced_config(source), parse_remaps(remap))
-        poses = true_trajectory(source, how)
-    if to_file:
+    _check_pose_file(destination, files_read(source, config), overwrite=overwrite)
+    how = source_config(source, config or announced_config(source), parse_remaps(remap))
+    _write_poses(true_trajectory(source, how), source, destination, overwrite=overwrite)
+
+
+def _check_pose_file(destination: Path, inputs: Iterable[Path | None], *, overwrite: bool) -> None:
+    """Check before the source is read that a file of poses can be written; `output_folder` checks other outputs."""
+    from sfr_loc_map.io.tables.trajectory_file import files_written, format_of_name
+
+    if format_of_name(destination) is not None:
+        check_outputs(*files_written(destination), inputs=inputs, overwrite=overwrite)
+
+
+def _write_poses(poses: Trajectory, source: Path, destination: Path, *, overwrite: bool) -> None:
+    """Write poses as a file of poses, a folder or a bag."""
+    from sfr_loc_map.io.convert import convert_trajectory
+    from sfr_loc_map.io.tables.trajectory_file import format_of_name
+
+    if format_of_name(destination) is not None:
         count = convert_trajectory(poses, destination)
         propose("sfr", "score", "EST", destination, why="an estimate against these poses")
     else:

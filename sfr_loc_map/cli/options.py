@@ -38,6 +38,11 @@ def refuse_given(context: Context, names: Iterable[str], reason: str) -> None:
         raise ConfigError(f"'{option}' {reason}")
 
 
+def refuse_others(context: Context, allowed: Iterable[str], reason: str) -> None:
+    """Raise ConfigError if a parameter other than the allowed ones was given on the command line."""
+    refuse_given(context, context.params.keys() - set(allowed), reason)
+
+
 def given_words(context: Context, *names: str) -> list[str]:
     """Return the options that were given on the command line, as words of another command line."""
     words: list[str] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +11,7 @@ from typer import Argument, Context, Option
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption, refuse_given
+from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption, refuse_given, refuse_others
 from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show, warn
 from sfr_loc_map.cli.verdict import conclude_all, write_junit
 from sfr_loc_map.config import build
@@ -23,9 +24,26 @@ if TYPE_CHECKING:
 FORMATS = (*HTML_SUFFIXES, ".md", ".csv")
 SIGNED = "Test report of scores"
 DRAWN = "Page of trajectories"
+
+
+class ResultKind(StrEnum):
+    """Kind of the given results, in the words of a refused option."""
+
+    SCORES = "scores"
+    SUITES = "suites"
+    TRAJECTORIES = "trajectories"
+
+
+OF_PAGE = ("results", "output", "json_path", "overwrite")
 OF_TEST = ("test_report", "junit", "control")  #: Outputs of scores in place of a page.
-OF_SCORES = (*OF_TEST, "lenient")  #: Options that apply only to scores.
-OF_TRAJECTORIES = ("truth", "align", "max_difference")  #: Options that apply only to trajectories.
+OF_TEST_REPORT = ("title", "evidence")
+OF_HEADING = ("number", "issue")  #: In the test report and in the control document.
+OF_KIND: dict[ResultKind, tuple[str, ...]] = {
+    ResultKind.SCORES: (*OF_PAGE, *OF_TEST, *OF_TEST_REPORT, *OF_HEADING, "lenient"),
+    ResultKind.SUITES: OF_PAGE,
+    ResultKind.TRAJECTORIES: ("results", "output", "overwrite", "truth", "align", "max_difference"),
+}
+"""Arguments and options that apply to each kind of results."""
 
 
 @app.command(
@@ -100,45 +118,56 @@ def report(
     check_suffix(output, FORMATS)
     check_suffix(test_report, HTML_SUFFIXES)
     check_suffix(control, (".csv",))
-    has_scores = all(path.suffix == ".json" for path in results)
-    is_signed = any(context.params[name] is not None for name in OF_TEST)
-    if output is None and has_scores and len(results) == 1 and not is_signed:
+    kind = _kind_of(results)
+    refuse_others(context, OF_KIND[kind], f"does not apply to {kind}: omit it")
+    is_signed = any(path is not None for path in (test_report, junit, control))
+    _check_partners(context, is_signed=is_signed)
+    if kind is ResultKind.SCORES and len(results) == 1 and output is None and not is_signed:
         output = results[0].with_name("report.html")
     read = (*results, *(evidence or ()), truth)
     check_outputs(json_path, output, test_report, junit, control, inputs=read, overwrite=overwrite)
+    match kind:
+        case ResultKind.SCORES:
+            scores = _read_scores(results)
+            if is_signed:
+                _sign(results, scores, (title, number, issue), evidence or (), test_report, junit, control)
+            elif len(scores) == 1 and output is not None:
+                _write_score(scores[0], output, json_path)
+            else:
+                _compare_scores(results, scores, output, json_path)
+            conclude_all(scores, requires_common_verdict=is_signed, lenient=lenient)
+        case ResultKind.SUITES:
+            _compare_suites(results, output, json_path)
+        case ResultKind.TRAJECTORIES:
+            config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
+            _draw(results, truth, config, output)
+
+
+def _kind_of(results: Sequence[Path]) -> ResultKind:
+    """Return the kind of results; raise ConfigError if scores are given with other results."""
+    others = [path for path in results if path.suffix != ".json"]
+    if not others:
+        return ResultKind.SCORES
+    for path in results:
+        if path.suffix == ".json":
+            raise ConfigError(f"'{path}' is a score, but '{others[0]}' is not: give only scores, or no scores")
+    is_suite = all((path / "plan.json").is_file() for path in results)
+    return ResultKind.SUITES if is_suite else ResultKind.TRAJECTORIES
+
+
+def _check_partners(context: Context, *, is_signed: bool) -> None:
+    """Raise ConfigError if an option is given without the option that it requires, or with one that excludes it."""
+    test_report, control, truth = (context.params[name] for name in ("test_report", "control", "truth"))
+    if is_signed:
+        pages = ("output", "json_path")
+        refuse_given(context, pages, "is not written with --test-report, --junit or --control: omit it")
     if test_report is None:
-        of_test_report = ("evidence", "title")
-        refuse_given(context, of_test_report, "is shown in the test report: give --test-report T.html, too")
+        refuse_given(context, OF_TEST_REPORT, "is shown in the test report: give --test-report T.html, too")
     if test_report is None and control is None:
-        heading = ("number", "issue")
-        refuse_given(context, heading, "is shown in the test report: give --test-report T.html or --control F.csv, too")
-    if has_scores:
-        refuse_given(context, OF_TRAJECTORIES, "applies only to trajectories, but scores were given: omit it")
-        if is_signed:
-            pages = ("output", "json_path")
-            refuse_given(context, pages, "is not written with --test-report, --junit or --control: omit it")
-        scores = _read_scores(results)
-        if is_signed:
-            _sign(results, scores, (title, number, issue), evidence or (), test_report, junit, control)
-        elif len(scores) == 1 and output is not None:
-            _write_score(scores[0], output, json_path)
-        else:
-            _compare_scores(results, scores, output, json_path)
-        conclude_all(scores, requires_common_verdict=is_signed, lenient=lenient)
-        return
-    other = next(path for path in results if path.suffix != ".json")
-    reason = f"requires scores, but '{other}' is not a score: give *.json of sfr score or replay"
-    refuse_given(context, OF_SCORES, reason)
-    if all((path / "plan.json").is_file() for path in results):
-        refuse_given(context, OF_TRAJECTORIES, "applies only to trajectories, but suites were given: omit it")
-        _compare_suites(results, output, json_path)
-        return
-    reason = "requires scores, but trajectories were given: omit it, or compute figures with sfr score EST TRUTH --json"
-    refuse_given(context, ("json_path",), reason)
+        reason = "is shown in the test report: give --test-report T.html or --control F.csv, too"
+        refuse_given(context, OF_HEADING, reason)
     if truth is None:
         refuse_given(context, ("align", "max_difference"), "compares with the ground truth: give --truth TRUTH, too")
-    config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
-    _draw(results, truth, config, output)
 
 
 def _read_scores(paths: list[Path]) -> list[Score]:
@@ -274,11 +303,6 @@ def _draw(paths: list[Path], truth: Path | None, config: AlignedErrorConfig, pag
     from sfr_loc_map.report.path_plot import curves_of, save_path_html
     from sfr_loc_map.scoring.load_trajectories import load_trajectories
 
-    for path in paths:
-        if path.suffix == ".json":
-            raise ConfigError(
-                f"'{path}' is a score, but other arguments are trajectories: give only scores or only trajectories"
-            )
     if page is None or page.suffix not in HTML_SUFFIXES:
         raise ConfigError("trajectories are drawn on a page: give -o PAGE.html")
     poses, true_poses = load_trajectories(paths, truth)

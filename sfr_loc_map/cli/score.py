@@ -35,6 +35,7 @@ from sfr_loc_map.cli.options import (
     given_words,
     parse_settings,
     refuse_given,
+    refuse_others,
 )
 from sfr_loc_map.cli.output import (
     HTML_SUFFIXES,
@@ -224,8 +225,7 @@ def score(
     if found.cloud is None:
         refuse_given(context, OF_CLOUDS, "applies only to clouds: omit it for a trajectory")
     if diagnose:
-        others = context.params.keys() - set(OF_DIAGNOSIS)
-        refuse_given(context, others, "has no effect with --diagnose, which makes no score: omit it")
+        refuse_others(context, OF_DIAGNOSIS, "has no effect with --diagnose, which makes no score: omit it")
     if config_file is None and (truth.is_dir() or is_bag(truth)):
         config_file = announced_config(truth)
     by = Judgement.of(limits, condition, Configuration.read(config_file))
