@@ -10,6 +10,7 @@ from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.message_stamps import NS_PER_S
+from sfr_loc_map.metrics.frames.association import nearness_ns
 
 MAX_START_GAP_NS = round(LONGEST_GAP_S * NS_PER_S)
 """Longest gap of the truth in which the start pose is interpolated, ns; as in a score."""
@@ -57,13 +58,15 @@ def unstamped_start_warning(start: StartPose, sequence: LocSequence) -> str | No
     """Return a warning if the start pose of a method under test is the pose of another time than its first pair.
 
     Our localiser uses the stamp of a start pose. The interface of methods has no such stamp, so that all poses of a
-    method are offset by the motion between both stamps.
+    method are offset by the motion between both stamps. The tolerance is that for
+    stamps of one image (`nearness_ns`).
     """
     if start.stamp_ns is None or not len(sequence):
         return None
-    after_s = (start.stamp_ns - int(sequence.stamps_ns[0])) / NS_PER_S
-    if abs(after_s) * NS_PER_S <= MAX_START_GAP_NS:
+    after_ns = start.stamp_ns - int(sequence.stamps_ns[0])
+    if abs(after_ns) <= nearness_ns(np.asarray(sequence.stamps_ns, np.int64)):
         return None
+    after_s = after_ns / NS_PER_S
     return (
         f"the start pose is the true pose {abs(after_s):.3g} s {'after' if after_s > 0.0 else 'before'} the first "
         "pair: all poses of the method, and errors without re-basing, are offset by the motion in this time"

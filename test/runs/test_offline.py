@@ -88,7 +88,7 @@ def test_the_true_start_pose_is_that_of_its_stamp(
 
 
 @pytest.mark.parametrize(
-    ("truth_s", "words"), [((0.0,), None), ((0.9,), None), ((2.0,), "2 s after"), ((-3.0,), "3 s before")]
+    ("truth_s", "words"), [((0.0,), None), ((0.9,), "0.9 s after"), ((2.0,), "2 s after"), ((-3.0,), "3 s before")]
 )
 def test_a_method_is_not_silently_started_at_the_pose_of_another_time(
     truth_s: tuple[float, ...], words: str | None

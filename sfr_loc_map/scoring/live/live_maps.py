@@ -30,6 +30,14 @@ MAX_KEPT = 2 * MAX_PAIRS  #: Maximum number of true points, poses and clouds tha
 OF_CLOUD = (LimitSection.MAP, LimitSection.COMPLETENESS)  #: Sections with the limits on a single map.
 
 
+class MapToScore(NamedTuple):
+    """A map whose truth is complete."""
+
+    cloud: PointCloud
+    truths: list[PairTruth]  #: Truth of each pair of the cloud, in the order of the points' `pair`.
+    expected_pairs: int  #: Number of pairs that the map must contain: those since the previous map.
+
+
 class MapInputs:
     """Clouds and the truth of their pairs by stamp, kept until they can be scored."""
 
@@ -47,12 +55,13 @@ class MapInputs:
         """
         self._fusions = Latest[int, CallRecord](MAX_KEPT)  # fusions by the stamp of their cloud
         self.pair_stamps_ns = set[int]()  # stamps of received mapping pairs, which the maps of the run must contain
-        self._mapped_until_ns = -1  # stamp of the last pair of the last map
+        self._scored_ns = set[int]()  # stamps of the last pairs of the scored maps
 
     @property
     def unmapped_pairs(self) -> int:
-        """Number of mapping pairs after the last map."""
-        return sum(stamp_ns > self._mapped_until_ns for stamp_ns in self.pair_stamps_ns)
+        """Number of mapping pairs after the last scored map."""
+        last_ns = max(self._scored_ns, default=-1)
+        return sum(stamp_ns > last_ns for stamp_ns in self.pair_stamps_ns)
 
     def set_rig(self, rig: StereoRig) -> None:
         """Set the rig of the following pairs."""
@@ -76,26 +85,33 @@ class MapInputs:
         if record.state == MappingState.FUSED and record.pair_stamps_ns:
             self._fusions[record.stamp_ns] = record
 
-    def take_complete(self) -> Iterator[tuple[PointCloud, list[PairTruth], int]]:
-        """Yield and remove the clouds whose pairs and truth are known, with the truth of each pair.
+    def take_complete(self) -> Iterator[MapToScore]:
+        """Yield and remove the clouds whose pairs and truth are known.
 
         A cloud whose last pair is not of the run was made of a previous run.
-        The third value is the number of pairs since the last map, which the map must contain.
         """
         for stamp_ns in list(self._clouds):
             fusion = self._fusions.get(stamp_ns)
             if fusion is None or self.rig is None:
                 continue
-            wanted = fusion.pair_stamps_ns
-            if max(wanted) not in self.pair_stamps_ns:
+            wanted_ns = fusion.pair_stamps_ns
+            last_ns = max(wanted_ns)
+            if last_ns not in self.pair_stamps_ns:
                 continue
-            if not all(stamp in self._true_points and stamp in self._poses for stamp in wanted):
+            if not all(stamp in self._true_points and stamp in self._poses for stamp in wanted_ns):
                 continue
-            truths = [PairTruth(self._true_points[s], self._poses[s] @ self.rig.T_sb_left, self.rig) for s in wanted]
-            last_ns, begin_ns = max(wanted), self._mapped_until_ns
-            expected = sum(begin_ns < stamp <= last_ns for stamp in self.pair_stamps_ns)
-            self._mapped_until_ns = max(begin_ns, last_ns)
-            yield replace(self._clouds.pop(stamp_ns), fused=fusion.is_fused), truths, max(expected, len(wanted))
+            T_sb_left = self.rig.T_sb_left
+            truths = [PairTruth(self._true_points[s], self._poses[s] @ T_sb_left, self.rig) for s in wanted_ns]
+            cloud = replace(self._clouds.pop(stamp_ns), fused=fusion.is_fused)
+            expected_pairs = max(self._pairs_since_previous_map(last_ns), len(wanted_ns))
+            self._scored_ns.add(last_ns)
+            yield MapToScore(cloud, truths, expected_pairs)
+
+    def _pairs_since_previous_map(self, last_ns: int) -> int:
+        """Return the number of pairs up to `last_ns` since the previous map, which is scored or waits for its truth."""
+        waiting_ns = self._clouds.keys() & self.pair_stamps_ns
+        begin_ns = max((stamp for stamp in self._scored_ns | waiting_ns if stamp < last_ns), default=-1)
+        return sum(begin_ns < stamp <= last_ns for stamp in self.pair_stamps_ns)
 
 
 class JudgedMap(NamedTuple):

@@ -82,8 +82,8 @@ class MonitorScore:
     def score_maps(self) -> bool:
         """Score the clouds whose inputs are complete. Return whether there was a cloud."""
         scored = False
-        for cloud, truths, expected in self.map_inputs.take_complete():
-            self.maps.add(score_map(cloud, truths, self._config.map, expected_pairs=expected))
+        for cloud, truths, expected_pairs in self.map_inputs.take_complete():
+            self.maps.add(score_map(cloud, truths, self._config.map, expected_pairs=expected_pairs))
             scored = True
         return scored
 

@@ -379,6 +379,26 @@ def test_a_cloud_of_the_run_before_is_not_judged_in_the_new_run(is_fused_late: b
     assert maps.unmapped_pairs == 1
 
 
+@pytest.mark.parametrize("order", [(1, 2, 3, 4), (3, 4, 1, 2)])
+def test_the_pairs_that_a_map_must_contain_are_independent_of_the_order_in_which_truth_arrives(
+    order: tuple[int, ...],
+) -> None:
+    """Pair 3 is missing from the second map."""
+    monitor, points = MonitorScore(ScoreConfig(), None), np.zeros((NAV_RIG.height, NAV_RIG.width, 3))
+    maps = monitor.map_inputs
+    maps.set_rig(NAV_RIG)
+    for stamp_ns in (1, 2, 3, 4):
+        maps.add_pose(stamp_ns, Transform.identity())
+    for mapped in ((1, 2), (4,)):
+        monitor.add_call(CallRecord(mapped[-1], 0.1, "fused", pair_stamps_ns=mapped, task=Task.MAPPING))
+        maps.add_cloud(mapped[-1], PointCloud.empty())
+    expected = {}
+    for stamp_ns in order:
+        maps.add_true_points(stamp_ns, points)
+        expected |= {len(made.truths): made.expected_pairs for made in maps.take_complete()}
+    assert expected == {2: 2, 1: 2}
+
+
 def test_a_warning_about_the_truth_is_logged_once_in_a_run(caplog: pytest.LogCaptureFixture) -> None:
     """The number of impossible poses grows. After a new run, the warning is logged again."""
     monitor = MonitorScore(ScoreConfig(CONFIG), None)
